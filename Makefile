@@ -4,13 +4,14 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-thesis lint wheel clean help
+.PHONY: demo test test-thesis lint docs wheel clean help
 
 help:
 	@echo "make demo         set up the base installation (no torch) and run the whole path on a generated clip"
 	@echo "make test         set up the train and dev extras and run the tests"
 	@echo "make test-thesis  the tests of networks as large as the papers'"
 	@echo "make lint         ruff and mypy --strict"
+	@echo "make docs         build the manual into out/site"
 	@echo "make wheel        build the wheel and check what is in it"
 	@echo "make clean        remove the virtual environment and all outputs"
 
@@ -29,6 +30,10 @@ lint: $(VENV)/.dev
 	$(BIN)/mypy
 	$(BIN)/mypy --package benchmarks
 
+docs: $(VENV)/.docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@echo "open out/site/index.html"
+
 wheel: $(VENV)/.dev
 	$(BIN)/python .ci/check_wheel.py
 
@@ -46,4 +51,8 @@ $(VENV)/.base: $(VENV)/.venv pyproject.toml
 
 $(VENV)/.dev: $(VENV)/.venv pyproject.toml
 	$(PIP) --editable ".[train,dev]"
+	touch $@ $(VENV)/.base
+
+$(VENV)/.docs: $(VENV)/.venv pyproject.toml
+	$(PIP) --editable ".[docs]"
 	touch $@ $(VENV)/.base

@@ -19,8 +19,8 @@ import numpy as np
 
 from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action_inputs import STREAMS, StreamName, crop_squares, flow_to, square_boxes
-from tsuiseki.tracking.features.motion.optical_flow import FlowName
+from tsuiseki.tracking.features.action import STREAMS, StreamName, crop_squares, flow_to, square_boxes
+from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES, VIDEO_SUFFIXES
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.formats.okutama import check_frames

@@ -27,8 +27,8 @@ from tsuiseki.datamodules.action_crops import (
     load_crops,
 )
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action_inputs import NO_MOTION, STREAMS, StreamName
-from tsuiseki.tracking.features.motion.optical_flow import FlowName
+from tsuiseki.tracking.features.action import NO_MOTION, STREAMS, StreamName
+from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.types import ImageArray, IntArray
 
 
@@ -36,7 +36,7 @@ class ActionData(lightning.LightningDataModule):
     """Crops of people from clips labelled with actions, cut once and kept on disk.
 
     Args:
-        train_folders: folders of Okutama-Action, Drone-Action or generated clips; docs/drone-data.md has the layouts.
+        train_folders: folders of Okutama-Action, Drone-Action or generated clips; docs/how-to/files.md has the layouts.
         validation_folders: likewise; other clips than those trained on.
         cache: folder that keeps the crops; a clip is cut anew where they are missing, or clip or cutting have changed.
         multiple_actions: of Okutama-Action, take the labels with all actions of a person instead of the one of the

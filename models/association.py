@@ -1,4 +1,4 @@
-"""Networks that change the costs of the flow: small perceptrons over features of links, detections and joins."""
+"""Linear networks that change the costs of the flow by features of links, detections and joins."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ LARGEST = 8.0
 
 
 class CostChange(nn.Module):
-    """Features in, changes of costs out: a linear part and a perceptron, bounded by ±`LARGEST`.
+    """Features in, changes of costs out: a linear map, bounded by ±`LARGEST`.
 
     With its first weights it gives 0 everywhere, so the costs start as the tracker's own.
 
     Args:
         features: F.
         changes: K, costs that are changed.
-        hidden: width of the two hidden layers; 0 leaves only the linear part.
         trust: shares of the changes that are taken outside of training; all by default. What fits the training
             sequences best goes too far on others.
     """
@@ -27,7 +26,7 @@ class CostChange(nn.Module):
     deviation: Tensor
     trust: Tensor
 
-    def __init__(self, features: int, changes: int, hidden: int, trust: tuple[float, ...] | None = None) -> None:
+    def __init__(self, features: int, changes: int, trust: tuple[float, ...] | None = None) -> None:
         super().__init__()
         self.register_buffer("trust", torch.tensor(trust or (1.0,) * changes))
         self.register_buffer("mean", torch.zeros(features))
@@ -35,12 +34,6 @@ class CostChange(nn.Module):
         self.linear = nn.Linear(features, changes)
         nn.init.zeros_(self.linear.weight)
         nn.init.zeros_(self.linear.bias)
-        self.deep: nn.Sequential | None = None
-        if hidden:
-            last = nn.Linear(hidden, changes, bias=False)
-            nn.init.zeros_(last.weight)
-            layers = (nn.Linear(features, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU(), last)
-            self.deep = nn.Sequential(*layers)
 
     def standardise(self, rows: Tensor) -> None:
         """Take mean and deviation of the features from ``(P, F)`` rows; features that hardly vary are left as large."""
@@ -52,10 +45,7 @@ class CostChange(nn.Module):
         """``(P, F)`` features to ``(P, K)`` changes."""
         # What was never seen in training is no reason for a change beyond what was.
         standard = ((rows - self.mean) / self.deviation).clamp(-5.0, 5.0)
-        change: Tensor = self.linear(standard)
-        if self.deep is not None:
-            change = change + self.deep(standard)
-        bounded = LARGEST * torch.tanh(change / LARGEST)
+        bounded: Tensor = LARGEST * torch.tanh(self.linear(standard) / LARGEST)
         return bounded if self.training else bounded * self.trust
 
 
@@ -92,7 +82,6 @@ class AssociationNetwork(nn.Module):
         links: number of features of a link.
         detections: of a detection.
         joins: of a join of two tracklets.
-        hidden: width of the hidden layers.
         trust: share of the change of what using a detection costs that is taken outside of training.
         projection: length of an appearance feature, and how many numbers it is projected to before the two of a link
             are compared; None compares it as it comes.
@@ -103,15 +92,14 @@ class AssociationNetwork(nn.Module):
         links: int,
         detections: int,
         joins: int,
-        hidden: int = 24,
         trust: float = 1.0,
         projection: tuple[int, int] | None = None,
     ) -> None:
         super().__init__()
-        self.links = CostChange(links, 1, hidden)
+        self.links = CostChange(links, 1)
         # Of using a detection, of a track's start at it, and of its end.
-        self.detections = CostChange(detections, 3, hidden, (trust, 1.0, 1.0))
-        self.joins = CostChange(joins, 1, hidden)
+        self.detections = CostChange(detections, 3, (trust, 1.0, 1.0))
+        self.joins = CostChange(joins, 1)
         self.projection = None if projection is None else AppearanceProjection(*projection)
 
     def trusts(self) -> dict[str, Tensor]:

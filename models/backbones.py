@@ -35,34 +35,21 @@ class Trunk(nn.Module):
     Attributes:
         channels: of the map after each stage.
         strides: input pixels per map pixel after each stage.
-        fine: how many layers of the first stage lead to the map of stride 4, and its channels; None where unknown.
     """
 
-    def __init__(
-        self, stages: Sequence[nn.Module], channels: Sequence[int], fine: tuple[int, int] | None = None
-    ) -> None:
+    def __init__(self, stages: Sequence[nn.Module], channels: Sequence[int]) -> None:
         super().__init__()
-        self.fine = fine
         self.stages = nn.ModuleList(stages)
         self.channels = tuple(channels)
         self.strides = TRUNK_STRIDES
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """``(B, 3, H, W)`` to the maps ``(B, C_i, ceil(H / S_i), ceil(W / S_i))``, finest first."""
-        return self.with_fine(images)[1]
-
-    def with_fine(self, images: Tensor) -> tuple[Tensor, list[Tensor]]:
-        """The map of stride 4, where `fine` tells it (else the images), and the maps of `forward`."""
-        finest, maps = images, []
-        for number, stage in enumerate(self.stages):
-            if number == 0 and self.fine is not None:
-                assert isinstance(stage, nn.Sequential)
-                finest = stage[: self.fine[0]](images)
-                images = stage[self.fine[0] :](finest)
-            else:
-                images = stage(images)
+        maps = []
+        for stage in self.stages:
+            images = stage(images)
             maps.append(images)
-        return finest, maps
+        return maps
 
 
 def build_trunk(name: TrunkName, weights: Literal["imagenet"] | None = None) -> Trunk:
@@ -80,11 +67,11 @@ def build_trunk(name: TrunkName, weights: Literal["imagenet"] | None = None) -> 
         return _sequential_trunk(vgg16_layers(), (23, 30), (512, 512, 512))
     model = _classifier(name, weights)
     if name == "mobilenet_v3_small":
-        trunk = _sequential_trunk(model.features, (4, 9), (24, 48, 576), fine=(2, 16))
+        trunk = _sequential_trunk(model.features, (4, 9), (24, 48, 576))
     elif name == "mobilenet_v3_large":
-        trunk = _sequential_trunk(model.features, (7, 13), (40, 112, 960), fine=(4, 24))
+        trunk = _sequential_trunk(model.features, (7, 13), (40, 112, 960))
     elif name == "mobilenet_v3_large_075":
-        trunk = _sequential_trunk(model.features, (7, 13), (32, 88, 720), fine=(4, 24))
+        trunk = _sequential_trunk(model.features, (7, 13), (32, 88, 720))
     elif name == "vgg16":
         trunk = _sequential_trunk(model.features, (23, 30), (512, 512, 512))
     else:
@@ -113,14 +100,9 @@ def set_norm_momentum(module: nn.Module, momentum: float) -> None:
             child.momentum = momentum
 
 
-def _sequential_trunk(
-    features: nn.Sequential,
-    cuts: tuple[int, int],
-    channels: tuple[int, int, int],
-    fine: tuple[int, int] | None = None,
-) -> Trunk:
+def _sequential_trunk(features: nn.Sequential, cuts: tuple[int, int], channels: tuple[int, int, int]) -> Trunk:
     first, second = cuts
-    return Trunk((features[:first], features[first:second], features[second:]), channels, fine)
+    return Trunk((features[:first], features[first:second], features[second:]), channels)
 
 
 def _classifier(name: str, weights: Literal["imagenet"] | None) -> Any:

@@ -104,25 +104,11 @@ class TopDown(nn.Module):
         trunk: gives maps at strides 8, 16 and 32.
         width: channels of every map that comes out.
         levels: 3 for strides 8 to 32; 4 adds stride 64.
-        fine: add the trunk's map of stride 4 to that of stride 8; for trunks that tell where it is.
     """
 
-    def __init__(self, trunk: Trunk, width: int, levels: int, fine: bool = False) -> None:
+    def __init__(self, trunk: Trunk, width: int, levels: int) -> None:
         super().__init__()
         self.trunk = trunk
-        self.fine: nn.Sequential | None = None
-        if fine:
-            if trunk.fine is None:
-                raise ValueError(
-                    "expected mobilenet_v3_small, mobilenet_v3_large or mobilenet_v3_large_075, with a map of stride 4"
-                )
-            self.fine = Conv2dNormActivation(
-                trunk.fine[1], width, kernel_size=2, stride=2, padding=0, activation_layer=None
-            )
-            norm = self.fine[1]
-            assert isinstance(norm, nn.BatchNorm2d)
-            # It starts without a say, so that weights trained without it go on from where they were.
-            nn.init.zeros_(norm.weight)
         self.lateral = nn.ModuleList(
             [Conv2dNormActivation(c, width, kernel_size=1, activation_layer=None) for c in trunk.channels]
         )
@@ -131,10 +117,7 @@ class TopDown(nn.Module):
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """``(B, 3, H, W)`` to maps ``(B, width, ceil(H / S), ceil(W / S))``, finest first."""
-        finest, trunk_maps = self.trunk.with_fine(images)
-        maps = [lateral(x) for lateral, x in zip(self.lateral, trunk_maps, strict=True)]
-        if self.fine is not None:
-            maps[0] = maps[0] + self.fine(finest)
+        maps = [lateral(x) for lateral, x in zip(self.lateral, self.trunk(images), strict=True)]
         for i in range(len(maps) - 1, 0, -1):
             maps[i - 1] = maps[i - 1] + functional.interpolate(maps[i], size=maps[i - 1].shape[-2:], mode="nearest")
         maps = [smooth(x) for smooth, x in zip(self.smooth, maps, strict=True)]
@@ -143,9 +126,7 @@ class TopDown(nn.Module):
         return maps
 
 
-def people_detector(
-    trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorSizes, width: int = 96, fine: bool = False
-) -> Detector:
+def people_detector(trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorSizes, width: int = 96) -> Detector:
     """SSDLite that sees small people: stride 8 by a top-down path, an input of any shape, anchors as given.
 
     Args:
@@ -153,11 +134,9 @@ def people_detector(
         size: height and width of the input, pixels.
         anchor_sizes: ``(w, h)`` in input pixels of the anchors at strides 8, 16, 32 and, where there are four, 64.
         width: channels of the top-down path.
-        fine: add the trunk's map of stride 4 to the finest one.
 
     Raises:
-        ValueError: the trunk has no map of stride 4, the anchors are for another number of maps, or the size is no
-            multiple of the coarsest stride.
+        ValueError: the anchors are for another number of maps, or the size is no multiple of the coarsest stride.
     """
     strides = [8, 16, 32, 64][: len(anchor_sizes)]
     if not 3 <= len(anchor_sizes) <= 4 or any(s % strides[-1] for s in size):
@@ -170,7 +149,7 @@ def people_detector(
     box_heads = [_lite_head(width, len(shapes) * 4) for shapes in anchor_sizes]
     for head in class_heads:
         _set_prior(head[-1], classes=1)
-    return Detector(TopDown(trunk, width, len(anchor_sizes), fine), class_heads, box_heads, anchors, 1, size)
+    return Detector(TopDown(trunk, width, len(anchor_sizes)), class_heads, box_heads, anchors, 1, size)
 
 
 def separable(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:

@@ -1,4 +1,4 @@
-"""The commands that make the shipped models, as they stand in `docs/training.md` and `docs/rendered-people.md`."""
+"""The commands that make the shipped models, as `docs/how-to/train-and-export.md` tells."""
 
 from __future__ import annotations
 

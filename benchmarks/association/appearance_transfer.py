@@ -18,7 +18,7 @@ import numpy as np
 
 from tsuiseki.datamodules.labelled_images import LabelledImage, labelled_images
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc, evaluate_retrieval
-from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.video.image_folder import read_image

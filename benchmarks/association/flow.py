@@ -25,13 +25,13 @@ from ortools.graph.python import min_cost_flow
 
 from benchmarks.machine import machine, peak_memory
 from benchmarks.walkers import walking_people
-from tsuiseki.tracking.association.flow.flow_window import FlowWindow
-from tsuiseki.tracking.association.flow.network_flow import FlowGraph, scaled
-from tsuiseki.tracking.association.flow.seen import Seen
-from tsuiseki.tracking.association.flow.sliding_flow import solve_in_windows
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
-from tsuiseki.tracking.people.flow_input import FlowInput
-from tsuiseki.tracking.people.record import run_tracker
+from tsuiseki.tracking.association.detection_tables import DetectionTable
+from tsuiseki.tracking.association.flow_window import FlowWindow
+from tsuiseki.tracking.association.network_flow import FlowGraph, scaled
+from tsuiseki.tracking.association.sliding_flow import solve_in_windows
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
+from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, FloatArray
 
 Result = TypeVar("Result")
@@ -97,7 +97,7 @@ def _timed(best: dict[str, float], name: str, step: Callable[[], Result]) -> Res
     return result
 
 
-def _build(seen: Seen, observation: FloatArray, settings: FlowSettings) -> FlowGraph:
+def _build(seen: DetectionTable, observation: FloatArray, settings: FlowSettings) -> FlowGraph:
     """The network of the first round."""
     window = FlowWindow(settings.costs, FRAME_RATE, None)
     window.add(seen)

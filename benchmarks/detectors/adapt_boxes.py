@@ -19,16 +19,14 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.features.networks.exported import open_detector
+from tsuiseki.tracking.features.exported import open_detector
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
-from tsuiseki.trainers.adapt.foreground import foreground_of
-from tsuiseki.trainers.adapt.label_boxes import FARTHEST
-from tsuiseki.trainers.adapt.silhouettes import usual_offset
-from tsuiseki.trainers.adapt.watch import watch
+from tsuiseki.trainers.adapt.silhouettes import FARTHEST, usual_offset
+from tsuiseki.trainers.adapt.watch import foreground_of, watch
 
 SHARES, OWN = (0.0, 0.25, 0.5, 1.0), 0.5
 SURE, MATCHED, TIGHT = 0.5, 0.3, 0.75

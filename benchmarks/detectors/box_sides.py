@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.detectors.accuracy import LOWEST_SCORE, sequences
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
-from tsuiseki.tracking.features.networks.exported import open_detector
+from tsuiseki.tracking.features.exported import open_detector
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.geometry import iou_matrix

@@ -22,8 +22,8 @@ import numpy as np
 
 from tsuiseki.datamodules.labelled_images import LabelledImage, labelled_images
 from tsuiseki.tracking.drone.observations import Observers, observe
-from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import list_images, write_sequence_info
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix

@@ -24,8 +24,7 @@ import numpy as np
 
 from benchmarks.machine import machine
 from tsuiseki.datamodules.scenes.flow_pairs import FlowPair, end_point_error, random_flow_pair
-from tsuiseki.tracking.features.motion.optical_flow import FLOW_METHODS, dis_flow, optical_flow
-from tsuiseki.tracking.features.motion.tv_l1 import TvL1Settings, tv_l1
+from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, TvL1Settings, dis_flow, optical_flow, tv_l1
 from tsuiseki.tracking.types import ImageArray
 
 PEER = "DualTVL1"

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.filters.base import TargetEstimates
+from tsuiseki.tracking.filters.finite_sets.clusters import Clusters, PhdState
+from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
 from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
-from tsuiseki.tracking.filters.finite_sets.phd_state import Clusters, PhdState
-from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor
 from tsuiseki.trainers.experiments.finite_sets.runs import start_filter
 from tsuiseki.trainers.experiments.finite_sets.scenarios import (
     PointScenario,

@@ -26,11 +26,11 @@ import numpy as np
 from tsuiseki.tracking.formats.single import SingleSequence, find_single_sequences
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.single import kcf
-from tsuiseki.tracking.single.interface import SingleTracker
+from tsuiseki.tracking.single.constants import PRINTED, ROBUST
+from tsuiseki.tracking.single.kcf import KcfTracker
 from tsuiseki.tracking.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.single.kcf_particle_settings import ROBUST, THESIS
-from tsuiseki.tracking.single.kcf_tracker import KcfTracker
-from tsuiseki.tracking.single.methods import make_tracker
+from tsuiseki.tracking.single.settings import make_tracker
+from tsuiseki.tracking.single.tracker import SingleTracker
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
 
@@ -39,7 +39,7 @@ PEER_SCRIPT = Path(__file__).with_name("opencv_peer.py")
 OURS: dict[str, Callable[[], SingleTracker]] = {
     "KCF fixed": lambda: KcfTracker(kcf.THESIS),
     "KCF scale search": lambda: KcfTracker(kcf.KcfSettings()),
-    "kcf-particle thesis": lambda: KcfParticle(THESIS),
+    "kcf-particle printed": lambda: KcfParticle(PRINTED),
     "kcf-particle robust fixed": lambda: KcfParticle(replace(ROBUST, kcf=kcf.THESIS)),
     "kcf-particle robust": lambda: KcfParticle(ROBUST),
     "combined fixed": lambda: make_tracker("combined", scale_search=False),

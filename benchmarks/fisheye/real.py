@@ -33,12 +33,11 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
 from tsuiseki.tracking.evaluation.truths import read_truths
-from tsuiseki.tracking.features.networks.exported import Appearance, Detect, Detector
-from tsuiseki.tracking.fisheye.looking import DETECTORS, looking
+from tsuiseki.tracking.features.exported import Appearance, Detect, Detector
 from tsuiseki.tracking.fisheye.page import corners
-from tsuiseki.tracking.fisheye.tracker import DEFAULT_FLOW, FisheyeSettings
+from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, UnrollingSettings
 from tsuiseki.tracking.fisheye.tracking import FloorMethod, link_on_floor
-from tsuiseki.tracking.fisheye.unrolled import UnrollingSettings
+from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
 from tsuiseki.tracking.fisheye.view import CeilingView
 from tsuiseki.tracking.formats.rotated import (
     RotatedBoxes,
@@ -48,7 +47,7 @@ from tsuiseki.tracking.formats.rotated import (
     read_rotated_labels,
 )
 from tsuiseki.tracking.geometry import rotated_iou
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.image_folder import read_image

@@ -16,9 +16,9 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.room_clip import Room
 from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
-from tsuiseki.tracking.features.networks.exported import Detect, Detector
-from tsuiseki.tracking.fisheye.looking import DETECTORS, looking
-from tsuiseki.tracking.fisheye.unrolled import UnrollingSettings
+from tsuiseki.tracking.features.exported import Detect, Detector
+from tsuiseki.tracking.fisheye.settings import UnrollingSettings
+from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, about_bodies
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, ImageArray

@@ -16,9 +16,8 @@ from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidire
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.person_model import build_table
 from tsuiseki.tracking.cameras.rectification import upright_crops
-from tsuiseki.tracking.features.networks.exported import Detector
-from tsuiseki.tracking.fisheye.looking import DETECTORS
-from tsuiseki.tracking.fisheye.unrolled import UnrolledDetector
+from tsuiseki.tracking.features.exported import Detector
+from tsuiseki.tracking.fisheye.unrolled import DETECTORS, UnrolledDetector
 from tsuiseki.tracking.weights import shipped
 
 WIDTH, HEIGHT, PEOPLE = 1280, 960, 10

@@ -12,7 +12,7 @@ import pytest
 from tsuiseki.datamodules.action_crops import CropSettings, action_sequences, cut_clip, has_crops, load_crops
 from tsuiseki.datamodules.action_data import ActionAugmentation, ActionBatches, ActionData, changed, draw_changes
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action_inputs import NO_MOTION, STREAMS
+from tsuiseki.tracking.features.action import NO_MOTION, STREAMS
 
 SETTINGS = CropSettings(size=16, margin=0.125, step=2)
 QUIET = ActionAugmentation(0, 0, 0)

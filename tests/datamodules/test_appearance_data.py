@@ -23,7 +23,7 @@ from tsuiseki.datamodules.identity_crops import (
     write_crops,
 )
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import crop_boxes
+from tsuiseki.tracking.features.exported import crop_boxes
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.types.labels import GroundTruth

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from tsuiseki.models.anchors import corners_from_centres, decode, encode, grid_anchors, propose_anchors, size_iou
-from tsuiseki.tracking.features.networks.exported import decode_boxes
+from tsuiseki.tracking.features.exported import decode_boxes
 
 
 def test_anchors_lie_on_the_middles_of_the_cells() -> None:

@@ -13,8 +13,7 @@ from torchvision.models.detection.ssdlite import ssdlite320_mobilenet_v3_large
 from tsuiseki.models.anchors import corners_from_centres, decode
 from tsuiseki.models.backbones import Trunk, build_trunk
 from tsuiseki.models.detector import people_detector
-from tsuiseki.models.pretrained import coco_person_detector, coco_start
-from tsuiseki.models.ssd import ssd300, ssd512, ssdlite320
+from tsuiseki.models.ssd import coco_person_detector, coco_start, ssd300, ssd512, ssdlite320
 
 ANCHORS = [[(9, 22), (13, 32)], [(25, 64)], [(52, 132)]]
 

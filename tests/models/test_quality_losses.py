@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 import torch
+from torch import nn
 
-from tsuiseki.models.anchors import encode
+from tsuiseki.models.anchors import corners_from_centres, encode, grid_anchors
 from tsuiseki.models.losses import DetectionLoss, MinedEntropy, smooth_l1
-from tsuiseki.models.quality_losses import QualityFocal, complete_iou
+from tsuiseki.models.quality_losses import QualityFocal, SoftTargets, complete_iou, distillation_loss, found_by
 
 ANCHORS = torch.tensor([[20.0, 30.0, 20.0, 40.0], [60.0, 30.0, 20.0, 40.0], [100.0, 30.0, 20.0, 40.0]])
 BOXES = torch.tensor([[[10.0, 12.0, 30.0, 52.0], [50.0, 10.0, 72.0, 50.0]]])
@@ -72,3 +75,60 @@ def test_the_hard_negatives_do_not_know_the_overlap():
         loss = DetectionLoss(score, complete_iou)
         there, beside = (float(loss(*heads([2.0, 0.0, -9.0], s), ANCHORS, BOXES, LABELS)[0]) for s in (0.0, 3.0))
         assert (there == beside) is same
+
+
+WIDTH = 64
+GRID = grid_anchors([(2, 4), (1, 2)], [16, 32], [[(8, 20), (12, 30)], [(30, 60)]])
+
+
+class LeftHalf(nn.Module):
+    """Sees a person at every anchor with the mean of the image's left half as margin, and moves boxes by it."""
+
+    def forward(self, images):
+        seen = images[..., : WIDTH // 2].mean(dim=(1, 2, 3))[:, None].expand(-1, len(GRID))
+        return torch.stack((torch.zeros_like(seen), seen), dim=-1), seen[..., None].expand(-1, -1, 4)
+
+
+def test_a_calibration_is_taken_back():
+    """Logit 2 of a network of scale 2 and shift 1 was 1/2 before."""
+    found = found_by(LeftHalf(), torch.full((1, 3, 32, WIDTH), 2.0), (2.0, 1.0))
+    assert torch.allclose(found.scores, torch.tensor(1 / (1 + math.exp(-0.5))))
+
+
+def one_target(score: float) -> SoftTargets:
+    scores, offsets = torch.zeros(1, len(GRID)), torch.zeros(1, len(GRID), 4)
+    scores[0, 3] = score
+    return SoftTargets(scores, offsets)
+
+
+def logits_of(scores: torch.Tensor) -> torch.Tensor:
+    return torch.stack((torch.zeros_like(scores), torch.logit(scores, eps=1e-7)), dim=-1)
+
+
+def test_the_loss_is_0_where_the_student_finds_what_the_teacher_does():
+    targets = one_target(1.0)
+    losses = distillation_loss(logits_of(targets.scores), targets.offsets, GRID, targets)
+    assert [float(x) for x in losses] == pytest.approx([0, 0], abs=1e-5)
+
+
+def test_a_student_that_knows_nothing_by_hand():
+    """Score 1/2 everywhere, one anchor taught 0.8: focal terms 0.5² ln 2 and 0.3² ln 2; complete IoU of a moved box."""
+    targets = one_target(0.8)
+    offsets = torch.zeros(1, len(GRID), 4)
+    offsets[0, 3, 0] = 2.0  # of the code, 0.1 times the anchor's width each
+    scores, boxes = distillation_loss(torch.zeros(1, len(GRID), 2), offsets, GRID, targets)
+    focal = (len(GRID) - 1) * 0.25 * math.log(2) + 0.09 * math.log(2)
+    assert float(scores) == pytest.approx(focal, rel=1e-5)  # divided by at least 1
+    x1, y1, x2, y2 = corners_from_centres(GRID[3]).tolist()
+    d = 0.2 * (x2 - x1)
+    iou = (x2 - x1 - d) / (x2 - x1 + d)
+    complete = 1 - iou + d**2 / ((x2 - x1 + d) ** 2 + (y2 - y1) ** 2)
+    assert float(boxes) == pytest.approx(0.8 * complete, rel=1e-4)
+
+
+def test_a_teacher_that_finds_nobody_teaches_no_boxes():
+    logits = torch.zeros(1, len(GRID), 2, requires_grad=True)
+    offsets = torch.zeros(1, len(GRID), 4, requires_grad=True)
+    sum(distillation_loss(logits, offsets, GRID, one_target(0.0))).backward()
+    assert logits.grad[..., 1].min() > 0
+    assert not offsets.grad.any()

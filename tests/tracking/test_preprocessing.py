@@ -7,7 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.features.action_inputs import RGB_FILL, crop_squares
+from tsuiseki.tracking.features.action import RGB_FILL, crop_squares
 from tsuiseki.tracking.preprocessing import crop_boxes
 
 IMAGE = np.random.default_rng(0).integers(0, 256, (120, 160, 3)).astype(np.uint8)

@@ -18,8 +18,8 @@ from tsuiseki.tracking.animals.heading import head_signs, heads, seconds_of_walk
 from tsuiseki.tracking.animals.identity import exchanged_after_contacts
 from tsuiseki.tracking.animals.pose import AnimalPose
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
-from tsuiseki.tracking.people.flow_input import InputSettings
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowSettings, InputSettings
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 

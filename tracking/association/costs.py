@@ -2,17 +2,32 @@
 
 A learnt affinity and the hand-set costs share one interface, ``TransitionCost``: describe the candidate pairs once
 (``pair_features``), then price them all in one call.
+
+Features averaged over windows along tracks (thesis eq. 5.3).
+
+What links cost by what people do: action features of single frames and of several (thesis 5.2 and 5.3).
+
+A network says of every detection how likely each action is. Two detections of one person are alike in this, so the
+cosine distance of their probabilities prices a link (eq. 5.2). Along the tracks of the flow before, probabilities are
+averaged over a window (eq. 5.3), which makes them surer, and the links are priced again. The printed sum of eq. 5.3
+runs over 17 frames and divides by 15; here it runs over the window and divides by the number of frames in which the
+person was detected.
+
+A window centred on a link's detections reaches over the link on both sides: where the flow has handed a track from one
+person to another, both ends of that link see the same mixture of the two, and the link looks all the better. So windows
+are one-sided by default (not in the thesis): the earlier detection is compared by what its track did until then, the
+later one by what its track does from there on. A track that belongs to two people is split where these differ, if
+better links are found for the parts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
 
-from tsuiseki.tracking.association.gating import GateSettings, pairs_by_gap
+from tsuiseki.tracking.association.nearby import gaps
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
@@ -96,35 +111,6 @@ def pair_features(
     )
 
 
-def priced_pairs(
-    frames: IntArray,
-    boxes: FloatArray,
-    features: FloatArray | None,
-    gate: GateSettings,
-    transition: TransitionCost,
-    miss: float,
-    first_head: int = 0,
-) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-    """Tails, heads and costs of all plausible transitions, one gap at a time.
-
-    Args:
-        frames: ``(N,)`` frame numbers.
-        boxes: ``(N, 4)`` pixels.
-        features: ``(N, D)`` unit length, or None.
-        gate: which pairs are plausible.
-        transition: prices them.
-        miss: added for every frame in between.
-        first_head: only pairs whose later detection has at least this index.
-    """
-    for tail, head, gap in pairs_by_gap(frames, boxes, gate):
-        if first_head:
-            wanted = head >= first_head
-            tail, head = tail[wanted], head[wanted]
-        if len(tail):
-            pairs = pair_features(boxes, features, tail, head, np.full(len(tail), gap))
-            yield tail, head, transition(pairs) + miss * (gap - 1)
-
-
 def cosine_distances(features: FloatArray | None, i: IntArray, j: IntArray) -> FloatArray:
     """``(P,)`` cosine distances in [0, 2] of the unit-length rows ``i`` and ``j``; NaN where one has a NaN."""
     if features is None:
@@ -193,62 +179,127 @@ class ProbabilityCost:
 ScoreCost: TypeAlias = ObservationCost | ProbabilityCost
 
 
-@dataclass(frozen=True)
-class HandSetCost:
-    """Transition cost set by hand on position, size and appearance: nothing is learnt.
-
-    The exponent q of thesis eq. 2.14 is the logarithm of how much likelier two different people are than one, under
-    simple assumptions in place of boosted trees (eq. 2.15); the cost is log(1 + exp(q)). Differences of place and size
-    follow Student's t distribution: now and then a detector is far off, and no single difference rules a link out.
-
-    Attributes:
-        bias: q of two detections one frame apart that do not differ, of neutral appearance.
-        noise: scale of the difference of two detected centres, in heights.
-        speed_x: scale of a person's horizontal velocity, in heights a frame.
-        speed_y: scale of the vertical velocity, in heights a frame.
-        spread: how much longer gaps count against a link, as their region of likely positions grows; 1 is by its area.
-        size: scale of the log ratio of two detected heights of one person.
-        tails: degrees of freedom of the distributions; the fewer, the less a large difference counts.
-        appearance: weight of the cosine distance.
-        neutral: cosine distance that speaks neither for nor against, taken also where the distance is not known.
-        action: weight of the cosine distance of the action features, where there are any.
-        action_neutral: likewise, of the action features.
-    """
-
-    bias: float = -5.0
-    noise: float = 0.06
-    speed_x: float = 0.04
-    speed_y: float = 0.02
-    spread: float = 1.0
-    size: float = 0.09
-    tails: float = 5.0
-    appearance: float = 14.0
-    neutral: float = 0.27
-    action: float = 4.0
-    action_neutral: float = 0.15
-
-    def __call__(self, pairs: PairFeatures) -> FloatArray:
-        """``(P,)`` costs, above 0."""
-        gap = pairs.gap.astype(np.float64)
-        noise = self.noise**2
-        variance_x, variance_y = noise + (self.speed_x * gap) ** 2, noise + (self.speed_y * gap) ** 2
-        nearest = (noise + self.speed_x**2) * (noise + self.speed_y**2)
-        q = np.log(variance_x * variance_y / nearest) * (self.spread / 2) + self.bias
-        q += surprise(pairs.dx**2 / variance_x + pairs.dy**2 / variance_y, 2, self.tails)
-        q += surprise((pairs.dh / self.size) ** 2, 1, self.tails)
-        known = ~np.isnan(pairs.appearance)
-        q[known] += self.appearance * (pairs.appearance[known] - self.neutral)
-        if pairs.action is not None:
-            q += self.action * np.nan_to_num(pairs.action - self.action_neutral)
-        return np.logaddexp(0, q)
-
-
-def surprise(squared: FloatArray, dimensions: int, tails: float) -> FloatArray:
-    """How much less likely a difference is than none, -log p(x) / p(0), under Student's t distribution.
+def window_means(
+    frames: IntArray,
+    labels: IntArray,
+    actions: FloatArray,
+    at_frames: IntArray,
+    at_labels: IntArray,
+    reach: tuple[int, int],
+) -> FloatArray:
+    """``(M, A)`` means of a track's features over windows at frames in which it need not be detected.
 
     Args:
-        squared: squared lengths of differences, in scales.
-        dimensions: of the differences.
-        tails: degrees of freedom.
+        frames: ``(N,)`` of the detections.
+        labels: ``(N,)`` of their tracks, -1 for none.
+        actions: ``(N, A)`` of the detections.
+        at_frames: ``(M,)`` where the means are wanted.
+        at_labels: ``(M,)`` of which tracks. Where the window holds no detection, or the label is -1, the m-th mean is
+            that of the detection with the same index, if M is N, and NaN otherwise.
+        reach: of the windows, frames back and frames ahead.
     """
-    return np.asarray(np.log1p(squared / tails) * ((tails + dimensions) / 2))
+    back, ahead = reach
+    fallback = actions if len(at_frames) == len(frames) else np.full((len(at_frames), actions.shape[1]), np.nan)
+    used = np.flatnonzero(labels >= 0)
+    if len(used) == 0:
+        return fallback.copy()
+    first, span = frames[used].min() - back, int(frames[used].max() - frames[used].min()) + 2 * (back + ahead) + 1
+    key = labels[used] * span + (frames[used] - first)
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    sums = np.zeros((len(key) + 1, actions.shape[1]))
+    np.cumsum(actions[used[order]], axis=0, out=sums[1:])
+    wanted = at_labels * span + (at_frames - first)
+    low, high = np.searchsorted(key, wanted - back), np.searchsorted(key, wanted + ahead, side="right")
+    count = np.where(at_labels >= 0, high - low, 0)
+    means = (sums[high] - sums[low]) / np.maximum(count, 1)[:, None]
+    return np.where(count[:, None] > 0, means, fallback)
+
+
+ActionFeatures = Literal["single", "centred", "one-sided"]
+
+
+@dataclass(frozen=True)
+class ActionCost:
+    """Cost of a link by the cosine distance d of the action probabilities at its ends: weight · (d − neutral).
+
+    Attributes:
+        features: ``single`` compares detections; ``centred`` means over windows about them along their tracks, as the
+            thesis does; ``one-sided`` the half of the window up to the earlier one with that from the later one on.
+        window: λ, seconds.
+        weight: of the distance of two detections, and of two means.
+        neutral: distance that speaks neither for nor against a link, of two detections, and of two means.
+        least: seconds of a link from which actions count; over less time place and motion say more.
+    """
+
+    features: ActionFeatures = "one-sided"
+    window: float = 0.5
+    weight: tuple[float, float] = (10.0, 25.0)
+    neutral: tuple[float, float] = (0.05, 0.04)
+    least: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.window < np.inf and 0 <= min(self.weight) <= max(self.weight) < np.inf):
+            raise ValueError(f"expected window and weights from 0, got {self.window} and {self.weight}")
+
+    @property
+    def averaged(self) -> bool:
+        """Whether features are averaged along tracks."""
+        return self.features != "single"
+
+    def means(
+        self, frames: IntArray, labels: IntArray, actions: FloatArray, frame_rate: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Features ``(N, A)`` of detections as the earlier and as the later one of a link.
+
+        Args:
+            frames: ``(N,)``.
+            labels: ``(N,)`` track of each, -1 for none, which keeps its own features.
+            actions: ``(N, A)`` probabilities of single frames.
+            frame_rate: frames a second.
+        """
+        if not self.averaged:
+            return actions, actions
+        half = gaps(self.window / 2, frame_rate)
+        if self.features == "centred":
+            both = window_means(frames, labels, actions, frames, labels, (half, half))
+            return both, both
+        before, after = (window_means(frames, labels, actions, frames, labels, r) for r in ((half, 0), (0, half)))
+        return before, after
+
+    def __call__(
+        self,
+        earlier: FloatArray,
+        later: FloatArray,
+        i: IntArray,
+        j: IntArray,
+        seconds: FloatArray,
+        *,
+        averaged: bool,
+    ) -> FloatArray:
+        """``(P,)`` costs of links from ``i`` to ``j`` between features ``(N, A)``.
+
+        Args:
+            earlier: of detections as the earlier one.
+            later: as the later one.
+            i: ``(P,)`` indices of the earlier detections.
+            j: ``(P,)`` of the later ones.
+            seconds: ``(P,)`` between the two.
+            averaged: they are means along tracks.
+        """
+        distance = action_distances(earlier, later, i, j)
+        cost = self.weight[averaged] * (distance - self.neutral[averaged])
+        return np.where(seconds >= self.least, cost, 0.0)
+
+
+def action_distances(earlier: FloatArray, later: FloatArray, i: IntArray, j: IntArray) -> FloatArray:
+    """``(P,)`` cosine distances of the rows ``i`` of ``earlier`` and ``j`` of ``later``, in [0, 1]: c_saf of eq. 5.2.
+
+    Args:
+        earlier: ``(N, A)`` action probabilities.
+        later: ``(N, A)`` likewise, or the same.
+        i: ``(P,)`` indices.
+        j: ``(P,)`` indices.
+    """
+    unit = [actions / np.maximum(np.linalg.norm(actions, axis=1, keepdims=True), 1e-9) for actions in (earlier, later)]
+    return np.clip(1 - inner_products(unit[0], unit[1], i, j), 0, 1)

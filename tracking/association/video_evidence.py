@@ -1,4 +1,24 @@
-"""What a video says of its own detections, without labels: the worth of scores, speeds, what is missed."""
+"""Which detections are found again where they should be, and how fast they move: learnt from the video, without labels.
+
+A person is found again a little later, and was found a little earlier, on one line: of boxes b₋, b, b₊ a time apart the
+mean of the outer two lies on the middle one. A false detection mostly has no such neighbours. Nothing is assumed about
+how fast targets move, so a car that passes its own width between two frames is borne out as a person who stands is.
+
+The same triples tell the speed of what is found, (centre₊ − centre₋) / 2τ in longer sides a second, which scales what
+the flow expects of velocities, of their changes and of how far links reach.
+
+Right detections are not found again either where the detector misses the person before or after, or places the box
+ill. Of b₋ of such triples, which is right in all likelihood, the later side is there; the share of those b₋ that lie on
+a line themselves is how often the earlier one is, too. Both sides are there for its square of the right detections.
+
+What a detector's scores are worth in this very video, learnt without labels.
+
+A detection of a person is found again before and after, on one line (`recurrence`); a false one mostly is not. So the
+share of detections of a score that are says how far it can be trusted, on whatever scale it is: the isotonic fit of
+"found again" on the score is the probability that `DetectionCost` takes.
+
+What a video says of its own detections, without labels: the worth of scores, speeds, what is missed.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +26,255 @@ from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 
-from tsuiseki.tracking.association.recurrence import RateOfRight, Stride, TypicalSpeed, found_again
-from tsuiseki.tracking.association.score_calibration import EXPECTED, IN_ADVANCE, DetectionCost, ScoreCalibration
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
+from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Recurrence:
+    """What counts as found again.
+
+    Attributes:
+        interval: seconds to the earlier and to the later box, at least a frame.
+        overlap: intersection over union of a box with the mean of the two.
+        reach: how far a box may move at any rate, longer sides.
+        speed: what is added to that every second.
+        size: largest difference of log widths and of log heights.
+    """
+
+    interval: float = 0.1
+    overlap: float = 0.6
+    reach: float = 0.3
+    speed: float = 6.0
+    size: float = 0.7
+
+    def __post_init__(self) -> None:
+        if not (self.interval > 0 and 0 < self.overlap < 1 and self.reach > 0 and self.speed >= 0 and self.size > 0):
+            raise ValueError("expected overlap in (0, 1), speed from 0, and interval, reach and size above 0")
+
+    def frames(self, frame_rate: float, stride: int = 1) -> int:
+        """The interval in frames, of which every ``stride``-th one has detections."""
+        return stride * max(1, round(self.interval * frame_rate / stride))
+
+
+@dataclass(frozen=True)
+class FoundAgain:
+    """Which of N detections lie between an earlier and a later one.
+
+    Attributes:
+        found: ``(N,)``.
+        speed: ``(N,)`` of the best triple in longer sides a second, NaN where there is none.
+        before: ``(N,)`` index of the earlier detection of the best triple, -1 where there is none.
+    """
+
+    found: BoolArray
+    speed: FloatArray
+    before: IntArray
+
+
+def found_again(
+    frames: IntArray, boxes: FloatArray, frame_rate: float, settings: Recurrence, stride: int = 1
+) -> FoundAgain:
+    """Which detections lie between an earlier and a later one, and how fast those that do move.
+
+    Args:
+        frames: ``(N,)`` increasing.
+        boxes: ``(N, 4)`` pixels, as if the camera stood still.
+        frame_rate: frames a second.
+        settings: what counts as found again.
+        stride: detections are in every ``stride``-th frame, see `Stride`.
+    """
+    speed, earlier = np.full(len(frames), np.nan), np.full(len(frames), -1)
+    if len(frames) == 0:
+        return FoundAgain(earlier >= 0, speed, earlier)
+    every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
+    gap = settings.frames(frame_rate, stride)
+    side = size.max(axis=1)
+    reach = np.repeat((settings.reach + settings.speed * gap / frame_rate) * side[:, None], 2, axis=1)
+    i, j = near_pairs(frames, centre, reach, gap, every, every)
+    alike = (np.abs(np.log(size[j] / size[i])) < settings.size).all(axis=1)
+    before, middle, after = _triples(i[alike], j[alike], len(frames))
+    fit = iou_pairs((boxes[before] + boxes[after]) / 2, boxes[middle])
+    good = fit > settings.overlap
+    before, middle, after, fit = before[good], middle[good], after[good], fit[good]
+    # Ascending, so that the best triple of a box is written last.
+    order = np.argsort(fit, kind="stable")
+    before, middle, after = before[order], middle[order], after[order]
+    earlier[middle] = before
+    speed[middle] = np.hypot(*(centre[after] - centre[before]).T) * frame_rate / (2 * gap) / side[middle]
+    return FoundAgain(earlier >= 0, speed, earlier)
+
+
+def _triples(i: IntArray, j: IntArray, count: int) -> tuple[IntArray, IntArray, IntArray]:
+    """Pairs that follow each other: the head of the first is the tail of the second."""
+    order = np.argsort(i, kind="stable")
+    start = np.searchsorted(i[order], np.arange(count + 1))
+    following = np.diff(start)[j]
+    first = np.repeat(np.arange(len(j)), following)
+    second = np.arange(len(first)) - np.repeat(np.cumsum(following) - following - start[j], following)
+    return i[first], j[first], j[order[second]]
+
+
+@dataclass
+class RateOfRight:
+    """How often right detections of a video are found again: the square of how often on one side.
+
+    Attributes:
+        expected: what is taken for one side before anything is known.
+        weight: detections that count as much as that.
+    """
+
+    expected: float = 0.9
+    weight: int = 20
+    _asked: int = 0
+    _found: int = 0
+
+    def add(self, found: BoolArray) -> None:
+        """Take ``(N,)`` whether detections were, of which one side is known to be there."""
+        self._asked += len(found)
+        self._found += int(found.sum())
+
+    def __call__(self) -> float:
+        """In (0, 1]."""
+        return float(((self._found + self.weight * self.expected) / (self._asked + self.weight)) ** 2)
+
+
+@dataclass
+class Stride:
+    """Every how many frames there are detections: the greatest common divisor of the gaps between frames that have any.
+
+    A detector that is run on every third frame finds nobody again a frame later, however right it is.
+
+    Attributes:
+        longest: seconds; where times between detections have no smaller common divisor, there is no rhythm.
+    """
+
+    longest: float = 1.0
+    _first: int | None = None
+    _divisor: int = 0
+
+    def add(self, frames: IntArray) -> None:
+        """Take ``(N,)`` frames of detections."""
+        if len(frames) == 0 or self._divisor == 1:
+            return
+        self._first = int(frames.min()) if self._first is None else self._first
+        self._divisor = int(np.gcd.reduce(np.append(np.unique(frames) - self._first, self._divisor)))
+
+    def __call__(self, frame_rate: float) -> int:
+        """Frames from one with detections to the next."""
+        return self._divisor if 1 < self._divisor <= self.longest * frame_rate else 1
+
+
+@dataclass
+class TypicalSpeed:
+    """How fast the targets of a video move: the speed that nine of ten detections stay below.
+
+    Attributes:
+        expected: what is taken for it before anything is known, longer sides a second.
+        weight: detections that count as much as that.
+        least: no speed below is reported.
+        memory: detections that it is taken from, the latest.
+    """
+
+    expected: float = 0.75
+    weight: int = 20
+    least: float = 0.5
+    memory: int = 30_000
+    _speeds: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def add(self, speeds: FloatArray) -> None:
+        """Take ``(N,)`` speeds, longer sides a second; NaN where not known."""
+        self._speeds = np.append(self._speeds, speeds[~np.isnan(speeds)])[-self.memory :]
+
+    def __call__(self) -> float:
+        """The speed, longer sides a second."""
+        known = np.append(self._speeds, np.full(self.weight, self.expected))
+        return max(self.least, float(np.quantile(known, 0.9)))
+
+
+# What a detection is taken to be before the video has told, and how many detections that counts as much as.
+EXPECTED, IN_ADVANCE = 0.9, 20
+
+
+@dataclass(frozen=True)
+class DetectionCost:
+    """Cost of using a detection of probability p: -(offset + weight logit p) max(1, 30 / frame rate)^interval.
+
+    Attributes:
+        offset: what a detection of p = 0.5 is worth.
+        weight: of the logit.
+        least: p is kept within [least, 1 - least].
+        interval: how much more a detection is worth where fewer are made in a second.
+        again: what counts as found again.
+        memory: detections that the fit, and the speed of targets, is taken from, the latest.
+    """
+
+    offset: float = 3.5
+    weight: float = 1.0
+    least: float = 0.1
+    interval: float = 0.0
+    again: Recurrence = field(default_factory=Recurrence)
+    memory: int = 30_000
+
+    def __post_init__(self) -> None:
+        if not (0 < self.least < 0.5 and self.memory > 0):
+            raise ValueError("expected least in (0, 0.5) and memory from 1")
+
+    def __call__(self, probability: FloatArray, frame_rate: float) -> FloatArray:
+        """``(N,)`` costs of detections of ``(N,)`` probabilities in (0, 1)."""
+        kept = np.clip(probability, self.least, 1 - self.least)
+        worth = self.offset + self.weight * np.log(kept / (1 - kept))
+        return np.asarray(-worth * max(1.0, 30 / frame_rate) ** self.interval)
+
+
+@dataclass
+class ScoreCalibration:
+    """The probability of every score, from the detections seen so far.
+
+    Attributes:
+        settings: of the fit.
+    """
+
+    settings: DetectionCost = field(default_factory=DetectionCost)
+    _scores: FloatArray = field(default_factory=lambda: np.empty(0))
+    _found: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def add(self, scores: FloatArray, found: BoolArray) -> None:
+        """Take ``(N,)`` scores, NaN where there is none, and whether each was found again."""
+        self._scores = np.append(self._scores, scores)[-self.settings.memory :]
+        self._found = np.append(self._found, found.astype(np.float64))[-self.settings.memory :]
+
+    def __call__(self, scores: FloatArray) -> FloatArray:
+        """``(N,)`` probabilities of ``(N,)`` scores; those without a score share one."""
+        probability = np.full(len(scores), EXPECTED)
+        for known in (True, False):
+            ours, asked = np.isnan(self._scores) != known, np.isnan(scores) != known
+            if ours.any() and asked.any():
+                probability[asked] = self._fit(np.nan_to_num(self._scores[ours]), self._found[ours])(scores[asked])
+        count = len(self._scores)
+        probability = (count * probability + IN_ADVANCE * EXPECTED) / (count + IN_ADVANCE)
+        return np.asarray(np.clip(probability, self.settings.least, 1 - self.settings.least))
+
+    def _fit(self, scores: FloatArray, found: FloatArray) -> Interpolation:
+        level, which = np.unique(scores, return_inverse=True)
+        weight = np.bincount(which).astype(np.float64)
+        fit = scipy.optimize.isotonic_regression(np.bincount(which, found) / weight, weights=weight)
+        return Interpolation(level, np.asarray(fit.x))
+
+
+@dataclass(frozen=True)
+class Interpolation:
+    """Straight lines between points, constant beyond; a value that is not known counts as the lowest."""
+
+    x: FloatArray
+    y: FloatArray
+
+    def __call__(self, values: FloatArray) -> FloatArray:
+        """``(N,)`` at ``(N,)`` values."""
+        return np.asarray(np.interp(np.nan_to_num(values, nan=self.x[0]), self.x, self.y))
 
 
 class VideoEvidence:

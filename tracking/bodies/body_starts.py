@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import cv2
 import numpy as np
@@ -18,10 +17,10 @@ from tsuiseki.tracking.bodies.contour import (
     look_up,
     point_distances,
 )
-from tsuiseki.tracking.filters.base import bootstrap, each_frame
-from tsuiseki.tracking.filters.motion.body_motion import HEADING, Noise, RandomWalk, draw
+from tsuiseki.tracking.filters.base import bootstrap
+from tsuiseki.tracking.filters.motion.bodies import HEADING, Noise, RandomWalk
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
-from tsuiseki.tracking.filters.particles.weights import best_particle
+from tsuiseki.tracking.filters.particles.resampling import best_particle
 from tsuiseki.tracking.types import FloatArray
 
 CANDIDATES = 3000
@@ -91,7 +90,7 @@ def _best_state(
         likelihood = ContourLikelihood(spread)
         noise = Noise(wide.mean, share * wide.factor * (number > 0))
         layer = ParticleFilter(
-            bootstrap(each_frame(partial(draw, RandomWalk(noise)))),
+            bootstrap(RandomWalk(noise)),
             lambda particles, view, use=likelihood: use(body.contour(particles), view),
             threshold=1.0,
         )

@@ -8,7 +8,6 @@ is expected, the image belongs to that one: see `ContourLikelihood`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -25,10 +24,10 @@ from tsuiseki.tracking.bodies.contour import (
     Points,
 )
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.base import Proposal, bootstrap, each_frame
-from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, draw
+from tsuiseki.tracking.filters.base import Proposal, bootstrap
+from tsuiseki.tracking.filters.motion.bodies import BodyMotion
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.particles.weights import weighted_mean
+from tsuiseki.tracking.filters.particles.resampling import weighted_mean
 from tsuiseki.tracking.types import FloatArray, Frame, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 
@@ -142,7 +141,7 @@ class DeformableTracker:
         self._columns = len(body.fields)
         self._records: dict[int, _Record] = {}
         self._likelihood = ContourLikelihood(self.settings.spread, self.settings.hidden_cost)
-        self._move: Proposal[BodyView] = bootstrap(each_frame(partial(draw, motion)))
+        self._move: Proposal[BodyView] = bootstrap(motion)
         self._filter: ParticleFilter[BodyView] = ParticleFilter(self._propose, self._log_likelihood, threshold=1.0)
 
     def update(self, frame: Frame) -> None:

@@ -19,8 +19,8 @@ from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTrack
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, StandingOut
 from tsuiseki.tracking.features.colour_region import parse_colour
-from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, RandomWalk
-from tsuiseki.tracking.filters.motion.learnt_motion import read_motion
+from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk
+from tsuiseki.tracking.filters.motion.learnt import read_motion
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.types import FloatArray, Frame
 from tsuiseki.tracking.types.frame_range import parse_frames

@@ -1,4 +1,4 @@
-"""`tsuiseki adapt`: models that learn a camera from its unlabelled video."""
+"""`tsuiseki adapt`: a detector that learns a camera from its unlabelled video."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from tsuiseki.tracking.cli.commands import needs_train_extra
 from tsuiseki.tracking.cli.detector_lines import tell_reading
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.errors import Interrupted, RequestError
-from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
+from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shipped, shipped_or_file
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.tracking.features.networks.exported import SizedDetect
-    from tsuiseki.trainers.adapt.camera import Camera
+    from tsuiseki.tracking.features.exported import SizedDetect
     from tsuiseki.trainers.adapt.kept_round import Round
     from tsuiseki.trainers.adapt.rounds import Adaptation
+    from tsuiseki.trainers.adapt.watch import Camera
 
-# Pictures, labels and models of the rounds, until the result is whole.
+# Pictures, labels and detectors of the rounds, until the result is whole.
 WORK = ".adapt"
 DETECTOR_OPTIONS = DetectorOptions()
 _ALONE = (
@@ -40,7 +40,6 @@ def adapt(
     frames: str | None = None,
     detector: Path | None = None,
     teacher: Path | None = None,
-    appearance: Path | None = None,
     view: str = "auto",
     rounds: int = 3,
     steps: int = 100,
@@ -53,10 +52,9 @@ def adapt(
     """Learn a camera from its unlabelled video: who is tracked with confidence teaches the detector.
 
     Works best where the camera stands still and people walk: then boxes are fitted to silhouettes, people are composed
-    onto the empty view, and what never moves is learnt as background. Each round also learns who looks alike and what
-    links cost, and keeps that where it tells people apart better. DIR gets detector.onnx, also appearance.onnx and
-    affinity.onnx where they were kept, report.html with what changed and what was learnt from, and run.json; the
-    command for track people is printed. A run that was stopped goes on where the same command is given again.
+    onto the empty view, and what never moves is learnt as background. DIR gets detector.onnx, report.html with what
+    changed and what was learnt from, and run.json; the command for track people is printed. A run that was stopped
+    goes on where the same command is given again.
 
     Args:
         sources: videos, folders of images or sequence folders, all of one camera; 100 frames at least, some minutes
@@ -66,7 +64,6 @@ def adapt(
             detector_figures.onnx starts, and detector_people.onnx is left. A bare word, such as street, names a shipped
             one.
         teacher: detector of any project that looks first, where the one to start from sees too little.
-        appearance: exported appearance network to start from; by default the shipped one.
         view: tiles of a frame, as in track people.
         rounds: at most; each looks, learns and looks again, as long as that gets better.
         steps: of learning in each round.
@@ -79,11 +76,9 @@ def adapt(
     """
     stretch = parse_frames(frames)
     with needs_train_extra():
-        from tsuiseki.trainers.adapt.camera import open_camera
-        from tsuiseki.trainers.adapt.contents import digest_of, state_of
-        from tsuiseki.trainers.adapt.learn_appearance import refuse_other_appearance
-        from tsuiseki.trainers.adapt.rounds import Adaptation, resumed
+        from tsuiseki.trainers.adapt.rounds import Adaptation, contents_of, resumed
         from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
+        from tsuiseki.trainers.adapt.watch import open_camera
         from tsuiseki.trainers.exporting.exported_weights import layout_of
     settings = AdaptSettings(
         rounds=rounds,
@@ -97,15 +92,11 @@ def adapt(
     start = _detector(detector)
     # What cannot be learnt from, or looked with, is refused before anything is looked at.
     layout_of(start)
-    if appearance is not None:
-        refuse_other_appearance(appearance)
     looking = _teacher(teacher, detector_options)
     with output.run() as run:
         tell_reading(run, looking)
         key: dict[str, Any] = {"sources": sources, "frames": frames, "view": view, "settings": asdict(settings)}
-        key |= {"contents": [state_of(source) for source in sources], "options": asdict(detector_options)}
-        key |= {"detector": digest_of(start), "teacher": digest_of(teacher) if teacher else ""}
-        key |= {"appearance": digest_of(appearance) if appearance else ""}
+        key |= {"options": asdict(detector_options), **contents_of(sources, start, teacher)}
         work = output.out / WORK
         if resumed(work, key):
             print("going on with what an earlier run has finished")
@@ -114,7 +105,7 @@ def adapt(
             for line in _said_of_motion(camera):
                 print(line, flush=True)
             unlearnt = shipped(PEOPLE_DETECTOR) if detector is None else start
-            _run(run, Adaptation(camera, start, work, settings, looking, appearance=appearance), unlearnt)
+            _run(run, Adaptation(camera, start, work, settings, looking), unlearnt)
         except RequestError:
             shutil.rmtree(work, ignore_errors=True)
             raise
@@ -142,7 +133,7 @@ def _said_of_motion(camera: Camera) -> list[str]:
 
 def _teacher(given: Path | None, options: DetectorOptions) -> SizedDetect | None:
     """The detector that looks first."""
-    from tsuiseki.tracking.features.networks.exported import open_detector
+    from tsuiseki.tracking.features.exported import open_detector
     from tsuiseki.trainers.adapt.find import LOWEST_SCORE
 
     if given is not None:
@@ -180,35 +171,15 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
     best = best_of(finished)
     run.facts["rounds"] = [asdict(here.scores) for here in finished]
     run.facts["best"] = best.number
-    run.facts["links"] = [asdict(here.links) for here in finished]
-    learnt = _learnt(best, unlearnt)
     run.facts["start"] = adaptation.start.name
     run.facts["detector"] = f"learnt in round {best.number}" if best.number else unlearnt.name
-    for name, file in learnt.items():
-        run.write(f"{name}.onnx", partial(shutil.copyfile, file))
+    learnt = best.detector if best.number and isinstance(best.detector, Path) else unlearnt
+    run.write("detector.onnx", partial(shutil.copyfile, learnt))
     page = adapted_page(summary(adaptation, finished, notes, unlearnt.name))
     run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
     run.done(_summary(best, finished[0], run.output.out, unlearnt))
-    print(f"to use it: {_command(learnt, run.output.out)}")
-
-
-def _learnt(best: Round, unlearnt: Path) -> dict[str, Path]:
-    """The files of the best round, by the options of `track people` that take them."""
-    files = {"detector": unlearnt}
-    if best.number and isinstance(best.models.detector, Path):
-        files["detector"] = best.models.detector
-    # What was given stays where nothing better was learnt.
-    if best.models.appearance is not None:
-        files["appearance"] = best.models.appearance
-    if best.number and best.links.better_costs and best.models.affinity is not None:
-        files["affinity"] = best.models.affinity
-    return files
-
-
-def _command(learnt: dict[str, Path], out: Path) -> str:
-    """The command that tracks people with what was learnt."""
-    options = " ".join(f"--{name} {shlex.quote(str(out / f'{name}.onnx'))}" for name in learnt)
-    return f"tsuiseki track people VIDEO {options} --out DIR"
+    detector = shlex.quote(str(run.output.out / "detector.onnx"))
+    print(f"to use it: tsuiseki track people VIDEO --detector {detector} --out DIR")
 
 
 def _line(here: Round, start: Round) -> str:
@@ -217,23 +188,8 @@ def _line(here: Round, start: Round) -> str:
     fate = f"; stopped, for {collapsed}" if collapsed else ""
     return (
         f"round {here.number}: {scores.people} people, {scores.boxes:.1f} boxes and {scores.rejected:.1f} rejected "
-        f"detections a frame, agreement with the tracks {scores.agreement:.3f}{_said_of_links(here)}{fate}"
+        f"detections a frame, agreement with the tracks {scores.agreement:.3f}{fate}"
     )
-
-
-def _said_of_links(here: Round) -> str:
-    """How what tells people apart was learnt, where it was tried."""
-    tried = {
-        "appearance separates": (here.links.separation, here.links.separation_learnt, here.links.better_appearance),
-        "appearance keeps identities": (here.links.followed, here.links.followed_learnt, here.links.better_appearance),
-        "costs keep identities": (here.links.identity, here.links.identity_learnt, here.links.better_costs),
-    }
-    said = [
-        f"; {name} {before:.3f} -> {after:.3f}{'' if taken else ', not taken'}"
-        for name, (before, after, taken) in tried.items()
-        if before is not None and after is not None
-    ]
-    return "".join(said)
 
 
 def _summary(best: Round, start: Round, out: Path, unlearnt: Path) -> str:

@@ -75,13 +75,16 @@ COMMANDS: Tree = {
     "simulate": Group(
         "make labelled video with exact truth",
         {
-            "street": Command("people on a street before a fixed camera"),
-            "sphere": Command("a ball carried through a room before several cameras"),
-            "blobs": Command("coloured objects over natural clutter"),
-            "goldfish": Command("fish that bend, or balls that squash"),
-            "drone": Command("people who act, before a drone's camera"),
-            "fisheye": Command("people in a room, under ceiling fisheye cameras"),
-            "sprites": Command("people rendered from body meshes, for the pictures that detectors learn from"),
+            "street": Command("people on a street before a fixed camera", "tracking.cli.simulate:street"),
+            "sphere": Command("a ball carried through a room before several cameras", "tracking.cli.simulate:sphere"),
+            "blobs": Command("coloured objects over natural clutter", "tracking.cli.simulate:blobs"),
+            "goldfish": Command("fish that bend, or balls that squash", "tracking.cli.simulate:goldfish"),
+            "drone": Command("people who act, before a drone's camera", "tracking.cli.simulate:drone"),
+            "fisheye": Command("people in a room, under ceiling fisheye cameras", "tracking.cli.simulate:fisheye"),
+            "sprites": Command(
+                "people rendered from body meshes, for the pictures that detectors learn from",
+                "tracking.cli.simulate:sprites",
+            ),
         },
     ),
     "train": Group(
@@ -112,8 +115,8 @@ COMMANDS: Tree = {
                 "from a checkpoint, or from torchvision's COCO weights",
                 "trainers.exporting.export_detector",
             ),
-            "appearance": Command("from a checkpoint", "trainers.exporting.export_appearance"),
-            "action": Command("from a checkpoint, one file a stream", "trainers.exporting.export_action"),
+            "appearance": Command("from a checkpoint", "trainers.exporting.export_crops:export_appearance"),
+            "action": Command("from a checkpoint, one file a stream", "trainers.exporting.export_crops:export_action"),
             "association": Command(
                 "costs of the flow, from a checkpoint", "trainers.exporting.export_association:export_trained"
             ),
@@ -122,12 +125,12 @@ COMMANDS: Tree = {
     "calibrate": Group(
         "find out where cameras are and how they see",
         {
-            "points": Command("from known points in space", "tracking.calibrate.points"),
+            "points": Command("from known points in space", "tracking.calibrate.run:points"),
             "checkerboard": Command(
-                "a camera's focal length and lens, from pictures of a board", "tracking.calibrate.checkerboard"
+                "a camera's focal length and lens, from pictures of a board", "tracking.calibrate.run:checkerboard"
             ),
-            "convert": Command("a fisheye calibration in another program's format", "tracking.calibrate.convert"),
-            "pose": Command("over a floor, from height and tilt or from points", "tracking.calibrate.pose"),
+            "convert": Command("a fisheye calibration in another program's format", "tracking.calibrate.run:convert"),
+            "pose": Command("over a floor, from height and tilt or from points", "tracking.calibrate.run:pose"),
         },
     ),
     "track": Group(

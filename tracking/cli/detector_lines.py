@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
+    from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 
 
 def tell_reading(run: Run, detect: object) -> None:
@@ -29,7 +29,7 @@ def tell_blank(detect: object) -> None:
 
 
 def _foreign(detect: object) -> ForeignDetector | None:
-    from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
+    from tsuiseki.tracking.features.foreign_detector import ForeignDetector
     from tsuiseki.tracking.features.view_choice import inner_detector
 
     inner = inner_detector(detect)

@@ -20,26 +20,25 @@ CLIP_FOLDER, THRESHOLD = "drone", 0.4
 
 def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
     """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
-    from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
+    from tsuiseki.datamodules.scenes.clip import write_clip
+    from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import DRONE_METHODS, scored
     from tsuiseki.tracking.drone.models import DroneModels
-    from tsuiseki.tracking.drone.tracker import DroneSettings
-    from tsuiseki.tracking.drone.writing import follow
+    from tsuiseki.tracking.drone.run import follow
+    from tsuiseki.tracking.drone.settings import DroneSettings
     from tsuiseki.tracking.formats.mot import read_ground_truth
-    from tsuiseki.tracking.people.finding_options import FindingOptions
+    from tsuiseki.tracking.people.settings import FindingOptions
     from tsuiseki.tracking.video.source import open_source
 
     with output.run() as run:
         with run.times.measure("generate the clip"):
-            clip = write_drone(
-                run.work / CLIP_FOLDER,
-                DroneSceneSettings(frames=frames),
-                output.seed,
-                watch=lambda drawn: run.watched(drawn, "generating", frames),
+            planned = plan_drone(DroneSceneSettings(frames=frames), output.seed)
+            clip = write_clip(
+                run.work / CLIP_FOLDER, planned, watch=lambda drawn: run.watched(drawn, "generating", frames)
             )
         source = open_source(clip)
-        models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads), bridging=None)
+        models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads))
         truth = read_ground_truth(clip / "gt" / "gt.txt")
         cache = str(clip), run.work / "observations"
         results = {
@@ -59,7 +58,7 @@ def _write(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> No
     from tsuiseki.tracking.demo.page import drone_report
     from tsuiseki.tracking.demo.people import DRONE_METHODS
     from tsuiseki.tracking.drone.page import ActionReport, captions_of
-    from tsuiseki.tracking.drone.writing import write_result
+    from tsuiseki.tracking.drone.run import write_result
     from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.report.page import write_report
 

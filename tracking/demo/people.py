@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Literal
 
 from tsuiseki.tracking import weights
-from tsuiseki.tracking.association.affinity import Affinity
-from tsuiseki.tracking.association.tracklets.straddling import EXPLAINED
+from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
-from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.people.finding import PeopleInputs, ground_of
-from tsuiseki.tracking.people.methods import PeopleMethod, people_tracker
+from tsuiseki.tracking.features.exported import Appearance, Detector
+from tsuiseki.tracking.features.standing_camera import StandingCamera
+from tsuiseki.tracking.people.inputs import PeopleInputs, ground_of
+from tsuiseki.tracking.people.methods import people_tracker
+from tsuiseki.tracking.people.settings import PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -49,7 +49,7 @@ def street_trackers(
     """A tracker for each of `STREET_METHODS`, by its name, as `tsuiseki track people` would make it."""
     affinity = Affinity(models["affinity"], threads)
     return {
-        name: people_tracker(method, None, affinity, source=source, camera=camera, straddling=EXPLAINED)
+        name: people_tracker(method, None, affinity, source=source, camera=camera, drop_straddling=True)
         for method, name in STREET_METHODS.items()
     }
 

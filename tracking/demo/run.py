@@ -13,7 +13,7 @@ from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.demo.page import DemoResult
-    from tsuiseki.tracking.people.frame_log import FrameLog
+    from tsuiseki.tracking.people.tracker import FrameLog
 
 REPORT_FILE, OVERLAY_FILE = "report.html", "overlay.webm"
 FRAMES, FRAME_RATE = 180, 25.0
@@ -40,8 +40,9 @@ def demo(
     Args:
         scene: what is generated.
         train: first train the models anew on generated scenes and use those; takes hours, and the train extra.
-        assets: with --train, folder of the bodies and clothes that people are rendered of (docs/rendered-people.md says
-            how to get them); without it the detector learns from drawn people alone.
+        assets: with --train, folder of the bodies and clothes that people are rendered of
+            (docs/methods/rendered-people.md says how to get them); without it the detector learns from drawn people
+            alone.
         frames: length of the clip.
         seed: of the clip.
         threads: CPU threads of the networks; 0 takes all.
@@ -51,26 +52,25 @@ def demo(
         from tsuiseki.tracking.demo.drone import demo_drone
 
         if train:
-            raise RequestError("`train`: expected --scene street; docs/drone.md has the commands for the drone")
+            raise RequestError("`train`: expected --scene street; for a drone see docs/how-to/train-and-export.md")
         return demo_drone(output, frames, threads)
     if assets is not None and not train:
         raise RequestError("`assets`: expected it with `train`, which renders people of it; leave it out otherwise")
-    from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
+    from tsuiseki.datamodules.scenes.clip import write_clip
+    from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import scored, shipped_street, street_inputs, street_trackers
-    from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
+    from tsuiseki.tracking.features.standing_camera import StandingCamera
     from tsuiseki.tracking.formats.mot import read_ground_truth
-    from tsuiseki.tracking.people.frame_log import run_trackers
+    from tsuiseki.tracking.people.tracker import run_trackers
     from tsuiseki.tracking.video.source import open_source
     from tsuiseki.trainers.shipped_models import make_models
 
     with output.run() as run:
         models = make_models(run.work / "models", assets) if train else shipped_street()
         with run.times.measure("generate"):
-            settings = StreetSettings(frames=frames, frame_rate=FRAME_RATE)
-            clip = write_street(
-                run.work / scene, settings, output.seed, watch=lambda drawn: run.watched(drawn, "generating", frames)
-            )
+            planned = plan_street(StreetSettings(frames=frames, frame_rate=FRAME_RATE), output.seed)
+            clip = write_clip(run.work / scene, planned, watch=lambda drawn: run.watched(drawn, "generating", frames))
         source = open_source(clip)
         camera = StandingCamera()
         found = street_inputs(source, models, threads, camera).found(run.frames(source), run.times)

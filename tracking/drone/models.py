@@ -1,89 +1,33 @@
-"""The models for people seen from a drone: those that are given, or those that ship with the toolkit."""
+"""The models for people seen from a drone: those that are given, or those that ship with the toolkit.
+
+Tracks given by the user, as detections: actions are recognised along them without tracking.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
-from tsuiseki.tracking.drone.observation_cache import file_digest
-from tsuiseki.tracking.drone.observations import Observers
+import numpy as np
+
+from tsuiseki.tracking.drone.observations import Observers, file_digest
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action import ActionRecogniser
-from tsuiseki.tracking.features.action_inputs import STREAMS
-from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
-from tsuiseki.tracking.features.networks.exported import Detect
-from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike, as_describer
+from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser
+from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer
 from tsuiseki.tracking.features.view_choice import ViewedDetector
-from tsuiseki.tracking.people.bridging import BridgingSettings
-from tsuiseki.tracking.people.finding import NONE, GivenDetections, people_detect
-from tsuiseki.tracking.people.given_tracks import as_detections, read_given_tracks
-from tsuiseki.tracking.types import Detections, Track
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.formats.okutama import ADVICE, check_frames, is_okutama_file, read_okutama
+from tsuiseki.tracking.people.inputs import people_detect
+from tsuiseki.tracking.people.settings import NONE, FindingOptions
+from tsuiseki.tracking.types import Detections, IntArray, Track
+from tsuiseki.tracking.video.image_folder import ImageFolder
+from tsuiseki.tracking.video.source import Source, VideoFile
 from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file
 
 DroneMethod = Literal["flow", "flow-saf", "flow-maf"]
-
-
-class Finds(Protocol):
-    """How people are found; files among it become part of the key of what is kept."""
-
-    @property
-    def detections(self) -> GivenDetections | None: ...
-    @property
-    def detector(self) -> DetectorLike | None: ...
-    @property
-    def score_threshold(self) -> float: ...
-    @property
-    def score_range(self) -> tuple[float, float] | None: ...
-    @property
-    def batch_size(self) -> int: ...
-    @property
-    def threads(self) -> int: ...
-    @property
-    def how(self) -> Mapping[str, str]: ...
-
-    def detect(self, source: Source, default: str, /) -> Detect | list[Detections]:
-        """The given detections, or what finds people; ``default`` names the shipped detector to take otherwise."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """How people are found, from Python.
-
-    Attributes:
-        detections: see `given_detections`.
-        detector: see `as_detector`.
-        score_threshold: of a detector that is read from a file, in [0, 1].
-        score_range: smallest and largest score that the rows of a file of detections may have; None is any.
-        batch_size: frames of one call of the detector.
-        threads: CPU threads of the networks; 0 takes all.
-    """
-
-    detections: GivenDetections | None = None
-    detector: DetectorLike | None = None
-    score_threshold: float = 0.3
-    score_range: tuple[float, float] | None = None
-    batch_size: int = 4
-    threads: int = 0
-
-    @property
-    def how(self) -> Mapping[str, str]:
-        """Nothing that a file does not tell."""
-        return {}
-
-    def detect(self, source: Source, default: str) -> Detect | list[Detections]:
-        """See `Finds`."""
-        return people_detect(
-            source,
-            self.detections,
-            self.detector,
-            shipped(default),
-            self.score_threshold,
-            self.score_range,
-            self.threads,
-        )
 
 
 @dataclass(frozen=True)
@@ -109,13 +53,12 @@ class DroneModels:
         cls,
         source: Source,
         method: DroneMethod,
-        finding: Finds,
+        finding: FindingOptions,
         appearance: AppearanceLike | None = None,
         actions: Sequence[Path] | None = None,
         tracks: Path | None = None,
         *,
         camera_motion: bool = True,
-        bridging: BridgingSettings | None,
     ) -> DroneModels:
         """The models for a video; see `track_drone`.
 
@@ -129,7 +72,7 @@ class DroneModels:
             raise RequestError("expected one of `detections`, `detector` and `tracks`, got several")
         paths: dict[str, Path | None] = {"detections": _file(finding.detections), "tracks": tracks}
         given = None if tracks is None else read_given_tracks(tracks, source)
-        detect = finding.detect(source, DRONE_DETECTOR) if given is None else as_detections(given)[0]
+        detect = people_detect(source, finding, DRONE_DETECTOR) if given is None else as_detections(given)[0]
         if isinstance(detect, ViewedDetector):
             # Who is seen from a drone is small to begin with: enlarged tiles find people in every bush.
             detect.enlarge = False
@@ -143,11 +86,10 @@ class DroneModels:
         recognise = ActionRecogniser(streams, finding.threads) if streams else None
         camera = CameraMotionSettings() if camera_motion and given is None else None
         key = {name: None if path is None else file_digest(path) for name, path in paths.items()}
-        bridging = bridging if given is None else None
-        key |= _streams_key(streams) | {"motion": repr(camera), "bridging": repr(bridging)}
+        key |= _streams_key(streams) | {"motion": repr(camera)}
         key |= {"score_threshold": str(finding.score_threshold), "score_range": str(finding.score_range)}
         key |= finding.how
-        observers = Observers(detect, describe, recognise, camera, finding.batch_size, bridging)
+        observers = Observers(detect, describe, recognise, camera, finding.batch_size)
         spare = [] if streams else _streams("flow-maf", actions, needed=True)
         superset_key = key | _streams_key(spare) if spare and all(path.is_file() for path in spare) else None
         return cls(observers, recognise.names if recognise else (), key, given, superset_key)
@@ -175,3 +117,59 @@ def _detector_file(given: DetectorLike | None) -> Path | None:
 
 def _streams_key(streams: Sequence[Path]) -> dict[str, str | None]:
     return {f"action {number}": file_digest(path) for number, path in enumerate(streams)}
+
+
+def read_given_tracks(path: Path, source: Source) -> list[Track]:
+    """The tracks in a MOTChallenge file, or in a label file of Okutama-Action, whose ids, from 0, are counted from 1.
+
+    Args:
+        path: of the file.
+        source: the video that they belong to.
+
+    Raises:
+        RequestError: the file is missing or broken, or it labels frames that the video does not have.
+    """
+    if not path.is_file() or not is_okutama_file(path):
+        tracks = read_tracks(path)
+        _check_length(path, tracks, source)
+        return tracks
+    if not isinstance(source, ImageFolder):
+        raise RequestError(f"{path}: expected a folder of the frames that these labels count, got a video; {ADVICE}")
+    labels = read_okutama(path, source.size)
+    check_frames(labels, len(source.images), source.size, str(path))
+    seen = labels.select(~labels.lost)
+    rows = [seen.select(np.flatnonzero(seen.ids == identity)) for identity in np.unique(seen.ids).tolist()]
+    rows = [one.select(np.argsort(one.frames)) for one in rows]
+    return [Track(int(one.ids[0]) + 1, one.frames, one.boxes, np.ones(len(one))) for one in rows]
+
+
+def _check_length(path: Path, tracks: Sequence[Track], source: Source) -> None:
+    # The header of a video file only estimates its length.
+    length, slack = (source.promised, source.slack) if isinstance(source, VideoFile) else (source.length, 0)
+    last = max((int(track.frames[-1]) for track in tracks), default=0)
+    if length and last >= length + slack:
+        raise RequestError(
+            f"{path}: tracks reach frame {last + 1}, but the video has {length} frames; are these the tracks of "
+            "another video?"
+        )
+
+
+def as_detections(tracks: Sequence[Track], length: int | None = None) -> tuple[list[Detections], IntArray]:
+    """The boxes of ``tracks`` as detections, one entry a frame, and ``(N,)`` index of the track of each.
+
+    Args:
+        tracks: at least one.
+        length: number of frames; None ends with the last box.
+
+    Raises:
+        RequestError: there is no track.
+    """
+    if not tracks:
+        raise RequestError("expected at least one given track, got none")
+    frames = np.concatenate([track.frames for track in tracks])
+    labels = np.repeat(np.arange(len(tracks)), [len(track) for track in tracks])
+    order = np.lexsort((labels, frames))
+    cuts = np.searchsorted(frames[order], np.arange(1, (int(frames.max()) + 1) if length is None else length))
+    boxes = np.split(np.concatenate([track.boxes for track in tracks])[order], cuts)
+    scores = np.split(np.concatenate([track.scores for track in tracks])[order], cuts)
+    return [Detections(*both) for both in zip(boxes, scores, strict=True)], labels[order]

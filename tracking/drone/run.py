@@ -1,15 +1,27 @@
-"""`tsuiseki track drone`: follow people in video from a drone, and say what they do."""
+"""`tsuiseki track drone`: follow people in video from a drone, and say what they do.
+
+What `tsuiseki track drone` and `tsuiseki demo --scene drone` share: observe, link, write.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
+from tsuiseki.tracking.association.learnt_costs import CostChanges
 from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.drone.models import DroneMethod
-from tsuiseki.tracking.drone.tracker import DroneSettings
+from tsuiseki.tracking.cli.run import Run, frames_expected
+from tsuiseki.tracking.drone.models import DroneMethod, DroneModels
+from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
+from tsuiseki.tracking.drone.page import ActionReport, action_page, captions_of
+from tsuiseki.tracking.drone.settings import DroneSettings
+from tsuiseki.tracking.drone.tracking import DroneResult, link
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.people.bridging import BridgingSettings
-from tsuiseki.tracking.people.finding_options import FindingOptions
+from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
+from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.people.settings import FindingOptions
+from tsuiseki.tracking.report.overlay import write_overlay
+from tsuiseki.tracking.video.source import Source
 
 DRONE = DroneSettings()
 
@@ -26,7 +38,6 @@ def drone(
     threshold: float = 0.4,
     cache: Path | None = None,
     drone: DroneSettings = DRONE,
-    bridging: BridgingSettings | None = None,
 ) -> int:
     """Track the people in a video from a drone, and name what each is doing.
 
@@ -51,14 +62,11 @@ def drone(
             or --drone takes seconds.
         seed: of random numbers; kept in run.json, for the methods here draw none.
         drone: settings of the flow and of what is reported.
-        bridging: correlation filters follow people whom the detector misses for a few frames where an option of it is
-            given, such as --bridging.most_frames 5: more people are found, and more of nobody.
     """
-    from tsuiseki.tracking.association.flow.cost_network import CostNetwork
+    from tsuiseki.tracking.association.learnt_costs import CostNetwork
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
     from tsuiseki.tracking.drone.models import DroneModels
-    from tsuiseki.tracking.drone.writing import follow, write_result
-    from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera
+    from tsuiseki.tracking.features.camera_path import said_of_camera
 
     if not 0 <= threshold <= 1:
         raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
@@ -72,7 +80,6 @@ def drone(
         actions,
         tracks,
         camera_motion=not keep_camera_motion,
-        bridging=bridging,
     )
     with output.run() as run:
         kept = None if cache is None else (video.source, cache)
@@ -87,3 +94,55 @@ def drone(
         who = "person" if len(found.people) == 1 else "people"
         run.done(f"{len(found.people)} {who} in {run.count} frames: {output.out / 'tracks.txt'}")
     return run.status
+
+
+def follow(
+    run: Run,
+    source: Source,
+    models: DroneModels,
+    method: DroneMethod,
+    settings: DroneSettings,
+    cache: tuple[str, Path] | None = None,
+    changes: CostChanges | None = None,
+) -> DroneResult:
+    """Track a video.
+
+    Args:
+        run: gets its steps.
+        source: the video.
+        models: detector, networks and their key.
+        method: how people are linked.
+        settings: of the tracker.
+        cache: the name of the source, and the folder that keeps what the models say of it.
+        changes: by how much learnt costs differ from the settings'.
+    """
+    steps = run.steps(_observations(run, source, models, cache), total=frames_expected(source))
+    return link(steps, source, models, method, settings, run.times, changes)
+
+
+def _observations(
+    run: Run, source: Source, models: DroneModels, cache: tuple[str, Path] | None
+) -> Iterator[Observation]:
+    if cache is None:
+        return observe(run.frames(source), models.observers, run.times)
+    name, folder = cache
+    wanted = source.frames_wanted
+    return video_observations(name, models.observers, models.key, folder, wanted, run.times, models.superset_key)
+
+
+def write_result(
+    run: Run, found: DroneResult, source: Source, threshold: float, folder: str = "", video: Video | None = None
+) -> None:
+    """Write tracks, actions, report and, as ``video`` asks, an overlay, into ``folder`` of the result."""
+    run.columns = found.log.columns(found.tracks)
+    run.write(f"{folder}tracks.txt", lambda path: write_tracks(path, found.tracks))
+    run.write(f"{folder}tracks.json", lambda path: write_acting_tracks(path, found.people, found.names))
+    drawn = None
+    if video is not None:
+        captions, rate = captions_of(found.people, found.names, threshold), source.frame_rate
+        drawn = video.draw(
+            run, source, lambda path, again: write_overlay(path, again, found.tracks, rate, captions, 0.0)
+        )
+    report = ActionReport(source.name, found.people, found.names, found.log.frames, threshold, source.frame_rate)
+    page = action_page(report, drawn, run.times.seconds)
+    run.write(f"{folder}report.html", lambda path: path.write_text(page, encoding="utf-8"))

@@ -3,69 +3,24 @@
 One tracker covers three methods: the flow tracker without action features, with those of single frames (SAF), and with
 those of several frames (MAF), which are averaged along the tracks of the flow before; see `action_cost`. The camera's
 motion comes from the images, with how far it may be off.
+
+What people do along their tracks: probabilities of single frames, and averaged over windows (thesis eq. 5.3).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.association.action_cost import ActionCost
-from tsuiseki.tracking.association.flow.cost_network import CostChanges
-from tsuiseki.tracking.association.flow.flow_window import FlowCosts
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
-from tsuiseki.tracking.association.score_calibration import DetectionCost
-from tsuiseki.tracking.association.tracklets.chain_motion import MotionNoise
-from tsuiseki.tracking.drone.acting import acting_track
-from tsuiseki.tracking.features.motion.camera_motion import STANDS_STILL
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
-from tsuiseki.tracking.people.flow_input import InputSettings
-from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.association.costs import window_means
+from tsuiseki.tracking.association.learnt_costs import CostChanges
+from tsuiseki.tracking.drone.settings import DroneSettings
+from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraStep
+from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
-
-# Measured on generated clips with a detector of drawn people: its boxes of people from above are off by more than those
-# of a street, above all in their widths, and people are lower there than tall, so that they move by more of their
-# heights.
-DRONE_MOTION = MotionNoise((0.08, 0.25, 0.13), (0.5, 0.8, 0.3), (2.5, 0.2, 0.2))
-DRONE_FLOW = FlowSettings(
-    input=InputSettings(
-        detection=DetectionCost(offset=3.0, weight=0.5, least=0.02, interval=0.5), any_speed=False, unscored=0.4
-    ),
-    costs=FlowCosts(
-        link=LinkCost(
-            motion=DRONE_MOTION,
-            reach=(0.6, 0.6),
-            speed=(6.0, 6.0),
-            size=0.8,
-            neutral=(0.10, 0.07),
-            action=ActionCost(weight=(10.0, 25.0), neutral=(0.05, 0.04), least=0.3),
-        ),
-        entry=7.0,
-        exit=7.0,
-        places=None,
-    ),
-)
-
-
-@dataclass(frozen=True)
-class DroneSettings:
-    """Settings of the drone tracker.
-
-    Attributes:
-        flow: of the flow tracker.
-        window: λ of the actions that are reported, seconds.
-    """
-
-    flow: FlowSettings = field(default_factory=lambda: DRONE_FLOW)
-    window: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.window < np.inf:
-            raise ValueError(f"expected a window from 0, got {self.window}")
 
 
 class DroneTracker:
@@ -116,3 +71,20 @@ class DroneTracker:
     def facts(self) -> dict[str, Any]:
         """What ``run.json`` tells of the tracker, as of the last time that the tracks were asked for."""
         return self._flow.facts()
+
+
+def acting_track(track: Track, actions: FloatArray | None, half: int) -> ActingTrack:
+    """A track with what the person does in each of its frames; where it was not detected, as in between.
+
+    Args:
+        track: observed in D frames.
+        actions: ``(D, A)`` probabilities in those; None where nothing recognised them.
+        half: frames of the window before and after.
+    """
+    if actions is None:
+        return ActingTrack(track)
+    frames = track.frames[track.observed]
+    single = np.stack([np.interp(track.frames, frames, column) for column in actions.T], axis=1)
+    mine, at = np.zeros(len(frames), np.int64), np.zeros(len(track), np.int64)
+    multi = window_means(frames, mine, actions, track.frames, at, (half, half))
+    return ActingTrack(track, single, np.where(np.isnan(multi), single, multi))

@@ -12,22 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.association.action_cost import ActionCost
-from tsuiseki.tracking.association.flow.cost_network import CostChanges, CostNetwork
-from tsuiseki.tracking.association.rows import rows_of
-from tsuiseki.tracking.drone.acting import acting_track
-from tsuiseki.tracking.drone.models import DroneMethod, DroneModels, Finding
+from tsuiseki.tracking.association.costs import ActionCost
+from tsuiseki.tracking.association.detection_tables import rows_of
+from tsuiseki.tracking.association.learnt_costs import CostChanges, CostNetwork
+from tsuiseki.tracking.drone.models import DroneMethod, DroneModels, as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe
-from tsuiseki.tracking.drone.tracker import DroneSettings, DroneTracker
+from tsuiseki.tracking.drone.settings import DroneSettings
+from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.action import averaged
-from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike
-from tsuiseki.tracking.people.bridging import BridgingSettings
-from tsuiseki.tracking.people.finding import GivenDetections
-from tsuiseki.tracking.people.flow_output import long_tracks
-from tsuiseki.tracking.people.frame_log import FrameLog, shifted
-from tsuiseki.tracking.people.given_tracks import as_detections
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
+from tsuiseki.tracking.people.inputs import GivenDetections
+from tsuiseki.tracking.people.settings import FindingOptions
+from tsuiseki.tracking.people.tracker import FrameLog, shifted
+from tsuiseki.tracking.people.whole_flow import long_tracks
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.types.tracks import ActingTrack
@@ -47,7 +46,6 @@ def track_drone(
     affinity: str | Path | None = None,
     frames: str | None = None,
     settings: DroneSettings | None = None,
-    bridging: BridgingSettings | None = None,
     threads: int = 0,
     seed: int = 0,
 ) -> DroneResult:
@@ -67,7 +65,6 @@ def track_drone(
         affinity: file of costs learnt on whole tracks; by default those of the settings.
         frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
         settings: of flow, alternation and output.
-        bridging: how correlation filters follow people whom the detector misses for a few frames; None does without.
         threads: CPU threads of the networks; 0 takes all.
         seed: draws nothing; the methods here are exact.
 
@@ -83,9 +80,10 @@ def track_drone(
         raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
     if opened.live:
         raise RequestError("expected a video that can be played again, got a live source; record it first")
-    finding = Finding(detections, detector, threads=threads)
+    given: Any = {"detections": detections, "detector": detector}
+    finding = FindingOptions(**given, threads=threads, view="auto")
     streams = None if actions is None else [Path(path) for path in actions]
-    models = DroneModels.choose(opened, method, finding, appearance, streams, bridging=bridging)
+    models = DroneModels.choose(opened, method, finding, appearance, streams)
     times = StageTimes()
     changes = None if affinity is None else CostNetwork(affinity, threads)
     observations = observe(opened.frames(), models.observers, times)

@@ -1,24 +1,210 @@
-"""Actions of people by exported networks: the streams of thesis 5.2.1, batched over people."""
+"""What the streams of the action network see: square crops of the image and of the optical flow (thesis 5.2.1).
+
+Training and inference share it. Flow is kept as uint8 pictures of two channels a pair of frames: clipped to ``±limit``
+pixels, one grey level is ``limit / 127`` pixels and no motion is `NO_MOTION`, so that crops, padding and normalisation
+are those of images.
+
+Actions of people by exported networks: the streams of thesis 5.2.1, batched over people.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, get_args
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action_inputs import (
-    NO_MOTION,
-    ActionInput,
-    StreamName,
-    crop_squares,
-    flow_to,
-    square_boxes,
-)
-from tsuiseki.tracking.onnx import OnnxModel
-from tsuiseki.tracking.preprocessing import normalise
+from tsuiseki.tracking.features.camera_motion import camera_flow, camera_motion
+from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, FlowName, optical_flow
+from tsuiseki.tracking.onnx import ModelCard, OnnxModel
+from tsuiseki.tracking.preprocessing import FARTHEST, MOST_PIXELS, normalise
 from tsuiseki.tracking.types import FloatArray, ImageArray
+
+StreamName = Literal["rgb_local", "rgb_global", "flow_local", "flow_global"]
+STREAMS: tuple[StreamName, ...] = get_args(StreamName)
+LOCAL_STREAMS: tuple[StreamName, ...] = ("rgb_local", "flow_local")
+NO_MOTION = 128
+LEVELS = 127
+# Every channel of the flow is brought to [-1, 1]; see ModelCard.mean and .std.
+FLOW_MEAN, FLOW_STD = NO_MOTION / 255, LEVELS / 255
+# Outside the image: the mean colour, which normalisation turns into 0.
+RGB_FILL = (124, 116, 104)
+
+
+@dataclass(frozen=True)
+class ActionInput:
+    """What one stream takes.
+
+    Attributes:
+        stream: ``rgb`` or ``flow``, and ``local`` or ``global``.
+        size: side of the square input, pixels.
+        enlargement: side of the global crop in sides of the local one, μ of the thesis.
+        flow_limit: flow is clipped to this many pixels a frame.
+        stack: pairs of consecutive frames whose flow is stacked, the last one from t-1 to t.
+        flow: how flow is estimated.
+        compensate: whether the camera's motion is taken out of the flow.
+    """
+
+    stream: StreamName
+    size: int = 64
+    enlargement: float = 3.0
+    flow_limit: float = 20.0
+    stack: int = 1
+    flow: FlowName = "dis"
+    compensate: bool = False
+
+    def __post_init__(self) -> None:
+        if self.stream not in STREAMS:
+            raise ValueError(f"expected a stream of {', '.join(STREAMS)}; got {self.stream!r}")
+        if self.flow not in FLOW_METHODS:
+            raise ValueError(f"expected flow of {', '.join(FLOW_METHODS)}; got {self.flow!r}")
+        if self.size < 8 or self.enlargement < 1 or self.flow_limit <= 0 or self.stack < 1:
+            raise ValueError("expected size >= 8, enlargement >= 1, flow_limit > 0 and stack >= 1")
+
+    @property
+    def is_flow(self) -> bool:
+        """Whether it takes optical flow."""
+        return self.stream.startswith("flow")
+
+    @property
+    def channels(self) -> int:
+        """Of the input."""
+        return 2 * self.stack if self.is_flow else 3
+
+    @property
+    def scale(self) -> float:
+        """Side of the crop in longer sides of the box."""
+        return self.enlargement if self.stream.endswith("global") else 1.0
+
+    @classmethod
+    def from_card(cls, card: ModelCard) -> ActionInput:
+        """What an exported stream says that it takes.
+
+        Raises:
+            KeyError, TypeError, ValueError: its settings are incomplete or impossible.
+        """
+        settings = card.settings
+        return cls(
+            settings["stream"],
+            card.input_height,
+            float(settings["enlargement"]),
+            float(settings["flow_limit"]),
+            int(settings["stack"]),
+            settings["flow"],
+            bool(settings.get("compensate", False)),
+        )
+
+    def card(self, name: str, class_names: tuple[str, ...]) -> ModelCard:
+        """The contract of a stream's ONNX file."""
+        values = {
+            "stream": self.stream,
+            "crop": "square with the longer side of the box" + (", enlarged" if self.scale > 1 else ""),
+            "enlargement": self.enlargement,
+            "padding": "mean colour" if not self.is_flow else "no motion",
+            "flow_limit": self.flow_limit,
+            "flow": self.flow,
+            "flow_channels": "x and y from t-1 to t, pixels clipped to flow_limit and divided by it; camera "
+            + ("taken out" if self.compensate else "included"),
+            "compensate": self.compensate,
+            "stack": self.stack,
+        }
+        mean, std = ((FLOW_MEAN,) * self.channels, (FLOW_STD,) * self.channels) if self.is_flow else (None, None)
+        base = ModelCard("action", name, class_names, self.size, self.size, settings=values)
+        if mean is None or std is None:
+            return base
+        return ModelCard("action", name, class_names, self.size, self.size, mean=mean, std=std, settings=values)
+
+
+def flow_to(
+    before: ImageArray, image: ImageArray, method: FlowName, limit: float, *, compensate: bool = False
+) -> ImageArray:
+    """``(H, W, 2)`` uint8 levels of the motion from t-1 to t, seen from t.
+
+    What shows at a pixel of ``image`` has moved that far since ``before``: the flow from t to t-1 is computed and
+    turned round, so that it lies where people are in ``image``, even when the camera jerks by more than their size.
+
+    Args:
+        before: ``(H, W, 3)`` uint8 RGB, frame t-1.
+        image: frame t.
+        method: how flow is estimated.
+        limit: it is clipped to this many pixels.
+        compensate: whether the camera's motion is taken out, where it can be estimated.
+    """
+    flow = -optical_flow(image, before, FLOW_METHODS[method])
+    camera = camera_motion(before, image) if compensate else None
+    if camera is not None:
+        flow -= camera_flow(camera, (image.shape[1], image.shape[0]))
+    return flow_picture(flow, limit)
+
+
+def flow_picture(flow: NDArray[np.float32], limit: float = 20.0) -> ImageArray:
+    """``(H, W, 2)`` flow in pixels as uint8 levels, clipped to ``±limit``.
+
+    >>> flow_picture(np.array([[[0.0, 30.0]]], np.float32), 20.0).tolist()
+    [[[128, 255]]]
+    """
+    # One pass of OpenCV that scales, rounds and saturates: much faster than numpy on a whole frame.
+    levels = cv2.addWeighted(flow, LEVELS / limit, flow, 0.0, NO_MOTION, dtype=cv2.CV_8U)
+    return np.asarray(np.maximum(levels, NO_MOTION - LEVELS), dtype=np.uint8)
+
+
+def square_boxes(boxes: FloatArray, scale: float = 1.0) -> FloatArray:
+    """Squares around the centres of ``(N, 4)`` boxes, ``scale`` times their longer side.
+
+    >>> square_boxes(np.array([[0, 0, 2.0, 4.0]]), 3.0).tolist()
+    [[-5.0, -4.0, 7.0, 8.0]]
+    """
+    middle = (boxes[:, :2] + boxes[:, 2:]) / 2
+    half = scale * (boxes[:, 2:] - boxes[:, :2]).max(axis=1, initial=0.0, keepdims=True) / 2
+    return np.concatenate([middle - half, middle + half], axis=1)
+
+
+def crop_squares(image: ImageArray, squares: FloatArray, size: int) -> ImageArray:
+    """``(N, size, size, C)`` crops of ``(N, 4)`` squares of an ``(H, W, C)`` uint8 image.
+
+    What lies outside the image is filled: with the mean colour where C is 3, else with `NO_MOTION`. A crop is never
+    squeezed.
+    """
+    rows, columns, channels = image.shape
+    fill = RGB_FILL if channels == 3 else (NO_MOTION,) * channels
+    crops = np.empty((len(squares), size, size, channels), dtype=np.uint8)
+    for crop, square in zip(crops, squares, strict=True):
+        x, y = np.rint(np.clip(square[:2], -FARTHEST, FARTHEST)).astype(int).tolist()
+        side = max(1, round(min(float(square[2] - square[0]), FARTHEST)))
+        left, top, right, bottom = max(x, 0), max(y, 0), min(x + side, columns), min(y + side, rows)
+        if right <= left or bottom <= top:
+            crop[:] = fill
+            continue
+        inner = image[top:bottom, left:right]
+        if side * side > MOST_PIXELS + rows * columns:
+            crop[:] = fill
+            a, b, c, d = (round(v * size / side) for v in (left - x, top - y, right - x, bottom - y))
+            if c > a and d > b:
+                crop[b:d, a:c] = cv2.resize(inner, (c - a, d - b), interpolation=cv2.INTER_AREA).reshape(
+                    d - b, c - a, -1
+                )
+            continue
+        if (right - left, bottom - top) != (side, side):
+            margins = (top - y, y + side - bottom, left - x, x + side - right)
+            inner = _padded(inner, margins, fill)
+        # Area averaging avoids aliasing when shrinking; bilinear when enlarging.
+        cv2.resize(inner, (size, size), dst=crop, interpolation=cv2.INTER_AREA if side > size else cv2.INTER_LINEAR)
+    return crops
+
+
+def _padded(image: ImageArray, margins: tuple[int, int, int, int], fill: tuple[int, ...]) -> ImageArray:
+    """``image`` with margins top, bottom, left and right of one colour; of any number of channels."""
+    top, bottom, left, right = margins
+    rows, columns, channels = image.shape
+    padded = np.empty((rows + top + bottom, columns + left + right, channels), dtype=np.uint8)
+    padded[:] = fill
+    padded[top : top + rows, left : left + columns] = image
+    return padded
 
 
 class ActionRecogniser:

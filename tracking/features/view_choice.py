@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from tsuiseki.tracking.features.networks.exported import Detector, SizedDetect
+from tsuiseki.tracking.features.exported import Detector, SizedDetect
 from tsuiseki.tracking.features.views import EVERY_TILE, LARGEST_SCALE, MOST_COLUMNS, TiledDetector, View, view_of
 from tsuiseki.tracking.types import Detections, ImageArray
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import SizedDetect
+from tsuiseki.tracking.features.exported import SizedDetect
 from tsuiseki.tracking.geometry import areas, intersections, suppress
 from tsuiseki.tracking.preprocessing import enlarged
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray, IntArray

@@ -10,7 +10,8 @@ A filter is a frozen dataclass of settings with two functions:
 Neither changes what it is given. All randomness is ``rng``: the same seed gives the same result. What a filter is made
 of is an argument:
 
-* a motion ``f(particles, seconds, rng)`` draws the next states, `Motion`;
+* a motion ``f(states, seconds, rng)`` draws the next states, `Motion`; all are in `tsuiseki.tracking.filters.motion`.
+  One that is linear with Gaussian noise may also say so in matrices, `LinearMotion`;
 * a proposal ``f(particles, observation, rng)`` does so knowing the observation, `Proposal`;
 * a likelihood ``f(particles, observation)`` is a logarithm, `LogLikelihood`;
 * births ``draw(observation, rng)`` propose new targets, `Births`;
@@ -28,7 +29,6 @@ a template from images.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
@@ -47,10 +47,18 @@ class Motion(Protocol):
     """Draws the states ``(N, D)`` after ``seconds`` > 0, given the states ``(N, D)`` now, equation (1) of the
     finite-sets paper.
 
-    A motion that is known for one frame only counts in frames (`each_frame`): there one frame stands for a second.
+    A motion that is known for one frame only counts in frames (`whole_frames`): there one frame stands for a second.
     """
 
-    def __call__(self, particles: FloatArray, seconds: float, rng: np.random.Generator, /) -> FloatArray: ...
+    def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator, /) -> FloatArray: ...
+
+
+class LinearMotion(Protocol):
+    """A motion that is linear with Gaussian noise, which Kalman filters and smoothers take instead of draws."""
+
+    def linear(self, seconds: float, /) -> tuple[FloatArray, FloatArray]:
+        """Transition ``(D, D)`` and covariance of the noise ``(D, D)`` over ``seconds`` > 0."""
+        ...
 
 
 class Proposal(Protocol[ObservationIn]):
@@ -151,22 +159,16 @@ class Running(Generic[State, Observation, Info]):
         return info
 
 
-def each_frame(move: Callable[[FloatArray, np.random.Generator], FloatArray]) -> Motion:
-    """The motion whose one frame is ``move(particles, rng)``, repeated for each frame that passed.
+def whole_frames(seconds: float) -> int:
+    """The time as a number of frames, for a motion that is known for one frame.
 
     Raises:
-        ValueError: (of the motion) the time is not a whole number of frames from 1.
+        ValueError: it is not a whole number from 1.
     """
-
-    def motion(particles: FloatArray, frames: float, rng: np.random.Generator) -> FloatArray:
-        count = round(frames)
-        if count < 1 or count != frames:
-            raise ValueError(f"expected a whole number of frames from 1, got {frames}")
-        for _ in range(count):
-            particles = move(particles, rng)
-        return particles
-
-    return motion
+    count = round(seconds)
+    if count < 1 or count != seconds:
+        raise ValueError(f"expected a whole number of frames from 1, got {seconds}")
+    return count
 
 
 def bootstrap(motion: Motion, seconds: float = 1.0) -> Proposal[object]:

@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Literal
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.run import Run, count, frames_expected
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.foreign_options import DetectorOptions
-from tsuiseki.tracking.fisheye.tracker import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings
-from tsuiseki.tracking.fisheye.unrolled import UnrollingSettings
-from tsuiseki.tracking.people.finding_options import Detecting
+from tsuiseki.tracking.features.foreign_options import DetectorOptions
+from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings, UnrollingSettings
+from tsuiseki.tracking.people.settings import Detecting
 from tsuiseki.tracking.weights import shipped
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.fisheye.floor_gate import FloorGate
     from tsuiseki.tracking.fisheye.page import FloorSection
     from tsuiseki.tracking.fisheye.tracking import CeilingSource
+    from tsuiseki.tracking.fisheye.view import FloorGate
     from tsuiseki.tracking.types import Detections
     from tsuiseki.tracking.types.tracks import FloorTrack
 
@@ -84,18 +83,16 @@ def fisheye(
     """
     from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
-    from tsuiseki.tracking.features.networks.exported import Detect, open_appearance, open_detector
-    from tsuiseki.tracking.fisheye.floor_gate import FloorGate
-    from tsuiseki.tracking.fisheye.found_boxes import FoundBoxes
-    from tsuiseki.tracking.fisheye.looking import DETECTORS, looking
+    from tsuiseki.tracking.features.exported import Detect, open_appearance, open_detector
     from tsuiseki.tracking.fisheye.page import floor_page
-    from tsuiseki.tracking.fisheye.starts import BestScore
     from tsuiseki.tracking.fisheye.tracking import (
         given_detections,
         link_on_floor,
         open_ceiling,
         people_on_floor,
     )
+    from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
+    from tsuiseki.tracking.fisheye.view import BestScore, FloorGate, FoundBoxes
     from tsuiseki.tracking.formats.rotated import write_rotated_detections
 
     if detections is not None and (len(detections) != len(source) or finding.detector is not None):

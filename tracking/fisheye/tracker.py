@@ -21,69 +21,23 @@ The thesis leaves these points open; here:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign
-from tsuiseki.tracking.association.costs import HandSetCost, ObservationCost
-from tsuiseki.tracking.association.gating import GateSettings
-from tsuiseki.tracking.association.rows import rows_of
-from tsuiseki.tracking.fisheye.pairwise_flow import PairwiseCosts, pairwise_tracks
-from tsuiseki.tracking.people.flow_output import long_tracks
-from tsuiseki.tracking.people.record import Record
+from tsuiseki.tracking.association.detection_tables import rows_of
+from tsuiseki.tracking.association.pairwise_flow import GateSettings, HandSetCost, PairwiseCosts, pairwise_tracks
+from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings
+from tsuiseki.tracking.people.lifecycle import Record
+from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
-from tsuiseki.tracking.types.floor import FloorDetections
-from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 
 # Side of the square that stands for a person on the floor's plan, metres: distances in heights are then in metres.
 SQUARE = 1.0
 # Frames after which what came of no track is dropped.
 PRUNED = 200
-
-
-@dataclass(frozen=True)
-class FisheyeSettings:
-    """How detections are matched to tracks.
-
-    Attributes:
-        by_appearance: match by appearance in the first stage.
-        by_place: match by place in the second stage, and gate the first stage by place.
-        feature_gate: ε_feat, the largest cosine distance of a match by appearance, in [0, 2].
-        reach: ε_pos right after a detection, metres, at least 0.
-        speed: growth of ε_pos with the time since the last detection, m/s, at least 0.
-        place_feature_gate: the largest cosine distance of a match by place, in [0, 2]; 2 asks nothing, as the thesis,
-            and the track of a person who is missed may go on with furniture.
-        memory: time constant with which a track's velocity decays, seconds, above 0.
-        noise: time constant over which measured places are averaged, seconds, above 0.
-        update: weight of the newest feature in a track's running mean, in (0, 1].
-        confirm: seconds with a detection in every frame that confirm a track, at least 0; one detection at least.
-        max_age: seconds without a detection after which a track ends, at least 0.
-        start_score: least score of a detection that starts a track; one without a score always may.
-    """
-
-    by_appearance: bool = True
-    by_place: bool = True
-    feature_gate: float = 0.5
-    reach: float = 0.9
-    speed: float = 1.4
-    place_feature_gate: float = 0.5
-    memory: float = 1.0
-    noise: float = 0.15
-    update: float = 0.3
-    confirm: float = 0.2
-    max_age: float = 3.0
-    start_score: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not (self.by_appearance or self.by_place):
-            raise ValueError("expected matching by appearance or by place, got neither")
-        if not (0 <= self.feature_gate <= 2 and self.reach >= 0 and self.speed >= 0 and 0 < self.update <= 1):
-            raise ValueError("expected feature_gate in [0, 2], reach and speed from 0, and update in (0, 1]")
-        if not 0 <= self.place_feature_gate <= 2:
-            raise ValueError("expected place_feature_gate in [0, 2]")
-        if not (self.memory > 0 and self.noise > 0 and self.confirm >= 0 and self.max_age >= 0):
-            raise ValueError("expected memory and noise above 0, confirm and max_age from 0 seconds")
 
 
 @dataclass(frozen=True)
@@ -236,41 +190,6 @@ def _joined(number: int, rows: Sequence[tuple[int, FloorDetections, int]]) -> Fl
         np.array([found.rotated[k] for _, found, k in rows]),
         np.array([found.places[k] for _, found, k in rows]),
     )
-
-
-@dataclass(frozen=True)
-class FloorFlowSettings:
-    """The minimum-cost flow on the floor.
-
-    Attributes:
-        window: longest time between two linked detections, seconds.
-        reach: largest distance between two linked detections of one time, metres.
-        speed: growth of that distance with the time between them, m/s.
-        noise: scale of the difference of two measured places of one person who stands still, metres; see `HandSetCost`.
-        pace: scale of a person's velocity, m/s.
-        appearance: weight of the cosine distance of two features, at least 0.
-        neutral: cosine distance that leaves the cost of a link as it is, in [0, 2].
-        bias: exponent of the cost of a link between equal places with the neutral cosine distance.
-        entry: cost of a track's start and of its end, at least 0.
-        min_seconds: shorter tracks are dropped; at least one detection is asked.
-        observation: cost of a detection. At 1 frame a second a track has few detections, and they must outweigh the
-            cost of its start and end.
-    """
-
-    window: float = 3.0
-    reach: float = 0.8
-    speed: float = 1.5
-    noise: float = 0.25
-    pace: float = 0.8
-    appearance: float = 10.0
-    neutral: float = 0.3
-    bias: float = -4.0
-    entry: float = 2.0
-    min_seconds: float = 0.2
-    observation: ObservationCost = field(default_factory=lambda: ObservationCost(alpha=2.0, beta=-6.0))
-
-
-DEFAULT_FLOW = FloorFlowSettings()
 
 
 def flow_on_floor(

@@ -12,15 +12,10 @@ import numpy as np
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras
 from tsuiseki.tracking.cameras.person_model import PersonModel, cached_table
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detect
-from tsuiseki.tracking.fisheye.floor_gate import FloorGate
-from tsuiseki.tracking.fisheye.tracker import (
-    FisheyeSettings,
-    FisheyeTracker,
-    FloorFlowSettings,
-    flow_on_floor,
-)
-from tsuiseki.tracking.fisheye.view import CeilingView
+from tsuiseki.tracking.features.exported import Detect
+from tsuiseki.tracking.fisheye.settings import FisheyeSettings, FloorFlowSettings
+from tsuiseki.tracking.fisheye.tracker import FisheyeTracker, flow_on_floor
+from tsuiseki.tracking.fisheye.view import CeilingView, FloorGate
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.rotated import (
     as_detections,
@@ -28,10 +23,9 @@ from tsuiseki.tracking.formats.rotated import (
     read_rotated_detections,
     read_rotated_labels,
 )
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame
-from tsuiseki.tracking.types.floor import FloorDetections
-from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import Source, open_source
 

@@ -4,22 +4,24 @@ A fisheye picture from a ceiling shows people lying outward, and no two directio
 everybody stands upright. Rings of tiles show them at several scales, those who are near and those who are farther away;
 a view straight down shows who is right below. What is found there goes back to the picture as boxes turned about their
 centres, unless it is lower or higher than people are.
+
+What a detector of people looks at under a ceiling camera, and which one ships for that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.cameras.camera import Camera
 from tsuiseki.tracking.cameras.panorama import CylinderView, DownwardView
-from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detect
+from tsuiseki.tracking.cameras.person_model import FloorCamera
+from tsuiseki.tracking.cameras.projective import Camera
+from tsuiseki.tracking.features.exported import Detect, SizedDetect
+from tsuiseki.tracking.fisheye.settings import UnrollingSettings
 from tsuiseki.tracking.geometry import rotated_intersections
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray
 
@@ -28,41 +30,6 @@ Tile: TypeAlias = CylinderView | DownwardView
 AT_BORDER = 0.008
 # Of a box's diameter, how near to the point below the camera it must lie for the view down to be believed.
 BELOW = 0.6
-MOST_TILES = 16
-
-
-@dataclass(frozen=True)
-class UnrollingSettings:
-    """The views.
-
-    Attributes:
-        rings: number of tiles of each ring about the camera. More tiles show people larger; with tiles of 4:3 a ring
-            of n shows those whole who stand farther away than n / 6 of the camera's height.
-        downward: look straight down, too.
-        overlap: share of a tile that the next one shows again, in [0, 0.5].
-        horizon: row of a tile that is as high as the camera, share of the height.
-        iou: overlap from which two turned boxes are one person.
-        inside: share of a box of one tile within that of another from which they are one person.
-        heights: (least, greatest) height over the floor that a person's box may reach, metres: it follows from the rows
-            of head and feet and from the camera's height.
-    """
-
-    rings: tuple[int, ...] = (1, 4)
-    downward: bool = True
-    overlap: float = 0.25
-    horizon: float = 0.03
-    iou: float = 0.4
-    inside: float = 0.7
-    heights: tuple[float, float] = (0.7, 2.4)
-
-    def __post_init__(self) -> None:
-        if not self.rings or min(self.rings) < 1 or max(self.rings) > MOST_TILES or not 0 <= self.overlap <= 0.5:
-            raise RequestError(
-                f"unrolled views: expected rings of 1 to {MOST_TILES} tiles and an overlap in [0, 0.5], got rings "
-                f"{','.join(map(str, self.rings)) or 'none'} and overlap {self.overlap:g}"
-            )
-        if not 0 <= self.heights[0] < self.heights[1]:
-            raise RequestError(f"unrolled views: expected heights as (least, greatest) from 0, got {self.heights}")
 
 
 def tiles_around(camera: Camera, size: tuple[int, int], settings: UnrollingSettings) -> list[Tile]:
@@ -222,3 +189,19 @@ def _distinct(boxes: FloatArray, scores: FloatArray, owner: np.ndarray, settings
         if not same.any():
             kept.append(k)
     return np.array(kept, dtype=np.int64)
+
+
+CeilingLook: TypeAlias = Literal["unrolled", "image"]
+# The shipped detector for each way of looking.
+DETECTORS: dict[CeilingLook, str] = {"unrolled": "detector_ceiling", "image": "detector_drone"}
+# Height and width of a tile for a network that takes any size, pixels.
+TILE = (480, 640)
+
+
+def looking(
+    detector: SizedDetect, camera: FloorCamera, look: CeilingLook, unrolling: UnrollingSettings | None = None
+) -> Detect:
+    """``detector`` as it looks at a ceiling camera's images: at them as they are, or at the views they unroll into."""
+    if look == "image":
+        return detector
+    return UnrolledDetector(detector, camera, detector.input_size or TILE, unrolling)

@@ -1,19 +1,29 @@
-"""Detections of a ceiling camera before tracking: boxes, rotated boxes, floor positions, appearance features."""
+"""Detections of a ceiling camera before tracking: boxes, rotated boxes, floor positions, appearance features.
+
+Leaves out detections that belong to nobody on the floor: the look-up would put them at its edge.
+
+The rotated boxes of all detections of a source, as `tracking.formats.space.rotated` writes and reads them.
+
+Why nobody was tracked: detections that all score below what starts a track.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, PersonTable
 from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
-from tsuiseki.tracking.features.networks.exported import Describe
-from tsuiseki.tracking.formats.rotated import about_bodies
-from tsuiseki.tracking.timing import StageTimes
-from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
-from tsuiseki.tracking.types.floor import FloorDetections
+from tsuiseki.tracking.features.exported import Describe
+from tsuiseki.tracking.formats.rotated import RotatedBoxes, about_bodies, half_turned
+from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray
+from tsuiseki.tracking.types.tracks import FloorDetections
+from tsuiseki.tracking.video.image_folder import ImageFolder
+from tsuiseki.tracking.video.source import Source
 
 Crops = Literal["image", "upright", "standing"]
 # Height and width of a crop, pixels: what the shipped appearance network takes.
@@ -90,3 +100,91 @@ def as_unturned(boxes: FloatArray) -> FloatArray:
     """``(N, 5)`` rotated boxes of angle 0 from ``(N, 4)`` x1, y1, x2, y2."""
     centre, size = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
     return np.concatenate([centre, size, np.zeros((len(boxes), 1))], axis=1)
+
+
+# How far outside somebody may seem to stand, metres, and besides as a share of the distance: boxes are not exact.
+MARGIN, SHARE = 1.0, 0.15
+
+
+@dataclass
+class FloorGate:
+    """Keeps who stands on the floor, and counts the others.
+
+    Attributes:
+        camera: over the floor.
+        floor: ``(4,)`` x1, y1, x2, y2, metres.
+        middle: height of the middle of a person, metres.
+        left_out: detections so far that belong to nobody on the floor.
+    """
+
+    camera: FloorCamera
+    floor: FloatArray
+    middle: float
+    left_out: int = 0
+
+    def keep(self, found: Detections) -> Detections:
+        """The detections of those on the floor."""
+        inside = self.inside(found.boxes)
+        self.left_out += int((~inside).sum())
+        return found if inside.all() else found.select(inside)
+
+    def inside(self, boxes: FloatArray) -> BoolArray:
+        """``(N,)`` whether the middles of ``(N, 4)`` boxes are those of people on the floor."""
+        places = self.camera.ground((boxes[:, :2] + boxes[:, 2:]) / 2, self.middle)[:, :2]
+        allowed = MARGIN + SHARE * np.linalg.norm(places - self.camera.position[:2], axis=1, keepdims=True)
+        # A pixel at or above the horizon has no place: every comparison with it is False.
+        return np.asarray(((places >= self.floor[:2] - allowed) & (places <= self.floor[2:] + allowed)).all(axis=1))
+
+
+@dataclass
+class FoundBoxes:
+    """Keeps what passes through.
+
+    Attributes:
+        source: of the frames; the images of a folder are named as their files without suffix, other frames by their
+            number from 1.
+        boxes: by the image's name.
+    """
+
+    source: Source
+    boxes: dict[str, RotatedBoxes] = field(default_factory=dict)
+
+    def watched(self, people: Iterable[FloorDetections]) -> Iterator[FloorDetections]:
+        """The same, frame by frame."""
+        images = self.source.images if isinstance(self.source, ImageFolder) else ()
+        for index, each in enumerate(people):
+            name = images[index].stem if images else str(index + 1)
+            rows = each.rotated.copy()
+            rows[:, 4] = half_turned(rows[:, 4])
+            self.boxes[name] = RotatedBoxes(rows, np.full(len(rows), -1), each.detections.scores)
+            yield each
+
+
+@dataclass
+class BestScore:
+    """Watches the scores of what passes through.
+
+    Attributes:
+        number: of detections so far.
+        best: the highest score so far; infinite where a detection has none, for it may always start a track.
+    """
+
+    number: int = 0
+    best: float = -np.inf
+
+    def watched(self, people: Iterable[FloorDetections]) -> Iterator[FloorDetections]:
+        """The same, frame by frame."""
+        for each in people:
+            scores = each.detections.scores
+            self.number += len(scores)
+            self.best = max(self.best, float(np.nan_to_num(scores, nan=np.inf).max(initial=-np.inf)))
+            yield each
+
+    def too_low(self, start_score: float) -> str:
+        """What to tell where no detection starts a track from ``start_score`` on; empty where one does."""
+        if self.number == 0 or self.best >= start_score:
+            return ""
+        return (
+            f"; none of {self.number} detections scores {start_score:g}, from which a track starts: the best has "
+            f"{self.best:.2f}; give a lower `hungarian.start_score`, or `method` flow"
+        )

@@ -5,7 +5,7 @@
     tracker = tsuiseki.Sort()
     people = tracker.update(detections)
 
-`docs/python.md` shows them all at work. What is not named here is internal and may change.
+`docs/how-to/python.md` shows them all at work. What is not named here is internal and may change.
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.animals.tracking import SkeletonSettings, track_animals
     from tsuiseki.tracking.bodies.tracker import DeformableSettings
     from tsuiseki.tracking.bodies.tracking import follow_deformable, track_deformable
-    from tsuiseki.tracking.drone.tracker import DroneSettings
+    from tsuiseki.tracking.drone.settings import DroneSettings
     from tsuiseki.tracking.drone.tracking import track_drone
     from tsuiseki.tracking.errors import RequestError, RunError
     from tsuiseki.tracking.evaluation.calls import evaluate_people, evaluate_points, evaluate_target
-    from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+    from tsuiseki.tracking.features.exported import Appearance, Detector
     from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
     from tsuiseki.tracking.interchange import as_detections
     from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings
     from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
-    from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+    from tsuiseki.tracking.people.flow import FlowTracker
+    from tsuiseki.tracking.people.flow_input import FlowSettings
     from tsuiseki.tracking.people.ocsort import OcSort, OcSortSettings
     from tsuiseki.tracking.people.sort import Sort, SortSettings
     from tsuiseki.tracking.people.tracking import follow_people, track_people
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.points.measurement_tracking import follow_measurements, track_measurements
     from tsuiseki.tracking.points.tracker import PointSettings, PointTracker
     from tsuiseki.tracking.points.tracking import follow_blobs, follow_points, track_blobs, track_points
-    from tsuiseki.tracking.single.tracking import follow
+    from tsuiseki.tracking.single.run import follow
     from tsuiseki.tracking.sphere.points import track_sphere_points
     from tsuiseki.tracking.sphere.settings import SphereSettings
     from tsuiseki.tracking.sphere.tracking import follow_sphere, track_sphere
@@ -60,7 +61,7 @@ _MODULES = {
     "evaluation.calls": "evaluate_people evaluate_points evaluate_target",
     "points.measurement_tracking": "follow_measurements track_measurements",
     "people.tracking": "follow_people track_people",
-    "single.tracking": "follow",
+    "single.run": "follow",
     "sphere.tracking": "follow_sphere track_sphere",
     "sphere.points": "track_sphere_points",
     "sphere.settings": "SphereSettings",
@@ -163,7 +164,7 @@ def _imported(module: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        from tsuiseki.tracking.opencv import explained
+        from tsuiseki.tracking.errors import explained
 
         known = explained(error)
         if known is None:

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.features.motion.camera_path import moved_boxes
+from tsuiseki.tracking.features.camera_path import moved_boxes
 from tsuiseki.tracking.geometry import centres, clip_boxes, iou_matrix, suppress
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray

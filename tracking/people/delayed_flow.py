@@ -21,14 +21,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsuiseki.tracking.association.flow.flow_window import CONTEXT, FlowWindow
+from tsuiseki.tracking.association.flow_window import CONTEXT, FlowWindow
 from tsuiseki.tracking.association.nearby import Pairs
-from tsuiseki.tracking.association.tracklets.interpolation import SmoothingSettings
-from tsuiseki.tracking.association.tracklets.joining import join
-from tsuiseki.tracking.association.tracklets.smoothness import fit_smoothing
-from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
-from tsuiseki.tracking.people.flow_output import long_tracks, reported
-from tsuiseki.tracking.people.flow_settings import FlowSettings
+from tsuiseki.tracking.association.smoothing import SmoothingSettings, fit_smoothing
+from tsuiseki.tracking.association.tracklets import join
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, solve_window
+from tsuiseki.tracking.people.whole_flow import long_tracks, reported
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Targets, Track
 
 # Decisions in one delay: the more, the later in its delay a frame is settled, and the more is computed.
@@ -137,24 +135,24 @@ class DelayedFlow:
         """Take in the waiting frames."""
         if not self._waiting:
             return
-        seen, scores = self.input.rows(self._waiting)
+        table, scores = self.input.rows(self._waiting)
         self._waiting = ()
         self.window.costs = self.input.flow_costs(self.settings.costs)
-        self.window.add(seen)
+        self.window.add(table)
         self._scores = np.append(self._scores, scores)
-        self._owner = np.append(self._owner, np.full(len(seen), -1))
+        self._owner = np.append(self._owner, np.full(len(table), -1))
 
     def _tracks(self) -> IntArray:
         """``(N,)`` track of each detection as far as is known now, tracklets joined; -1 for none."""
-        seen, settings = self.window.seen, self.settings
+        table, settings = self.window.table, self.settings
         labels = self.window.labels()
         # A detection that was forgotten as nobody's stays so.
         labels[~self.window.free() & (self._owner < 0)] = -1
         if settings.join is None or not (labels >= 0).any():
             return labels
         known = self._known(labels, (self._owner < 0) & (labels >= 0))
-        features = None if seen.features is None else mean_of(known.sums[:, 3:])
-        return join(seen, labels, features, self.window.costs.link, settings.join, self.window.changes, known.ids > 0)
+        features = None if table.features is None else mean_of(known.sums[:, 3:])
+        return join(table, labels, features, self.window.costs.link, settings.join, self.window.changes, known.ids > 0)
 
     def _known(self, tracks: IntArray, rows: BoolArray) -> People:
         """What is known of M tracks: what is settled of the people in them, and detections besides."""
@@ -173,7 +171,7 @@ class DelayedFlow:
         """``(K, 3 + D)`` of detections: 1, the logit of the probability, whether described, and the features."""
         logit = self.input.logits(self._scores[rows])
         evidence = [np.ones(len(logit)), logit]
-        features = self.window.seen.features
+        features = self.window.table.features
         if features is None:
             return np.column_stack([*evidence, np.zeros(len(logit))])
         described = np.asarray(~np.isnan(features[rows]).any(axis=1))
@@ -185,11 +183,11 @@ class DelayedFlow:
         Returns:
             The numbers of detections that joins put one after the other, and ``(M,)`` ids of tracks, 0 for none.
         """
-        seen, free = self.window.seen, (self._owner < 0) & (tracks >= 0)
+        table, free = self.window.table, (self._owner < 0) & (tracks >= 0)
         known = self._known(tracks, free)
         believed = (known.ids > 0) | self._believed(known.sums)
         until = np.append(np.where(believed, before, min(before, self._frame + 1 - self.window.overlap)), -1)
-        bound = free & (seen.frames < until[tracks])
+        bound = free & (table.frames < until[tracks])
         settled = np.flatnonzero((self._owner >= 0) | bound)
         track, first, person = np.unique(tracks[settled], return_index=True, return_inverse=True)
         fresh = np.flatnonzero(believed[track] & (known.ids[track] == 0))
@@ -201,8 +199,8 @@ class DelayedFlow:
         self._owner[settled] = person
         order = settled[np.argsort(tracks[settled], kind="stable")]
         one, other = order[:-1], order[1:]
-        joined = (tracks[one] == tracks[other]) & (self.window.follower[one] != seen.numbers[other])
-        return (seen.numbers[one[joined]], seen.numbers[other[joined]]), ids
+        joined = (tracks[one] == tracks[other]) & (self.window.follower[one] != table.numbers[other])
+        return (table.numbers[one[joined]], table.numbers[other[joined]]), ids
 
     def _believed(self, sums: FloatArray) -> BoolArray:
         """``(M,)`` which tracks have enough detections, and good ones, to be answered."""
@@ -215,15 +213,15 @@ class DelayedFlow:
 
     def _answer(self, tracks: IntArray, ids: IntArray, before: int) -> None:
         """Answer the frames up to one that are not answered yet."""
-        seen, settings = self.window.seen, self.settings
+        table, settings = self.window.table, self.settings
         longest = round(settings.fill * self.input.frame_rate)
         found, images = [], []
         for rows in long_tracks(tracks):
             number = int(ids[tracks[rows[0]]])
-            if number and seen.frames[rows[-1]] >= self._answered:
-                track = Track(number, seen.frames[rows], seen.boxes[rows], np.nan_to_num(self._scores[rows]))
+            if number and table.frames[rows[-1]] >= self._answered:
+                track = Track(number, table.frames[rows], table.boxes[rows], np.nan_to_num(self._scores[rows]))
                 found.append(track)
-                images.append(seen.image[rows])
+                images.append(table.image[rows])
         smoothing, camera = self._strength(found), self.input.camera
         parts = [
             reported(track, image, camera, longest, smoothing, self._answered)
@@ -242,11 +240,11 @@ class DelayedFlow:
 
     def _forget(self, joins: Pairs, before: int) -> None:
         """Let go of what no later frame can ask for."""
-        numbers, first = self.window.seen.numbers, before - self._reach
+        numbers, first = self.window.table.numbers, before - self._reach
         self.window.settle(numbers[self._owner >= 0], before, self._frame - 1, joins, first)
-        kept = np.isin(numbers, self.window.seen.numbers, assume_unique=True)
+        kept = np.isin(numbers, self.window.table.numbers, assume_unique=True)
         self._scores, self._owner = self._scores[kept], self._owner[kept]
-        self.input.camera.forget(min(first, int(self.window.seen.frames.min(initial=first))))
+        self.input.camera.forget(min(first, int(self.window.table.frames.min(initial=first))))
         if self.input.path is not None:
             # Others may follow the same path, and have yet to ask how the camera came to the newest frame.
             self.input.path.forget(self._frame - 1)

@@ -7,16 +7,14 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
-from tsuiseki.tracking.association.flow.cost_network import CostChanges, ProjectsAppearance
-from tsuiseki.tracking.association.flow.flow_window import FlowWindow
+from tsuiseki.tracking.association.flow_window import FlowWindow
+from tsuiseki.tracking.association.learnt_costs import CostChanges, ProjectsAppearance
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraTrajectory
-from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
+from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory
+from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
-from tsuiseki.tracking.people.flow_input import FlowInput
-from tsuiseki.tracking.people.flow_settings import FlowSettings
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.people.whole_flow import WholeFlow
 from tsuiseki.tracking.types import FloatArray, Targets, Track
 
@@ -43,6 +41,8 @@ class FlowTracker:
         seed: taken as by all trackers; nothing is drawn.
         changes: by how much costs learnt on whole tracks differ from the settings'; by default not at all.
         delay: seconds from a frame to its answer, 0 or more; None answers at the end.
+        drop_straddling: without a delay, drop tracks most of whose detections lie on the boxes of others; see
+            `straddling_tracks`.
 
     With a delay or with ``changes`` all places are taken alike, whatever ``settings.costs.places`` says: the one
     answers before all tracks could be looked at twice, the others were learnt so.
@@ -68,6 +68,7 @@ class FlowTracker:
         seed: int = 0,  # noqa: ARG002
         changes: CostChanges | None = None,
         delay: float | None = None,
+        drop_straddling: bool = False,
     ) -> None:
         if not 0 < frame_rate < np.inf:
             raise ValueError(f"expected a frame rate above 0, got {frame_rate}")
@@ -86,7 +87,7 @@ class FlowTracker:
         self._changes = changes
         self._flow: WholeFlow | DelayedFlow
         if delay is None:
-            self._flow = WholeFlow(settings, given, window)
+            self._flow = WholeFlow(settings, given, window, drop_straddling)
         else:
             self._flow = DelayedFlow(settings, given, window, round(delay * frame_rate))
         self._looked_at = self._flow

@@ -10,19 +10,18 @@ from statistics import median
 import numpy as np
 
 from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes, Steps, steps_from_boxes
+from tsuiseki.tracking.association.chain_motion import MotionNoise
 from tsuiseki.tracking.association.costs import ScoreCost
-from tsuiseki.tracking.association.flow.first_prices import Believed
-from tsuiseki.tracking.association.flow.flow_window import FlowCosts, FlowWindow
-from tsuiseki.tracking.association.flow.seen import Seen
-from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
-from tsuiseki.tracking.association.occlusion import hidden_parts
-from tsuiseki.tracking.association.rows import DetectionRows, rows_of
-from tsuiseki.tracking.association.score_calibration import DetectionCost
-from tsuiseki.tracking.association.tracklets.chain_motion import Measurements, MotionNoise
-from tsuiseki.tracking.association.video_evidence import VideoEvidence
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep, CameraTrajectory
-from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
+from tsuiseki.tracking.association.detection_tables import DetectionRows, DetectionTable, Measurements, rows_of
+from tsuiseki.tracking.association.flow_rounds import Believed
+from tsuiseki.tracking.association.flow_window import FlowCosts, FlowWindow
+from tsuiseki.tracking.association.nearby import centres, hidden_parts, near_pairs, sizes
+from tsuiseki.tracking.association.smoothing import FittedSmoothing
+from tsuiseki.tracking.association.tracklets import JoinSettings
+from tsuiseki.tracking.association.video_evidence import DetectionCost, VideoEvidence
+from tsuiseki.tracking.features.camera_motion import CameraStep
+from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory
+from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 
@@ -114,7 +113,7 @@ class FlowInput:
         other.camera, other.evidence = self.camera.copy(), self.evidence.copy()
         return other
 
-    def rows(self, found: Sequence[Detections]) -> tuple[Seen, FloatArray]:
+    def rows(self, found: Sequence[Detections]) -> tuple[DetectionTable, FloatArray]:
         """The detections of the next frames, and their scores.
 
         Args:
@@ -139,7 +138,7 @@ class FlowInput:
             self._noise(rows),
             self.camera.variance(rows.frames),
         )
-        seen = Seen(
+        seen = DetectionTable(
             rows.numbers,
             rows.frames,
             rows.boxes,
@@ -289,3 +288,51 @@ def duplicates(frames: IntArray, boxes: FloatArray, scores: FloatArray, overlap:
     known = np.nan_to_num(scores, nan=-np.inf)
     double[np.where(known[j] > known[i], i, j)] = True
     return double
+
+
+@dataclass(frozen=True)
+class FlowSettings:
+    """Settings of the flow tracker. Times are in seconds, so that they hold at any frame rate.
+
+    Attributes:
+        input: how detections are prepared: the worth of their scores, the motion of the camera, duplicates.
+        costs: of the flow over detections.
+        join: how tracklets are joined over longer gaps; None leaves them apart.
+        min_detections: tracks of fewer detections are dropped, unless the video itself has fewer frames.
+        min_time: and so are those of fewer than this many seconds of detections.
+        least: mean logit of the probability of a track's detections, under which it is taken for clutter; only where
+            learnt prices say what scores are worth.
+        fill: longest gap that is filled, on a straight line.
+        smoothing: how it is chosen how far boxes are smoothed; None reports them as detected.
+        decide_every: least time between two decisions; None solves all frames at once in the end.
+        settle: time that stays undecided beyond the longest link, for the motion on both sides of what is decided.
+        most_undecided: most time that may stay undecided; None lets it grow until every decision is exact.
+    """
+
+    input: InputSettings = field(default_factory=InputSettings)
+    costs: FlowCosts = field(default_factory=FlowCosts)
+    join: JoinSettings | None = field(default_factory=JoinSettings)
+    min_detections: int = 3
+    min_time: float = 0.16
+    least: float = 1.0
+    fill: float = 2.0
+    smoothing: FittedSmoothing | None = field(default_factory=FittedSmoothing)
+    decide_every: float | None = 20.0
+    settle: float = 0.7
+    most_undecided: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.decide_every is not None and self.decide_every <= 0:
+            raise ValueError(f"expected decide_every above 0 seconds, got {self.decide_every}")
+        if min(self.min_detections, self.min_time, self.fill, self.settle) < 0:
+            raise ValueError("expected min_detections, min_time, fill and settle from 0")
+        if self.most_undecided is not None and self.most_undecided <= self.costs.rounds.window + self.settle:
+            raise ValueError(f"expected most_undecided above window + settle, got {self.most_undecided}")
+
+    def alike(self) -> FlowSettings:
+        """These settings with entry and exit costs that take all places alike."""
+        return replace(self, costs=replace(self.costs, places=None))
+
+    def fewest(self, frame_rate: float) -> int:
+        """Detections that a track needs."""
+        return max(self.min_detections, round(self.min_time * frame_rate), 1)

@@ -2,62 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from math import inf
 from pathlib import Path
-from typing import Literal, get_args
 
-from tsuiseki.tracking.association.affinity import Affinity
+import numpy as np
+
 from tsuiseki.tracking.association.costs import ProbabilityCost, ScoreCost
-from tsuiseki.tracking.association.flow.cost_network import CostNetwork
-from tsuiseki.tracking.association.tracklets.straddling import EXPLAINED
+from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.camera_motion import undone
+from tsuiseki.tracking.features.camera_path import CameraPath, moved_boxes
+from tsuiseki.tracking.features.exported import Detector
+from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import inner_detector, scores_are_probabilities
+from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import kind_of
-from tsuiseki.tracking.options import Shared
-from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings
-from tsuiseki.tracking.people.compensated import MotionCompensated
-from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
-from tsuiseki.tracking.people.finding import NONE
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
-from tsuiseki.tracking.people.ocsort import OcSort, OcSortSettings
-from tsuiseki.tracking.people.sort import Sort, SortSettings
+from tsuiseki.tracking.people.bytetrack import ByteTrack
+from tsuiseki.tracking.people.deepsort import DeepSort
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowSettings
+from tsuiseki.tracking.people.ocsort import OcSort
+from tsuiseki.tracking.people.settings import METHODS, NONE, MethodSettings, PeopleMethod
+from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracker import PeopleTracker
+from tsuiseki.tracking.types import FloatArray, IntArray, Targets, Track
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE
 from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.weights import shipped
 
-PeopleMethod = Literal["flow", "deepsort", "sort", "bytetrack", "ocsort"]
-METHODS: tuple[PeopleMethod, ...] = get_args(PeopleMethod)
 APPEARANCE = ("flow", "deepsort")
 # What `--affinity` takes: costs learnt on pairs, or on whole tracks.
 LearntCosts = Affinity | CostNetwork
 # Mean logit that a track's detections need where scores are probabilities: 0.62. Somebody far away is found with 0.65
 # in every frame, which the flow's own 1.0, or 0.73, of learnt costs takes for clutter.
 _PROBABLE = 0.5
-
-
-@dataclass(frozen=True)
-class MethodSettings(Shared):
-    """The settings of every method.
-
-    Attributes:
-        sort: settings of --method sort.
-        deepsort: settings of --method deepsort.
-        bytetrack: settings of --method bytetrack.
-        ocsort: settings of --method ocsort.
-        flow: settings of --method flow.
-    """
-
-    sort: SortSettings = field(default_factory=SortSettings)
-    deepsort: DeepSortSettings = field(default_factory=DeepSortSettings)
-    bytetrack: ByteTrackSettings = field(default_factory=ByteTrackSettings)
-    ocsort: OcSortSettings = field(default_factory=OcSortSettings)
-    flow: FlowSettings = field(default_factory=FlowSettings)
 
 
 def people_tracker(
@@ -69,7 +49,7 @@ def people_tracker(
     camera: CameraPath | StandingCamera | None = None,
     delay: float | None = None,
     scores: ScoreCost | None = None,
-    straddling: float = 0.0,
+    drop_straddling: bool = False,
 ) -> PeopleTracker:
     """A fresh tracker; the flow has hand-set costs where there is no affinity.
 
@@ -77,13 +57,13 @@ def people_tracker(
         method: its name.
         settings: of all methods.
         affinity: learnt costs of the flow.
-        seed: of all chance.
+        seed: of all random numbers.
         source: the video, for the flow's times and the border of its images.
         camera: gets the frames before the tracker gets their detections, where the movement of the camera matters; one
             that only tells where it stands still is for the flow.
         delay: seconds after which the flow answers a frame; None answers at the end.
-        scores: what scores cost the flow where no ``affinity`` says so; None lets the video tell.
-        straddling: see `FlowSettings`, where ``settings`` leave it open; `straddling_of` says it of a detector.
+        scores: what scores cost the flow where no ``affinity`` says so; None learns it from the video.
+        drop_straddling: see `FlowTracker`; `straddles` says it of a detector.
 
     Raises:
         RequestError: there is no such method, or another than the flow shall have a delay.
@@ -92,29 +72,32 @@ def people_tracker(
         raise RequestError(f"expected `delay` with the method flow, got it with {method}, which answers at once")
     if delay is not None and not 0 <= delay < inf:
         raise RequestError(f"expected `delay` of 0 seconds or more, got {delay:g}")
+    if method not in METHODS:
+        raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     settings = settings or MethodSettings()
-    pairs = affinity if isinstance(affinity, Affinity) else None
-    changes = affinity if isinstance(affinity, CostNetwork) else None
-    observation = scores if pairs is None else pairs.observation
-    rate, size = DEFAULT_FRAME_RATE if source is None else source.frame_rate, getattr(source, "size", None)
-    size = size if size and min(size) > 0 else None
-    flow = _flow_settings(settings.flow, observation)
-    if delay is not None and flow.straddling:
-        raise RequestError("`flow.straddling` needs the whole video; leave it or `delay` out")
-    flow = replace(flow, straddling=straddling) if flow.straddling is None else flow
+    if method == "flow":
+        pairs = affinity if isinstance(affinity, Affinity) else None
+        changes = affinity if isinstance(affinity, CostNetwork) else None
+        observation = scores if pairs is None else pairs.observation
+        rate, size = (DEFAULT_FRAME_RATE, None) if source is None else (source.frame_rate, image_size(source))
+        flow = settings.flow
+        if isinstance(observation, ProbabilityCost) and flow.least == FlowSettings().least:
+            flow = replace(flow, least=_PROBABLE)
+        return FlowTracker(flow, pairs, observation, rate, size, camera, seed, changes, delay, drop_straddling)
     makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {
-        "flow": lambda: FlowTracker(flow, pairs, observation, rate, size, camera, seed, changes, delay),
         "deepsort": lambda: DeepSort(settings.deepsort, seed),
         "sort": lambda: Sort(settings.sort, seed),
         "bytetrack": lambda: ByteTrack(settings.bytetrack, seed),
         "ocsort": lambda: OcSort(settings.ocsort, seed),
     }
-    if method not in makers:
-        raise RequestError(f"expected the method {', '.join(makers)} or a tracker, got {method!r}")
     tracker = makers[method]()
-    if not isinstance(camera, CameraPath) or method == "flow":
-        return tracker
-    return MotionCompensated(tracker, camera)
+    return MotionCompensated(tracker, camera) if isinstance(camera, CameraPath) else tracker
+
+
+def image_size(source: Source) -> tuple[int, int] | None:
+    """Width and height of the images of a source, pixels; None where it does not tell them."""
+    size = getattr(source, "size", None)
+    return size if size and min(size) > 0 else None
 
 
 def camera_for(method: PeopleMethod | PeopleTracker, *, moving: bool) -> CameraPath | StandingCamera | None:
@@ -122,13 +105,6 @@ def camera_for(method: PeopleMethod | PeopleTracker, *, moving: bool) -> CameraP
     if moving:
         return CameraPath()
     return StandingCamera() if method == "flow" else None
-
-
-def _flow_settings(given: FlowSettings, observation: ScoreCost | None) -> FlowSettings:
-    """The settings, and what they leave at its default where scores are probabilities."""
-    if isinstance(observation, ProbabilityCost) and given.least == FlowSettings().least:
-        return replace(given, least=_PROBABLE)
-    return given
 
 
 def compares_appearance(method: PeopleMethod | PeopleTracker) -> bool:
@@ -141,13 +117,13 @@ def cost_of_scores(detect: object) -> ProbabilityCost | None:
     return ProbabilityCost() if scores_are_probabilities(detect) else None
 
 
-def straddling_of(detect: object) -> float:
-    """From which share on tracks of what ``detect`` finds are explained by others.
+def straddles(detect: object) -> bool:
+    """Whether tracks of what ``detect`` finds may lie on those of others, and are no further people.
 
-    This toolkit's detectors find somebody more between two people who walk together, often enough for a track. Of the
-    boxes of others, and of those that are given, nothing is known: 0, all tracks are kept.
+    This toolkit's detectors find one more box between two people who walk together, often enough for a track. Of the
+    boxes of other detectors, and of those that are given, nothing is known: all their tracks are kept.
     """
-    return EXPLAINED if isinstance(inner_detector(detect), Detector) else 0.0
+    return isinstance(inner_detector(detect), Detector)
 
 
 def people_affinity(
@@ -182,3 +158,104 @@ def people_affinity(
             "track_drone"
         )
     return affinity
+
+
+class MotionCompensated:
+    """Moves detections into the first frame's pixels for ``tracker``, and its tracks back.
+
+    So overlaps, distances and filled gaps are those of a camera that stands still; where it does, nothing changes.
+
+    Args:
+        tracker: a fresh one.
+        path: gets each frame before its detections come here.
+    """
+
+    def __init__(self, tracker: PeopleTracker, path: CameraPath) -> None:
+        self.tracker, self.path = tracker, path
+        self._frame = 0
+
+    def update(self, detections: DetectionsLike) -> Targets | None:
+        """Take the detections of the next frame; what the tracker answers, in pixels of the frame it is about."""
+        found = as_detections(detections)
+        boxes = moved_boxes(found.boxes, self.path.transforms[self._frame])
+        self._frame += 1
+        targets = self.tracker.update(replace(found, boxes=boxes))
+        if targets is None:
+            return None
+        return replace(targets, boxes=moved_boxes(targets.boxes, undone(self.path.transforms[targets.frame])))
+
+    def tracks(self) -> list[Track]:
+        """The tracks of all frames so far, in pixels of their own frames."""
+        return [replace(track, boxes=self._back(track)) for track in self.tracker.tracks()]
+
+    def _back(self, track: Track) -> FloatArray:
+        pairs = zip(track.frames.tolist(), track.boxes, strict=True)
+        back = [moved_boxes(box[None], undone(self.path.transforms[frame])) for frame, box in pairs]
+        return np.concatenate(back)
+
+
+class ByClass:
+    """A tracker of its own for every class; ids are unique over all of them.
+
+    Args:
+        make: gives a fresh tracker for a class.
+        classes: ``(N,)`` the class of each detection of every frame, in the order in which frames and detections come;
+            frames after the last of them have no detection.
+        wanted: the classes to track; detections of others are passed over.
+
+    Attributes:
+        wanted: each once.
+        trackers: by class.
+
+    >>> from tsuiseki.tracking.people.sort import Sort
+    >>> tracker = ByClass(Sort, [np.array([1, 2])] * 4, [1, 2])
+    >>> for _ in range(4):
+    ...     people = tracker.update([[0, 0, 20, 50, 0.9], [1, 0, 21, 50, 0.9]])
+    >>> len(people), [tracker.class_of(track.id) for track in tracker.tracks()]
+    (2, [1, 2])
+    """
+
+    def __init__(self, make: Callable[[], PeopleTracker], classes: Sequence[IntArray], wanted: Sequence[int]) -> None:
+        self.wanted = tuple(dict.fromkeys(wanted))
+        self._classes = classes
+        self.trackers = {number: make() for number in self.wanted}
+        self._ids: dict[tuple[int, int], int] = {}
+        self._frame = 0
+
+    def update(self, detections: DetectionsLike) -> Targets | None:
+        """Take the next frame; the targets of all classes, where every class has decided on the same frame."""
+        found = as_detections(detections)
+        classes = self._classes[self._frame] if self._frame < len(self._classes) else np.empty(0, np.int64)
+        if len(found) != len(classes):
+            raise ValueError(f"expected {len(classes)} detections in frame {self._frame}, got {len(found)}")
+        self._frame += 1
+        answers = [self._renumbered(n, t.update(found.select(classes == n))) for n, t in self.trackers.items()]
+        known = [answer for answer in answers if answer is not None]
+        if len(known) < len(answers) or len({answer.frame for answer in known}) != 1:
+            return None
+        return Targets(
+            known[0].frame,
+            *(np.concatenate([getattr(k, name) for k in known]) for name in ("ids", "boxes", "scores", "status")),
+        )
+
+    def tracks(self) -> list[Track]:
+        """The tracks of all classes, by id."""
+        found = [
+            replace(track, id=self._id(number, track.id))
+            for number, tracker in self.trackers.items()
+            for track in tracker.tracks()
+        ]
+        return sorted(found, key=lambda track: track.id)
+
+    def class_of(self, number: int) -> int:
+        """The class of the track that bears an id."""
+        return next(key[0] for key, one in self._ids.items() if one == number)
+
+    def _renumbered(self, number: int, targets: Targets | None) -> Targets | None:
+        if targets is None:
+            return None
+        return replace(targets, ids=np.array([self._id(number, one) for one in targets.ids.tolist()], dtype=np.int64))
+
+    def _id(self, number: int, inner: int) -> int:
+        """The id over all classes; what was told once stays."""
+        return self._ids.setdefault((number, inner), len(self._ids) + 1)

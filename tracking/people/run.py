@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.people.files import Linking, PeopleFinding
+from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 
 
 def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: Linking) -> int:
@@ -18,31 +18,27 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.people.files import facts_of, opened
-    from tsuiseki.tracking.people.frame_log import FrameLog, shifted
     from tsuiseki.tracking.people.page import PeopleReport, people_page
+    from tsuiseki.tracking.people.tracker import run_trackers
+    from tsuiseki.tracking.people.tracking import facts_of, open_people
     from tsuiseki.tracking.report.overlay import write_overlay
 
     source, method = video.open(timed=True), linking.method
-    inputs, tracker, class_of = opened(source, finding, linking, output.seed)
-    log = FrameLog()
+    opened = open_people(source, finding, linking, output.seed)
     with output.run() as run:
-        tell_reading(run, inputs.detect)
-        frames = run.frames(source, record=video.overlay)
-        for index, found in run.steps(inputs.found(frames, run.times), total=frames_expected(source)):
-            log.add(index, found)
-            with run.times.measure(method):
-                tracker.update(found)
-        with run.times.measure(method):
-            tracks = [shifted(track, log.frames[0]) for track in tracker.tracks()]
+        tell_reading(run, opened.inputs.detect)
+        found = opened.inputs.found(run.frames(source, record=video.overlay), run.times)
+        steps = run.steps(found, total=frames_expected(source))
+        every, log = run_trackers(steps, {method: opened.tracker}, run.times)
+        tracks = every[method]
         milliseconds = 1000 * run.times.seconds.get("detect", 0.0) / max(len(log.frames), 1)
-        facts, lines = facts_of(inputs, tracker, milliseconds)
+        facts, lines = facts_of(opened, milliseconds)
         run.facts |= facts
         for line in lines:
             print(line)
-        tell_blank(inputs.detect)
+        tell_blank(opened.inputs.detect)
         run.columns = log.columns(tracks)
-        run.write("tracks.txt", lambda path: write_tracks(path, tracks, class_of))
+        run.write("tracks.txt", lambda path: write_tracks(path, tracks, opened.class_of))
         drawn = video.draw(run, source, lambda path, again: write_overlay(path, again, tracks, source.frame_rate))
         seconds, made = run.times.seconds, {"method": method, "source": video.source}
         page = people_page(PeopleReport(source.name, tracks, log.frames, source.frame_rate, drawn, seconds, made))

@@ -1,66 +1,90 @@
-"""People through a video: found, described, linked, by the shipped models or by anybody's own.
+"""People through a video: detected, described and linked, by the shipped models or by anybody's own.
 
 `track_people` gives the tracks of a whole video, `follow_people` those of each frame while it comes. The command
-`tsuiseki track people` is made of the same parts, which lie in `finding` and `methods`.
+`tsuiseki track people` and both calls go through `open_people`.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
-from tsuiseki.tracking.features.networks.own_models import AppearanceLike, DetectorLike
-from tsuiseki.tracking.features.view_choice import knows_scores
-from tsuiseki.tracking.people.compensated import MotionCompensated
-from tsuiseki.tracking.people.finding import (
+from tsuiseki.tracking.features.camera_path import CameraPath, said_of_camera
+from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
+from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.inputs import (
     GivenDetections,
-    Ground,
     PeopleInputs,
+    classed_detections,
     ground_of,
     people_describer,
     people_detect,
     threads_of_a_call,
 )
-from tsuiseki.tracking.people.frame_log import shifted
 from tsuiseki.tracking.people.methods import (
-    METHODS,
+    ByClass,
     LearntCosts,
-    PeopleMethod,
+    MotionCompensated,
     camera_for,
     compares_appearance,
     cost_of_scores,
     people_affinity,
     people_tracker,
-    straddling_of,
+    straddles,
 )
-from tsuiseki.tracking.people.tracker import PeopleTracker
-from tsuiseki.tracking.types import Frame, Targets, Track
+from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
+from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers
+from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.types import Frame, IntArray, Targets, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.video.source import Source, open_source
-from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
+from tsuiseki.tracking.weights import PEOPLE_DETECTOR
+
+
+class PeopleKeywords(TypedDict, total=False):
+    """What `track_people` and `follow_people` take beside the source and the method.
+
+    Attributes:
+        detections: use these instead of a detector: a file (MOTChallenge ``det.txt``), or one entry a frame of
+            whatever `as_detections` understands.
+        detector: an exported detector's file, a `Detector`, or a function from an image to detections; by default the
+            shipped one.
+        appearance: an exported network's file, an `Appearance`, or a function from crops to rows, for ``flow`` and
+            ``deepsort``; by default the shipped one; ``"none"`` does without.
+        affinity: exported link costs for ``flow``; by default the shipped ones after an exported detector, hand-set
+            costs otherwise; ``"none"`` takes hand-set costs always.
+        frames: only these frames, counted from 1 with both ends, such as ``"301-400"``.
+        moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
+            ``flow`` sees in them where the camera stands still, and takes the motion of the boxes elsewhere.
+        threads: CPU threads of the networks; 0 takes all.
+        seed: of the tracker's random numbers.
+        delay: seconds after which ``flow`` decides on a frame for good; by default it decides at the end. With
+            `follow_people` each frame comes so much later.
+        ground: ``auto`` lowers the scores of a network's boxes that are not as high as people on one ground are in
+            their row, see `GroundPlane`; ``off`` leaves them as they are, like those of ``detections`` and functions.
+    """
+
+    detections: GivenDetections | None
+    detector: DetectorLike | None
+    appearance: AppearanceLike | None
+    affinity: str | Path | LearntCosts | None
+    frames: str | None
+    moving_camera: bool
+    threads: int
+    seed: int
+    delay: float | None
+    ground: Ground
 
 
 def track_people(
-    source: str | Path | int,
-    method: PeopleMethod | PeopleTracker = "flow",
-    *,
-    detections: GivenDetections | None = None,
-    detector: DetectorLike | None = None,
-    appearance: AppearanceLike | None = None,
-    affinity: str | Path | LearntCosts | None = None,
-    frames: str | None = None,
-    moving_camera: bool = False,
-    threads: int = 0,
-    seed: int = 0,
-    delay: float | None = None,
-    ground: Ground = "auto",
+    source: str | Path | int, method: PeopleMethod | PeopleTracker = "flow", **keywords: Unpack[PeopleKeywords]
 ) -> list[Track]:
     """Everyone in a video, each with an id.
 
@@ -70,23 +94,7 @@ def track_people(
         method: ``flow`` links the whole video at once, which is the most accurate; ``deepsort``, ``sort``,
             ``bytetrack`` and ``ocsort`` go frame by frame; or a tracker with settings of one's own, such as
             ``Sort(SortSettings(min_iou=0.2))``.
-        detections: use these instead of a detector: a file (MOTChallenge ``det.txt``), or one entry a frame of
-            whatever `as_detections` understands.
-        detector: an exported detector's file, a `Detector`, or a function from an image to detections; by default the
-            shipped one.
-        appearance: an exported network's file, an `Appearance`, or a function from crops to rows, for ``flow`` and
-            ``deepsort``; by default the shipped one; ``"none"`` does without.
-        affinity: exported link costs for ``flow``; by default the shipped ones after an exported detector, hand-set
-            costs otherwise; ``"none"`` takes hand-set costs always.
-        frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
-        moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
-            ``flow`` sees in them where the camera stands still, and takes the motion of the boxes elsewhere.
-        threads: CPU threads of the networks; 0 takes all.
-        seed: of the tracker's random numbers.
-        delay: seconds after which ``flow`` decides on a frame for good, as in `follow_people`; by default it decides at
-            the end.
-        ground: ``auto`` lowers the scores of a network's boxes that are not as high as people on one ground are in
-            their row, see `GroundPlane`; ``off`` leaves them as they are, like those of ``detections`` and functions.
+        keywords: see `PeopleKeywords`.
 
     Returns:
         The tracks by id; their frames count from 0 at the beginning of the video.
@@ -95,32 +103,15 @@ def track_people(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    inputs, tracker = _prepared(
-        source, method, detections, detector, appearance, affinity, frames, moving_camera, threads, seed, delay, ground
-    )
-    if inputs.source.live and inputs.source.frames_wanted.last is None:
-        raise RequestError(f"{inputs.source.name} does not end by itself; give frames, or use follow_people")
-    first = None
-    for index, found in inputs.found():
-        first = index if first is None else first
-        tracker.update(found)
-    return [shifted(track, first or 0) for track in tracker.tracks()]
+    opened = _opened(source, method, **keywords)
+    video = opened.inputs.source
+    if video.live and video.frames_wanted.last is None:
+        raise RequestError(f"{video.name} does not end by itself; give frames, or use follow_people")
+    return run_trackers(opened.inputs.found(), {"": opened.tracker}, StageTimes())[0][""]
 
 
 def follow_people(
-    source: str | Path | int,
-    method: PeopleMethod | PeopleTracker = "sort",
-    *,
-    detections: GivenDetections | None = None,
-    detector: DetectorLike | None = None,
-    appearance: AppearanceLike | None = None,
-    affinity: str | Path | LearntCosts | None = None,
-    frames: str | None = None,
-    moving_camera: bool = False,
-    threads: int = 0,
-    seed: int = 0,
-    delay: float | None = None,
-    ground: Ground = "auto",
+    source: str | Path | int, method: PeopleMethod | PeopleTracker = "sort", **keywords: Unpack[PeopleKeywords]
 ) -> Iterator[tuple[Frame, Targets]]:
     """Each frame with the people in it, while the video comes.
 
@@ -128,8 +119,7 @@ def follow_people(
         source: as in `track_people`; a webcam is followed until the loop ends.
         method: any, ``flow`` with a ``delay``; or a tracker that answers while it runs, also one with a delay, whose
             frames come as late as it answers.
-        detections, detector, appearance, affinity, frames, moving_camera, threads, seed, ground: see `track_people`.
-        delay: seconds after which ``flow`` answers a frame for good; each frame comes so much later.
+        keywords: see `PeopleKeywords`.
 
     Returns:
         An iterator over all frames in order, each with its image and the people in it.
@@ -138,81 +128,150 @@ def follow_people(
         RequestError: see `track_people`; or the method answers at the end only.
         RunError: the video breaks off.
     """
-    inputs, tracker = _prepared(
-        source, method, detections, detector, appearance, affinity, frames, moving_camera, threads, seed, delay, ground
-    )
+    opened = _opened(source, method, **keywords)
+    inputs = opened.inputs
     if not inputs.source.has_images:
         raise RequestError(f"{inputs.source.name} has no images to follow people in; use track_people")
-    if not _answers_while_it_runs(tracker):
+    if not _answers_while_it_runs(opened.tracker):
         raise RequestError(
             "expected a method that answers while it runs, such as sort, or flow with a `delay`, got one that decides "
             "at the end; use track_people"
         )
-    batch_size = 1 if inputs.source.live else inputs.batch_size
-    return _followed(replace(inputs, batch_size=batch_size), tracker)
+    return _followed(replace(inputs, batch_size=1 if inputs.source.live else inputs.batch_size), opened.tracker)
 
 
-def _prepared(
-    source: str | Path | int,
-    method: PeopleMethod | PeopleTracker,
-    detections: GivenDetections | None,
-    detector: DetectorLike | None,
-    appearance: AppearanceLike | None,
-    affinity: str | Path | LearntCosts | None,
-    frames: str | None,
-    moving_camera: bool,
-    threads: int,
-    seed: int,
-    delay: float | None,
-    ground: Ground,
-) -> tuple[PeopleInputs, PeopleTracker]:
-    """Everything opened and checked before the first frame is read."""
-    opened = open_source(str(source), parse_frames(frames))
-    call = threads_of_a_call(opened, threads)
-    detect = people_detect(opened, detections, detector, shipped(PEOPLE_DETECTOR), threads=call)
-    camera = camera_for(method, moving=moving_camera)
-    tracker = _tracker(method, affinity, detect, threads, seed, opened, camera, delay)
-    inputs = PeopleInputs(
-        opened,
-        detect,
-        people_describer(opened, compares_appearance(method), appearance, call),
-        camera=camera,
-        threads=threads,
-        ground=ground_of(detect, ground, opened),
-    )
-    if moving_camera and not opened.has_images:
-        raise RequestError(f"{opened.name} has no images to tell how the camera moves")
-    return inputs, tracker
+@dataclass(frozen=True)
+class OpenedPeople:
+    """A video whose people can be tracked: everything is opened and checked, and no frame is read.
+
+    Attributes:
+        inputs: where frames and detections come from.
+        tracker: a fresh one.
+        class_of: the class of each track id, -1 where classes are not tracked apart.
+    """
+
+    inputs: PeopleInputs
+    tracker: PeopleTracker
+    class_of: Callable[[int], int] = lambda _: -1
 
 
-def _tracker(
-    method: PeopleMethod | PeopleTracker,
-    affinity: str | Path | LearntCosts | None,
-    detect: object,
-    threads: int,
-    seed: int,
-    source: Source,
-    camera: CameraPath | StandingCamera | None,
-    delay: float | None,
-) -> PeopleTracker:
+def open_people(source: Source, finding: PeopleFinding, linking: Linking, seed: int) -> OpenedPeople:
+    """All models and files opened and checked.
+
+    Args:
+        source: the video.
+        finding: the options; in Python also what `PeopleKeywords` allow instead of files.
+        linking: likewise; its method may be a tracker.
+        seed: of the tracker's random numbers.
+
+    Raises:
+        RequestError: something cannot be used; the message says what and why.
+    """
+    if linking.moving_camera and not source.has_images:
+        raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
+    threads = threads_of_a_call(source, finding.threads)
+    kinds: Sequence[IntArray] = []
+    if finding.classes is None:
+        detect = people_detect(source, finding, PEOPLE_DETECTOR, threads)
+    else:
+        detect, kinds = classed_detections(source, finding)
+    compared = compares_appearance(linking.method)
+    describe = people_describer(source, compared, finding.appearance, threads, finding.appearance_options)
+    camera = camera_for(linking.method, moving=linking.moving_camera)
+    ground = ground_of(detect, finding.ground, source)
+    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground)
+    make = _tracker_maker(inputs, linking, seed)
+    if finding.classes is None:
+        return OpenedPeople(inputs, make())
+    by_class = ByClass(make, kinds[source.frames_wanted.first :], finding.classes)
+    return OpenedPeople(inputs, by_class, by_class.class_of)
+
+
+def _tracker_maker(inputs: PeopleInputs, linking: Linking, seed: int) -> Callable[[], PeopleTracker]:
+    """What makes a tracker for the detections of ``inputs``."""
+    method: PeopleMethod | PeopleTracker = linking.method
     if isinstance(method, str):
         # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
-        learnt = people_affinity(method, affinity, threads, known_scores=knows_scores(detect))
-        scores, straddling = cost_of_scores(detect), straddling_of(detect)
-        return people_tracker(method, None, learnt, seed, source, camera, delay, scores, straddling)
+        known = knows_scores(inputs.detect)
+        learnt = people_affinity(method, linking.affinity, inputs.threads, known_scores=known)
+        scores, drop = cost_of_scores(inputs.detect), straddles(inputs.detect)
+        return lambda: people_tracker(
+            method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop
+        )
     if not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
-    if affinity is not None:
-        raise RequestError(
-            "expected `affinity` with the method's name, got it beside a tracker; give it to the tracker"
-        )
-    if delay is not None:
-        raise RequestError("expected `delay` with the method's name, got it beside a tracker; give it to the tracker")
-    return MotionCompensated(method, camera) if isinstance(camera, CameraPath) else method
+    for name in ("affinity", "delay"):
+        if getattr(linking, name) is not None:
+            raise RequestError(
+                f"expected `{name}` with the method's name, got it beside a tracker; give it to the tracker"
+            )
+    tracker = MotionCompensated(method, inputs.camera) if isinstance(inputs.camera, CameraPath) else method
+    return lambda: tracker
+
+
+def _opened(
+    source: str | Path | int,
+    method: Any,
+    *,
+    frames: str | None = None,
+    affinity: Any = None,
+    moving_camera: bool = False,
+    seed: int = 0,
+    delay: float | None = None,
+    **finding: Any,
+) -> OpenedPeople:
+    """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
+    linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
+    return open_people(open_source(str(source), parse_frames(frames)), PeopleFinding(**finding), linking, seed)
+
+
+def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any], list[str]]:
+    """What a finished run found out about its input, as values by name, and what of it is worth a line to the user.
+
+    Args:
+        opened: of the run.
+        milliseconds: that the detector took a frame.
+    """
+    inputs, tracker = opened.inputs, opened.tracker
+    facts: dict[str, Any] = {}
+    lines: list[str] = []
+    if isinstance(tracker, FlowTracker):
+        facts["flow"] = tracker.facts()
+        lines += _lines_on_flow(tracker)
+    elif isinstance(tracker, ByClass):
+        flows = {number: one for number, one in tracker.trackers.items() if isinstance(one, FlowTracker)}
+        if flows:
+            facts["flow"] = {str(number): one.facts() for number, one in flows.items()}
+        lines += [f"class {number}: {line}" for number, one in flows.items() for line in _lines_on_flow(one)]
+    if isinstance(inputs.detect, ViewedDetector) and inputs.detect.summary:
+        timed = any(choice.milliseconds is not None for choice in inputs.detect.choices.values())
+        cost = "" if timed else f", about {milliseconds:.0f} ms a frame"
+        facts["view"] = f"{inputs.detect.summary}{cost}"
+        lines.append(f"looked at {facts['view']}; --view says in how many tiles")
+    if inputs.ground is not None and inputs.ground.frames:
+        facts["ground"] = inputs.ground.facts()
+        if inputs.ground.used:
+            lines.append(f"{inputs.ground}; --ground off leaves all scores as they are")
+    return facts, lines
+
+
+def _lines_on_flow(tracker: FlowTracker) -> list[str]:
+    """What of the facts of a flow is worth a line."""
+    lines = []
+    camera = tracker.camera
+    if camera.lost:
+        lines.append(said_of_camera(camera.lost.from_one(), camera.source))
+    if tracker.duplicates:
+        boxes = "1 box" if tracker.duplicates == 1 else f"{tracker.duplicates} boxes"
+        lines.append(f"{boxes} left out that lay on another")
+    rejected, given = tracker.rejected
+    if 2 * rejected > given:
+        lines.append(f"{rejected} of {given} detections belong to no track: too rarely found again")
+    return lines
 
 
 def _answers_while_it_runs(tracker: PeopleTracker) -> bool:
-    """One that may have a delay has one, or else it can forget; see `trackers.base`."""
+    """One that may have a delay has one, or else it can forget; see `people.tracker`."""
     inner = _inner(tracker)
     return inner.delay is not None if hasattr(inner, "delay") else hasattr(inner, "forget")
 

@@ -1,4 +1,7 @@
-"""The flow over a whole video: tracks come at its end, though most of it is solved while it comes."""
+"""The flow over a whole video: tracks come at its end, though most of it is solved while it comes.
+
+Tracks of the flow as they are reported: gaps filled, boxes smoothed, in pixels of their own frames.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsuiseki.tracking.association.flow.flow_window import FlowWindow
-from tsuiseki.tracking.association.flow.seen import Seen, joined_detections, no_detections
-from tsuiseki.tracking.association.flow.sliding_flow import Decision
-from tsuiseki.tracking.association.tracklets.joining import join
-from tsuiseki.tracking.association.tracklets.smoothness import fit_smoothing
-from tsuiseki.tracking.association.tracklets.straddling import straddling_tracks
-from tsuiseki.tracking.association.tracklets.tracklets import Chained, Tracklets
-from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
-from tsuiseki.tracking.people.flow_output import long_tracks, reported
-from tsuiseki.tracking.people.flow_settings import FlowSettings
+from tsuiseki.tracking.association.detection_tables import DetectionTable
+from tsuiseki.tracking.association.flow_window import FlowWindow
+from tsuiseki.tracking.association.sliding_flow import Decision
+from tsuiseki.tracking.association.smoothing import GapSettings, SmoothingSettings, fill_gaps, fit_smoothing, smooth
+from tsuiseki.tracking.association.tracklets import Chained, Tracklets, join, straddling_tracks
+from tsuiseki.tracking.features.camera_path import CameraTrajectory
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, solve_window
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 
 
@@ -30,17 +30,18 @@ class WholeFlow:
         settings: of the tracker.
         given: prepares the detections.
         window: a fresh one.
+        drop_straddling: see `FlowTracker`.
     """
 
-    def __init__(self, settings: FlowSettings, given: FlowInput, window: FlowWindow) -> None:
-        self.settings, self.input, self.window = settings, given, window
+    def __init__(self, settings: FlowSettings, given: FlowInput, window: FlowWindow, drop_straddling: bool) -> None:
+        self.settings, self.input, self.window, self.drop_straddling = settings, given, window, drop_straddling
         self.clutter = 0
         self.actions: list[FloatArray | None] = []
         self._tracklets = Tracklets()
         self._frame = 0
         self._waiting: list[Detections] = []
-        self._every = no_detections(given.frame_rate, given.size)
-        self._parts: list[Seen] = []
+        self._every = DetectionTable.empty(given.frame_rate, given.size)
+        self._parts: list[DetectionTable] = []
         self._scores = np.empty(0)
 
     def update(self, found: Detections) -> None:
@@ -64,9 +65,9 @@ class WholeFlow:
         """Decide all that is left; the tracks."""
         self._absorb()
         window, tracklets = self.window, self._tracklets
-        solve_window(window, self.input, self._scores[window.seen.numbers])
+        solve_window(window, self.input, self._scores[window.table.numbers])
         rest = window.remainder()
-        tracklets.add(self._chained(rest, window.seen))
+        tracklets.add(self._chained(rest, window.table))
         every = self._table()
         labels = tracklets.labels(len(every))
         if self.settings.join is not None and len(every):
@@ -81,38 +82,38 @@ class WholeFlow:
         """Solve the window and let go of what is decided."""
         self._absorb()
         window, settings = self.window, self.settings
-        solve_window(window, self.input, self._scores[window.seen.numbers])
-        seen = window.seen
+        solve_window(window, self.input, self._scores[window.table.numbers])
+        table = window.table
         margin = round((settings.costs.rounds.window + settings.settle) * self.input.frame_rate)
         decision = window.decide(self._frame - 1, self._frame - margin)
-        self._tracklets.add(self._chained(decision, seen))
+        self._tracklets.add(self._chained(decision, table))
 
     def _absorb(self) -> None:
         """Take in the waiting frames."""
         if not self._waiting:
             return
-        seen, scores = self.input.rows(self._waiting)
+        table, scores = self.input.rows(self._waiting)
         self._waiting = []
         self.window.costs = self.input.flow_costs(self.settings.costs)
-        self.window.add(seen)
-        self._parts.append(replace(seen, features=None))
+        self.window.add(table)
+        self._parts.append(replace(table, features=None))
         self._scores = np.append(self._scores, scores)
 
     @staticmethod
-    def _chained(decision: Decision, seen: Seen) -> Chained:
+    def _chained(decision: Decision, table: DetectionTable) -> Chained:
         used = decision.used
-        place = np.searchsorted(seen.numbers, decision.numbers[used])
-        features = None if seen.features is None else seen.features[place]
+        place = np.searchsorted(table.numbers, decision.numbers[used])
+        features = None if table.features is None else table.features[place]
         return Chained(decision.numbers[used], decision.follower[used], features)
 
-    def _table(self) -> Seen:
+    def _table(self) -> DetectionTable:
         """The rows of all detections."""
         for part in self._parts:
-            self._every = joined_detections(self._every, part)
+            self._every = self._every.and_then(part)
         self._parts = []
         return self._every
 
-    def _finished(self, every: Seen, labels: IntArray) -> list[Track]:
+    def _finished(self, every: DetectionTable, labels: IntArray) -> list[Track]:
         """The tracks with enough detections, their gaps filled, by the frame they start in."""
         rate, settings = self.input.frame_rate, self.settings
         longest = round(settings.fill * rate)
@@ -132,11 +133,53 @@ class WholeFlow:
             images.append(every.image[piece])
         smoothing = None if settings.smoothing is None else fit_smoothing(tracks, rate, settings.smoothing)
         result = [reported(*one, self.input.camera, longest, smoothing) for one in zip(tracks, images, strict=True)]
-        return self._without_straddling(result, settings.straddling) if settings.straddling else result
+        return self._without_straddling(result) if self.drop_straddling else result
 
-    def _without_straddling(self, tracks: list[Track], share: float) -> list[Track]:
+    def _without_straddling(self, tracks: list[Track]) -> list[Track]:
         """Those that are further people, numbered anew; what the others do is left out, too."""
-        kept = np.flatnonzero(~straddling_tracks(tracks, share)).tolist()
+        kept = np.flatnonzero(~straddling_tracks(tracks)).tolist()
         self.clutter += len(tracks) - len(kept)
         self.actions = [self.actions[n] for n in kept]
         return [replace(tracks[n], id=number) for number, n in enumerate(kept, start=1)]
+
+
+def reported(
+    track: Track,
+    image: FloatArray,
+    camera: CameraTrajectory,
+    longest: int,
+    smoothing: SmoothingSettings | None,
+    first: int = 0,
+) -> Track:
+    """A track of detections as it is reported.
+
+    Args:
+        track: its boxes as if the camera stood still.
+        image: ``(T, 4)`` the same where the image shows them.
+        camera: where the frames lie.
+        longest: gap that is filled, frames.
+        smoothing: of the boxes; None reports them as detected.
+        first: frame before which nothing is reported.
+    """
+    filled = fill_gaps(track, GapSettings(longest_gap=longest, support=np.inf, mismatch=np.inf))
+    smoothed = filled if smoothing is None else smooth(filled, smoothing)
+    asked = slice(int(np.searchsorted(filled.frames, first)), None)
+    frames, observed = filled.frames[asked], filled.observed[asked]
+    boxes = camera.from_first(smoothed.boxes[asked], frames)
+    if smoothing is None:
+        boxes = boxes.copy()
+        boxes[observed] = image[len(image) - int(observed.sum()) :]
+    return Track(track.id, frames, boxes, filled.scores[asked], observed)
+
+
+def long_tracks(labels: IntArray, fewest: int = 1) -> list[IntArray]:
+    """Indices of the detections of each track that has enough of them, by the first.
+
+    Args:
+        labels: ``(N,)`` number of the track of each, -1 for none; in the order of the frames.
+        fewest: detections that a track needs.
+    """
+    used = np.flatnonzero(labels >= 0)
+    order = used[np.argsort(labels[used], kind="stable")]
+    pieces = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
+    return sorted((piece for piece in pieces if len(piece) >= fewest), key=lambda piece: int(piece[0]))

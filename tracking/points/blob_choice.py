@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
-from tsuiseki.tracking.people.finding_options import check_score_range
+from tsuiseki.tracking.people.settings import check_score_range
 from tsuiseki.tracking.points.blob_tracker import BlobPreset, BlobSettings, BlobTracker, SingleBlobTracker
 from tsuiseki.tracking.points.tracker import PointMethod, PointSettings, PointTracker
 from tsuiseki.tracking.points.tracking import chosen_colour, colour_tracker, extent_of, read_measurements

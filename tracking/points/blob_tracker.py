@@ -10,15 +10,27 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourImage, ColourRange, region_contrast
 from tsuiseki.tracking.filters.base import Running, bootstrap
-from tsuiseki.tracking.filters.finite_sets.labelled_particles import LabelledParticles
-from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths, ExplainedImage, PatchBirths
-from tsuiseki.tracking.filters.image_regions.region_confirmation import Confirmation, at_patches
-from tsuiseki.tracking.filters.image_regions.region_likelihoods import EachAlone, WithoutOthers
-from tsuiseki.tracking.filters.image_regions.region_phd import RegionInfo, RegionPhdFilter
-from tsuiseki.tracking.filters.image_regions.region_states import boxes_of, cluster_means, second_order
-from tsuiseki.tracking.filters.image_regions.region_updates import Calibrated, Equalised, as_printed
+from tsuiseki.tracking.filters.finite_sets.clusters import LabelledParticles
+from tsuiseki.tracking.filters.finite_sets.region_births import (
+    AnywhereBirths,
+    Confirmation,
+    ExplainedImage,
+    PatchBirths,
+    at_patches,
+)
+from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
+    Calibrated,
+    EachAlone,
+    Equalised,
+    WithoutOthers,
+    as_printed,
+    boxes_of,
+    cluster_means,
+)
+from tsuiseki.tracking.filters.finite_sets.region_phd import RegionInfo, RegionPhdFilter
+from tsuiseki.tracking.filters.motion.points import SteppingBox
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.particles.weights import weighted_mean
+from tsuiseki.tracking.filters.particles.resampling import weighted_mean
 from tsuiseki.tracking.points.estimated_tracks import EstimatedTracks
 from tsuiseki.tracking.types import BoolArray, Estimate, FloatArray, Frame, IntArray, Status, Targets, Track
 
@@ -84,7 +96,7 @@ class BlobSettings:
 
 def region_filter(settings: BlobSettings) -> RegionPhdFilter:
     """The filter of several targets for the preset."""
-    motion = second_order((settings.place_noise,) * 2, (settings.size_noise,) * 2, settings.smallest)
+    motion = SteppingBox(settings.place_noise, settings.size_noise, settings.smallest)
     if settings.preset == "paper":
         births = AnywhereBirths(BIRTHS, max(round(settings.particles * BIRTHS), 1), settings.size)
         equalised = Equalised(as_printed)
@@ -166,10 +178,8 @@ class SingleBlobTracker:
         self.estimates: list[Estimate] = []
         self._unseen = 0
         self._state: ParticleState | None = None
-        noise = (self.settings.place_noise,) * 2, (self.settings.size_noise,) * 2, self.settings.smallest
-        self._filter: ParticleFilter[ColourImage] = ParticleFilter(
-            bootstrap(second_order(*noise)), self._log_likelihood
-        )
+        motion = SteppingBox(self.settings.place_noise, self.settings.size_noise, self.settings.smallest)
+        self._filter: ParticleFilter[ColourImage] = ParticleFilter(bootstrap(motion), self._log_likelihood)
 
     def update(self, frame: Frame) -> Targets:
         """Take the next frame; the target in it, with the id 1."""

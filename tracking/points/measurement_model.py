@@ -8,16 +8,16 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.base import Births, Motion
-from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths, MixtureBirths
-from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor, PointModel, StateFunction, StateTest
-from tsuiseki.tracking.filters.finite_sets.sensed_points import (
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
+from tsuiseki.tracking.filters.finite_sets.models import (
+    GaussianSensor,
+    PointModel,
+    StateFunction,
+    StateTest,
     linear_sensor,
-    newborn,
     polar_sensor,
-    straight,
-    taking_turns,
-    turning,
 )
+from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn, taking_turns
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.measurements import MotionSettings, Scan, SensingModel
 
@@ -62,8 +62,8 @@ def point_births(model: SensingModel, particles: int) -> Births[FloatArray]:
 
 def _motion(motion: MotionSettings, dimensions: int) -> Motion:
     if motion.model == "coordinated-turn":
-        return turning(motion.acceleration, motion.turn, dimensions)
-    return straight(motion.acceleration, dimensions)
+        return coordinated_turn(motion.acceleration, motion.turn, dimensions)
+    return constant_velocity(motion.acceleration, dimensions)
 
 
 def _inside(sensor: GaussianSensor, region: Sequence[tuple[float, float]]) -> StateTest:

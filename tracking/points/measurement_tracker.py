@@ -14,14 +14,15 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.base import TargetEstimates
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths
+from tsuiseki.tracking.filters.finite_sets.clusters import PhdState
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import (
     LabelledMultiBernoulliFilter,
     LabelledState,
+    TrackParticles,
+    likely,
 )
-from tsuiseki.tracking.filters.finite_sets.look_back import TrackParticles, likely
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter, PhdInfo
-from tsuiseki.tracking.filters.finite_sets.phd_state import PhdState
-from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths, MixtureBirths
 from tsuiseki.tracking.points.measurement_model import point_births, point_model, state_columns
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel

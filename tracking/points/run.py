@@ -29,7 +29,7 @@ def points(
         file: CSV with the columns time (seconds, which need not be even) or frame, and the sensor's: x,y or x,y,z or
             bearing,range or bearing,elevation,range; with sd_x,… or cov_x_x,… where errors differ. A row with a time
             alone says that nothing was measured then.
-        model: YAML with the keys sensor, motion, detection, survival, clutter, region, births (docs/points.md).
+        model: YAML with the keys sensor, motion, detection, survival, clutter, region, births (docs/methods/points.md).
         method: labelled multi-Bernoulli filter, or phd.
         particles: of each target.
         period: seconds from one frame to the next, where the file has frames.

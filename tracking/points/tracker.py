@@ -13,11 +13,12 @@ from typing import Any, Literal
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.base import Filter, Motion, Running, SetInfo, TargetEstimates, each_frame
+from tsuiseki.tracking.filters.base import Filter, Running, SetInfo, TargetEstimates
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
+from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, PointModel
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
-from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths
-from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor, PointModel
+from tsuiseki.tracking.filters.motion.points import DriftingBox
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.points.estimated_tracks import EstimatedTracks
 from tsuiseki.tracking.types import Detections, FloatArray, Targets, Track
@@ -79,20 +80,6 @@ class PointSettings:
             raise RequestError("expected clutter >= 0, at least one particle and a box of positive size")
 
 
-def box_motion(acceleration: float, growth: float) -> Motion:
-    """Constant velocity of states ``x, vx, y, vy, width, height``, whose size drifts; in frames."""
-
-    def move(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
-        noise = rng.standard_normal((len(particles), 4)) * [acceleration, acceleration, growth, growth]
-        moved = particles.copy()
-        moved[:, [0, 2]] += particles[:, [1, 3]] + noise[:, :2] / 2
-        moved[:, [1, 3]] += noise[:, :2]
-        moved[:, 4:] = np.maximum(particles[:, 4:] + noise[:, 2:], 1.0)
-        return moved
-
-    return each_frame(move)
-
-
 def box_of(particles: FloatArray) -> FloatArray:
     """Centres and sizes ``(N, 4)`` of states ``(N, 6)``."""
     return particles[:, [0, 2, 4, 5]]
@@ -106,7 +93,7 @@ def box_model(
     sensor = GaussianSensor(box_of, np.array([place, place, size, size]))
     # False boxes lie anywhere in the image, their sides within about half of a typical one.
     volume = extent[0] * extent[1] * (0.5 * unit) * unit
-    motion = box_motion(settings.acceleration * unit, settings.growth * unit)
+    motion = DriftingBox(settings.acceleration * unit, settings.growth * unit)
     model = PointModel(motion, sensor, settings.survival, settings.detection, settings.clutter / volume)
 
     def complete(measurements: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -13,8 +13,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box, parse_colour
 from tsuiseki.tracking.formats.sensed_points import is_point_file, read_points
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.finding import given_detections
-from tsuiseki.tracking.people.frame_log import shifted
+from tsuiseki.tracking.people.inputs import given_detections
+from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.points.blob_tracker import BlobPreset, BlobSettings, BlobTracker, SingleBlobTracker
 from tsuiseki.tracking.points.tracker import PointSettings, PointTracker, points_as_boxes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track

@@ -27,12 +27,6 @@ _NOTE = (
     "overlaps of 0.5 to 0.8. People are tracks followed with confidence, boxes those of their tracks. Rejected "
     "detections lie on none of them."
 )
-_LINK_NOTE = (
-    "With what the round began with, then with what it learnt, which is taken only where it is clearly better. "
-    "Appearance: how surely two views of one track are more alike than two people seen at one time (area under the "
-    "ROC), in the held-out frames. Identities: how well tracks keep those of all frames where frames are missing "
-    "(IDF1); for appearance every other dozen of the whole video, for link costs every other held-out frame."
-)
 _LEGEND = "Detections in held-out frames. Boxes of which the other picture has none are blue."
 _COLOUR, _ONLY_HERE = (255, 196, 0), (40, 110, 255)
 _SAME = 0.5
@@ -61,21 +55,6 @@ class Compared:
 
 
 @dataclass(frozen=True)
-class Tried:
-    """What was learnt beside the detector, and tried where nothing was learnt.
-
-    Attributes:
-        before: its score as it was.
-        after: as learnt.
-        taken: the round goes on with it.
-    """
-
-    before: float
-    after: float
-    taken: bool
-
-
-@dataclass(frozen=True)
 class AdaptedReport:
     """What the page shows.
 
@@ -87,7 +66,6 @@ class AdaptedReport:
         examples: crops by what they are examples of.
         shown: the round whose detections are compared with those of the start.
         notes: lines about the camera and the end of the rounds.
-        links: what tells people apart, by its name, of each round; None where the video could not tell.
         unlearnt: name of the detector that is left where no round is kept.
     """
 
@@ -98,7 +76,6 @@ class AdaptedReport:
     examples: Mapping[str, Sequence[ImageArray]]
     shown: int
     notes: Sequence[str] = ()
-    links: Sequence[Mapping[str, Tried | None]] = ()
     unlearnt: str = "the start"
 
 
@@ -108,10 +85,8 @@ def adapted_page(report: AdaptedReport) -> str:
     crops = "".join(_crops(name, crops) for name, crops in report.examples.items() if crops)
     later = f"round {report.shown}" + ("" if report.shown == report.best else ", not kept")
     pairs = "".join(_pair(compared, later) for compared in report.compared)
-    sections = [section("Rounds", _table(report) + notes)]
-    if any(any(links.values()) for links in report.links):
-        sections.append(section("What tells people apart", _links(report) + f"<p class=note>{_LINK_NOTE}</p>"))
-    sections += [
+    sections = [
+        section("Rounds", _table(report) + notes),
         section("Before and after", _GRID + f"<p class=note>{_LEGEND}</p>" + pairs),
         section("What it learnt from", crops),
     ]
@@ -126,35 +101,18 @@ def adapted_page(report: AdaptedReport) -> str:
 
 
 def _table(report: AdaptedReport) -> str:
-    return _rows(
-        list(HEADINGS.values()), [[_number(values[key]) for key in HEADINGS] for values in report.rounds], report
-    )
-
-
-def _links(report: AdaptedReport) -> str:
-    names = list(dict.fromkeys(name for links in report.links for name in links))
-    return _rows(names, [[_tried(links.get(name)) for name in names] for links in report.links], report)
-
-
-def _rows(headings: Sequence[str], rounds: Sequence[Sequence[str]], report: AdaptedReport) -> str:
     """A table with a row for each round, the one that is kept marked."""
-    head = "".join(f"<th scope=col>{escape(heading)}</th>" for heading in headings)
+    head = "".join(f"<th scope=col>{escape(heading)}</th>" for heading in HEADINGS.values())
     rows = []
-    for number, values in enumerate(rounds):
+    for number, values in enumerate(report.rounds):
         name = "start" if number == 0 else f"round {number}"
         mark = ' class="best"' if 0 < number == report.best else ""
-        cells = "".join(f"<td{mark}>{value}</td>" for value in values)
+        cells = "".join(f"<td{mark}>{_number(values[key])}</td>" for key in HEADINGS)
         rows.append(f"<tr><th scope=row>{name}</th>{cells}</tr>")
     return (
         f'<div class="wide"><table><thead><tr><th scope=col></th>{head}</tr></thead>'
         f"<tbody>{''.join(rows)}</tbody></table></div>"
     )
-
-
-def _tried(tried: Tried | None) -> str:
-    if tried is None:
-        return "–"
-    return f"{tried.before:.3f} → {tried.after:.3f}{'' if tried.taken else ', not taken'}"
 
 
 def _number(value: float) -> str:

@@ -9,9 +9,9 @@ recovers by itself. So here
   medians; doubt ends at higher values than it begins (hysteresis);
 * the filter's learning rate falls with its response, and in doubt it is low; the filter goes on all the same and stays
   one of the hypotheses;
-* the particles of 3.2.3 to 3.2.5, each a place, the number of a filter (the present one, the first one, stored ones)
-  and a size, look for the target all around. Where the best one's response is higher elsewhere for several frames in a
-  row, the target is taken to be there, with that filter. By default all particles have the target's present size;
+* the particles of 3.2.3 to 3.2.5, each a place and the number of a filter (the present, the first, or a stored one),
+  look for the target all around. Where the best one's response is higher elsewhere for several frames in a row, the
+  target is taken to be there, with that filter. All particles have the target's present size;
 * where the box shows what stood there before the target came, the status is lost (`seen_before`).
 """
 
@@ -25,19 +25,17 @@ import numpy as np
 
 from tsuiseki.tracking.filters.base import bootstrap
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import ComplexArray
+from tsuiseki.tracking.filters.motion.points import PlaneWalk
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.particles.weights import normalise
+from tsuiseki.tracking.filters.particles.resampling import normalise
 from tsuiseki.tracking.single import regularised
-from tsuiseki.tracking.single.combined_settings import CombinedSettings
-from tsuiseki.tracking.single.interface import TargetState, box_centre
-from tsuiseki.tracking.single.particles import heaviest_apart, random_walk
-from tsuiseki.tracking.single.peaks import maxima_of_each, peak
+from tsuiseki.tracking.single.constants import CombinedSettings
+from tsuiseki.tracking.single.particles import heaviest_apart
 from tsuiseki.tracking.single.regularised import Model, RegularisedTarget
-from tsuiseki.tracking.single.response import ResponseMaps, SizedResponseMaps
+from tsuiseki.tracking.single.response import ResponseMaps, maxima_of_each, peak
 from tsuiseki.tracking.single.seen_before import SeenBefore
+from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
-
-_SIZE_STEP = float(np.log(1.1))  # between the sizes that particles see
 
 
 @dataclass(frozen=True)
@@ -130,9 +128,9 @@ class Combined:
         """
         self.searched_frames += 1
         bank = self._bank()
-        maps = self._sized_maps(image, bank)
+        maps = self._maps(image, bank)
         particle_filter = self._particle_filter()
-        state, _ = particle_filter.step(particle_filter.init(self._draw(maps.middle)), maps, self._rng)
+        state, _ = particle_filter.step(particle_filter.init(self._draw(maps)), maps, self._rng)
         apart = self._model.target * self.target.size / 2
         chosen = heaviest_apart(state.particles, state.log_weights, apart, count)
         return [self._climbed(image, self._at(particle, bank)) for particle in chosen]
@@ -180,14 +178,14 @@ class Combined:
         """One frame of the particles; where they have won often enough, the target is theirs."""
         settings, target = self.settings, self.target
         bank = self._bank()
-        maps = self._sized_maps(image, bank)
+        maps = self._maps(image, bank)
         particle_filter = self._particle_filter()
-        before = self._challenge or Challenge(particle_filter.init(self._draw(maps.middle)))
-        state, _ = particle_filter.step(self._renewed(before.state, maps.middle), maps, self._rng)
+        before = self._challenge or Challenge(particle_filter.init(self._draw(maps)))
+        state, _ = particle_filter.step(self._renewed(before.state, maps), maps, self._rng)
         heaviest = state.particles[int(np.argmax(state.log_weights))]
         there = self._climbed(image, self._at(heaviest, bank))
         moved = bool((np.abs(there.centre - target.centre) > 0.5 * self._model.target * target.size).any())
-        elsewhere = moved or int(heaviest[2]) > 0 or abs(heaviest[3]) > _SIZE_STEP / 2
+        elsewhere = moved or int(heaviest[2]) > 0
         plausible = self._evidence.shares(there)[0] >= settings.hidden
         won = elsewhere and plausible and there.peak > target.peak + settings.margin
         self._challenge = Challenge(state, before.wins + 1 if won else 0)
@@ -209,17 +207,13 @@ class Combined:
         """``(K, D, rows, columns // 2 + 1)`` the present filter, the first one, and those stored."""
         return np.stack([self.target.filters, self._first, *self._stored])
 
-    def _particle_filter(self) -> ParticleFilter[SizedResponseMaps]:
+    def _particle_filter(self) -> ParticleFilter[ResponseMaps]:
         deviation = self._model.target * self.target.size * self.settings.spread
-        return ParticleFilter(
-            bootstrap(random_walk(deviation, self.settings.size_spread)), self._log_likelihood, threshold=1.0
-        )
+        return ParticleFilter(bootstrap(PlaneWalk(deviation)), self._log_likelihood, threshold=1.0)
 
     def _at(self, particle: FloatArray, bank: ComplexArray) -> RegularisedTarget:
-        """The target at a particle, with its filter and size."""
-        limits = self.settings.filter
-        size = float(np.clip(self.target.size * np.exp(particle[3]), limits.smallest, limits.largest))
-        return replace(self.target, centre=particle[:2], filters=bank[int(particle[2])], size=size)
+        """The target at a particle, with its filter."""
+        return replace(self.target, centre=particle[:2], filters=bank[int(particle[2])])
 
     def _climbed(self, image: ImageArray, there: RegularisedTarget) -> RegularisedTarget:
         """``there`` at the maximum about it, in a window of its own as the filter alone has one."""
@@ -229,58 +223,33 @@ class Combined:
         place = np.clip(there.centre + shift * self._model.cell_pixels(there.size), 0, extent)
         return replace(there, centre=place, peak=value)
 
-    def _sized_maps(self, image: ImageArray, bank: ComplexArray) -> SizedResponseMaps:
-        """Responses at the present size, or at three sizes where particles have their own."""
-        steps = np.arange(-1.0, 2.0) if self.settings.size_spread > 0 else np.zeros(1)
-        sizes = [self.target.size * float(np.exp(step * _SIZE_STEP)) for step in steps]
-        return SizedResponseMaps(steps * _SIZE_STEP, [self._maps(image, bank, size) for size in sizes])
-
-    def _maps(self, image: ImageArray, bank: ComplexArray, size: float) -> ResponseMaps:
-        """Responses of all filters in the windows of a ``size`` about the target that lie in the image."""
-        model, target = self._model, replace(self.target, size=size)
-        step = np.array(model.shape[::-1]) * model.cell_pixels(size) / 2
+    def _maps(self, image: ImageArray, bank: ComplexArray) -> ResponseMaps:
+        """Responses of all filters in the windows about the target that lie in the image."""
+        model, target = self._model, self.target
+        step = np.array(model.shape[::-1]) * model.cell_pixels(target.size) / 2
         offsets = np.arange(-self.settings.reach, self.settings.reach + 1)
         grid = np.array([(x, y) for y in offsets for x in offsets])
         centres = target.centre + grid[np.argsort((grid**2).sum(axis=1), kind="stable")] * step
         inside = np.all((centres >= 0) & (centres <= [image.shape[1], image.shape[0]]), axis=1)
         centres = centres[inside | (np.arange(len(centres)) == 0)]
-        if self.settings.roaming and self.doubted > self.settings.lost_after:
-            centres = np.concatenate([centres, self._elsewhere(image, centres, step)])
         maps = regularised.responses_at(model, target, image, centres, bank)
-        return ResponseMaps(maps, centres, model.cell_pixels(size))
-
-    def _elsewhere(self, image: ImageArray, centres: FloatArray, step: FloatArray) -> FloatArray:
-        """``(W, 2)`` further windows: that of the challenger, and some of a grid over the whole picture in turn."""
-        across, down = (np.arange(step[axis] / 2, image.shape[1 - axis], step[axis]) for axis in (0, 1))
-        every = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
-        first = self.searched_frames * self.settings.roaming
-        more = every[(first + np.arange(self.settings.roaming)) % len(every)]
-        if self._challenge is not None:
-            state = self._challenge.state
-            more = np.concatenate([state.particles[None, int(np.argmax(state.log_weights)), :2], more])
-        near = np.any(np.all(np.abs(more[:, None] - centres[None]) < step / 2, axis=2), axis=1)
-        return np.asarray(more[~near])
+        return ResponseMaps(maps, centres, model.cell_pixels(target.size))
 
     def _draw(self, maps: ResponseMaps) -> FloatArray:
-        """``(N, 4)`` particles x, y, number of a filter and logarithm of the size over the present one.
-
-        They lie at the highest maxima of all filters, by their likelihood.
-        """
+        """``(N, 3)`` particles x, y and filter number, at the highest maxima of all filters by their likelihood."""
         count, settings = self.settings.particles, self.settings
         filters = maps.maps.shape[1]
         which, shifts, height = maxima_of_each(maps.maps.reshape(-1, *maps.maps.shape[2:]), 3)
         if not len(which):  # a flat response has no maximum
-            return np.tile([*self.target.centre, 0.0, 0.0], (count, 1))
+            return np.tile([*self.target.centre, 0.0], (count, 1))
         everywhere = np.column_stack([maps.centres[which // filters] + shifts * maps.cell, which % filters])
         weights = np.exp(settings.sharpness * (height - height.max()))
-        drawn = everywhere[self._rng.choice(len(everywhere), count, p=weights / weights.sum())]
-        sizes = self._rng.normal(size=count) * _SIZE_STEP if settings.size_spread > 0 else np.zeros(count)
-        return np.column_stack([drawn, sizes])
+        return np.asarray(everywhere[self._rng.choice(len(everywhere), count, p=weights / weights.sum())])
 
-    def _log_likelihood(self, particles: FloatArray, maps: SizedResponseMaps) -> FloatArray:
+    def _log_likelihood(self, particles: FloatArray, maps: ResponseMaps) -> FloatArray:
         """Equation (3.4), its response joined with the colours and in the exponent."""
-        numbers = np.minimum(particles[:, 2].astype(np.int64), maps.middle.maps.shape[1] - 1)
-        return self.settings.sharpness * maps.at(particles[:, :2], numbers, particles[:, 3])
+        numbers = np.minimum(particles[:, 2].astype(np.int64), maps.maps.shape[1] - 1)
+        return self.settings.sharpness * maps.at(particles[:, :2], numbers)
 
     def _status(self) -> Status:
         if self._on_background:

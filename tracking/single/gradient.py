@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.single.interface import TargetState
+from tsuiseki.tracking.single.tracker import TargetState
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 HUES = 30

@@ -2,6 +2,7 @@
 
 Henriques et al., "High-speed tracking with kernelized correlation filters", PAMI 2015; "Exploiting the circulant
 structure of tracking-by-detection with kernels", ECCV 2012 (CSK); thesis section 2.2.4.
+The score is the greatest response.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
     respond,
     train,
 )
-from tsuiseki.tracking.single.peaks import peak
+from tsuiseki.tracking.single.response import peak
 from tsuiseki.tracking.single.search_windows import Features, WindowShape, window_shape
+from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 
@@ -134,3 +136,29 @@ def locate(model: Kcf, state: KcfState, image: ImageArray) -> KcfState:
 def step(model: Kcf, state: KcfState, image: ImageArray) -> KcfState:
     found = locate(model, state, image)
     return replace(found, bank=model.update(found.bank, image, found.centre[None], np.array([found.size])))
+
+
+class KcfTracker:
+    """The correlation filter alone.
+
+    Attributes:
+        settings: constants.
+        lost_below: response at which the target counts as lost; the filter goes on all the same.
+    """
+
+    def __init__(self, settings: KcfSettings, lost_below: float = 0.2, seed: int = 0) -> None:
+        del seed
+        self.settings = settings
+        self.lost_below = lost_below
+
+    def start(self, image: ImageArray, box: FloatArray) -> None:
+        """See `SingleTracker.start`."""
+        width, height = (box[2:] - box[:2]).tolist()
+        self._model = Kcf.of(self.settings, width, height)
+        self.state = start(self._model, image, box_centre(np.asarray(box)))
+
+    def follow(self, image: ImageArray) -> TargetState:
+        """See `SingleTracker.follow`."""
+        self.state = step(self._model, self.state, image)
+        status = "tracking" if self.state.peak > self.lost_below else "lost"
+        return TargetState(self._model.box(self.state.centre, self.state.size), self.state.peak, status)  # type: ignore[arg-type]

@@ -5,16 +5,16 @@ particles begins. Each particle has a place and the number of a correlation filt
 present one at several hypotheses of the target's place, and filters stored in the past. When the particles agree, the
 filter of the best particle goes on alone.
 
-The text leaves points open. Those of the observation are told in `observation_model`; of the rest:
+The text leaves points open. That of (3.5) is settled in `observation_model`; of the rest:
 
-* (3.3): S holds deviations in `THESIS` and variances in `PRINTED`, see `particles.step_deviation`.
+* (3.3): S holds variances, see `particles.step_deviation`.
 * Algorithm 1: hypothesis ``m`` is a copy of the present filter with the target at maximum ``m``. The copies become
   different because each learns at its own place. Particles of the first frame are weighed where they were drawn.
-* 3.2.7: in every frame a filter learns at the place of its heaviest particle (`learns_at`), with the learning rate of
+* 3.2.7: in every frame a filter learns at the place of its heaviest particle, with the learning rate of
   KCF. Of a stored filter a copy learns, and the store keeps it unchanged. The filter with the greatest response is
   stored. A filter without particles is dropped.
 * (3.7): see `particles.dispersion` for the matrix C and the filter numbers.
-* In every frame of the search the particles are resampled systematically (`resampled_below`).
+* In every frame of the search the particles are resampled systematically.
 
 The preset `ROBUST` adds to this; each addition answers a failure seen on videos. They stand second in
 `KcfParticleSettings`.
@@ -29,26 +29,22 @@ import numpy as np
 from tsuiseki.tracking.features.objectness import ObjectnessModel, shipped_objectness
 from tsuiseki.tracking.filters.base import bootstrap
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import FilterBank, join
+from tsuiseki.tracking.filters.motion.points import PlaneWalk
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.particles.weights import probabilities
+from tsuiseki.tracking.filters.particles.resampling import probabilities
 from tsuiseki.tracking.single import kcf
-from tsuiseki.tracking.single.archive import Archive
-from tsuiseki.tracking.single.confidence import Confidence
-from tsuiseki.tracking.single.interface import TargetState, box_centre
-from tsuiseki.tracking.single.kcf_particle_settings import ROBUST, KcfParticleSettings
-from tsuiseki.tracking.single.observation_model import ObservationModel, SearchView, Windows, highest_maxima
+from tsuiseki.tracking.single.constants import ROBUST, KcfParticleSettings
+from tsuiseki.tracking.single.observation_model import Confidence, ObservationModel, SearchView, highest_maxima
 from tsuiseki.tracking.single.particles import (
+    Archive,
     best_by_filter,
     densest,
     dispersion,
     draw_particles,
-    from_before,
     jump_prior,
-    mean_by_filter,
-    random_walk,
     step_deviation,
 )
-from tsuiseki.tracking.single.peaks import peak
+from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 
@@ -93,8 +89,7 @@ class KcfParticle:
         settings = self.settings
         self.model = kcf.Kcf.of(settings.kcf, float(size[0]), float(size[1]))
         self.target = kcf.start(self.model, image, box_centre(box))
-        step = step_deviation(self.model.target, settings.divisor, settings.covariance)
-        self._deviation = step * settings.spread
+        self._deviation = step_deviation(self.model.target, settings.divisor) * settings.spread
         self._archive = Archive(settings.stored, self.target.bank if settings.keeps_first else None)
         self._confidence = Confidence.start(settings, image, box)
         self._frame = self._plain_left = self._doubted = self.searched_frames = 0
@@ -139,15 +134,15 @@ class KcfParticle:
         """Algorithm 1: particles about the highest maxima of the present filter's response."""
         settings, target = self.settings, self.target
         past = self._archive.candidates()
-        windows = self._windows(image)
+        windows = self._observation.windows(image, target, settings.reach)
         maps = self._observation.maps(windows, target.bank, target.size)
-        peaks, heights = highest_maxima(maps, settings.hypotheses)
+        peaks = highest_maxima(maps, settings.hypotheses)
         if not len(peaks):  # a flat response, as on a constant image: the target is where it was
-            peaks, heights = target.centre[None], np.ones(1)
+            peaks = target.centre[None]
         weights = self._archive.weights(settings.past == "score")
-        shares = self._mixture_weights(peaks, heights)
+        near = jump_prior(peaks, target.centre, self.model.target * target.size) if settings.prefers_near else None
         particles = draw_particles(
-            peaks, len(past), weights, settings.past_share, settings.particles, self._deviation, self._rng, shares
+            peaks, len(past), weights, settings.past_share, settings.particles, self._deviation, self._rng, near
         )
         banks = [target.bank] * len(peaks) + list(past)
         if not settings.learns_while_searching:  # the hypotheses stay one filter, which then responds only once
@@ -159,52 +154,18 @@ class KcfParticle:
         state = self._filter(move=False).init(particles)
         self._weigh(self._observation.view(image, windows, bank, target.size), Search(state, bank, 0), move=False)
 
-    def _mixture_weights(self, peaks: FloatArray, heights: FloatArray) -> FloatArray | None:
-        """``(M,)`` P_J of the maxima; None makes all alike."""
-        if self.settings.prefers_near:
-            return jump_prior(peaks, self.target.centre, self.model.target * self.target.size)
-        if self.settings.mixture == "uniform":
-            return None
-        positive = np.maximum(heights, 1e-9)
-        return np.asarray(positive / positive.sum())
-
     def _continue_search(self, image: ImageArray, search: Search) -> None:
-        view = self._observation.view(image, self._windows(image), search.bank, self.target.size)
-        if not (self.settings.decides_always and self._confident(view, search)):
-            self._weigh(view, search, move=True)
-
-    def _confident(self, view: SearchView, search: Search) -> bool:
-        """3.2.2 in a frame of search: whether a filter's response is above epsilon_1; if so, it goes on alone."""
-        maps, size = view.maps.maps, np.array([self.target.size])
-        if maps.max() <= self.settings.switch:
-            return False
-        window, number = divmod(int(np.argmax(maps.max(axis=(2, 3)))), maps.shape[1])
-        shift, value = peak(maps[window, number])
-        place = view.maps.centres[window] + shift * view.maps.cell
-        self.searched_frames += 1
-        self.target = replace(self.target, centre=place, peak=value)
-        self._doubted = 0
-        self._end_search(
-            self.model.update(search.bank.select(slice(number, number + 1)), view.image, place[None], size)
-        )
-        return True
-
-    def _windows(self, image: ImageArray) -> Windows:
-        """The windows of a frame of search and their centres."""
-        settings = self.settings
-        lost = self.search is not None and self._status() == "lost"
-        reach = settings.redetect_reach if lost and settings.redetect_reach else settings.reach
-        return self._observation.windows(image, self.target, reach)
+        windows = self._observation.windows(image, self.target, self.settings.reach)
+        view = self._observation.view(image, windows, search.bank, self.target.size)
+        self._weigh(view, search, move=True)
 
     def _log_likelihood(self, particles: FloatArray, observation: SearchView) -> FloatArray:
         return self._observation.log_likelihood(particles, observation, self.target.size, self._confidence)
 
     def _filter(self, move: bool) -> ParticleFilter[SearchView]:
         """Resampling in every frame; the particles of the first one stay where they were drawn."""
-        motion = random_walk(self._deviation) if move else _stay
-        if move and self.settings.windows_of == "particles":
-            motion = from_before(motion)
-        return ParticleFilter(bootstrap(motion), self._log_likelihood, threshold=self.settings.resampled_below)
+        motion = PlaneWalk(self._deviation) if move else _stay
+        return ParticleFilter(bootstrap(motion), self._log_likelihood, threshold=1.0)
 
     def _weigh(self, view: SearchView, search: Search, move: bool) -> None:
         """One frame of search: move, weigh, take the best particle, learn, and see whether they agree."""
@@ -217,8 +178,7 @@ class KcfParticle:
         place = view.maps.climb(best[:2], int(best[2])) if settings.climbs else best[:2].copy()
         response = float(view.maps.at(place[None], best[None, 2].astype(np.int64))[0])
         self.target = replace(self.target, centre=place, peak=response)
-        learning = best_by_filter if settings.learns_at == "heaviest" else mean_by_filter
-        used, places = learning(state.particles, weights)
+        used, places = best_by_filter(state.particles, weights)
         bank = search.bank.select(used)
         if settings.learns_while_searching:
             bank = self.model.update(bank, view.image, places, np.full(len(places), self.target.size))
@@ -226,9 +186,9 @@ class KcfParticle:
             value = float(view.maps.maps[:, used[strongest]].max())
             self._archive = self._archive.add(bank.select(slice(strongest, strongest + 1)), value)
         numbers = np.searchsorted(used, state.particles[:, 2])
-        particles = np.column_stack([state.particles[:, :2], numbers])  # where they were before is done with
+        particles = np.column_stack([state.particles[:, :2], numbers])
         self.search = Search(ParticleState(particles, state.log_weights), bank, search.frames + 1)
-        spread = dispersion(particles, weights, self._agreement()) / float(np.prod(self.model.target))
+        spread = dispersion(particles, weights, self._deviation**2) / float(np.prod(self.model.target))
         if spread >= settings.convergence:
             return
         colour = self._confidence.colour_score(view.image, self._box())
@@ -236,15 +196,6 @@ class KcfParticle:
         if sure or search.frames + 1 >= settings.longest_search:
             self._doubted = 0 if sure else self._doubted
             self._end_search(bank.select(slice(int(numbers[chosen]), int(numbers[chosen]) + 1)))
-
-    def _agreement(self) -> FloatArray:
-        """``(2,)`` diagonal of C in (3.7), square pixels."""
-        chosen = {
-            "covariance": self._deviation**2,
-            "lengths": self.model.target / self.settings.divisor,
-            "pixels": np.ones(2),
-        }
-        return chosen[self.settings.agreement]
 
     def _end_search(self, bank: FilterBank) -> None:
         """3.2.6: the best particle's filter goes on alone."""

@@ -12,9 +12,9 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import cosine_window, gaussian_labels
-from tsuiseki.tracking.single.interface import TargetState, box_centre
-from tsuiseki.tracking.single.peaks import peak
+from tsuiseki.tracking.single.response import peak
 from tsuiseki.tracking.single.search_windows import cut
+from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Float32Array = NDArray[np.float32]

@@ -1,32 +1,98 @@
 """What the particles of a search see of a frame, and how likely it makes each of them, thesis 3.2.3 and 3.2.5.
 
-The text leaves these points open; here:
+In (3.5) the displacement is measured from the tracker's box in the frame before, for all particles. So one window
+serves all filters, and one batched transform gives all responses. Outside the window the response is zero.
 
-* (3.4) adds r and v with the shares alpha and 1 - alpha. A search begins where every response is at most epsilon_1 =
-  0.2, and v is about 0.5 nearly everywhere. So r as it comes out of the filter adds 0.06 of 0.41 at most, and v alone
-  decides. `THESIS` therefore divides r by the greatest response of the frame; `PRINTED` does not.
-* (3.5): the displacement is measured from the tracker's box in the frame before, for all particles. So one window
-  serves all filters, and one batched transform gives all responses. Outside the window the response is zero. With
-  ``windows_of`` "particles" it is measured from where each particle was, in a window of its own.
+`Confidence` says when the correlation filter is in doubt, 3.2.2, with two more reasons to doubt.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tsuiseki.tracking.features.objectness import ObjectnessModel, propose
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import FilterBank, Samples, respond
 from tsuiseki.tracking.single import kcf
-from tsuiseki.tracking.single.confidence import Confidence
-from tsuiseki.tracking.single.kcf_particle_settings import KcfParticleSettings
-from tsuiseki.tracking.single.peaks import local_maxima
-from tsuiseki.tracking.single.response import ResponseMaps, log_likelihood, object_overlap
+from tsuiseki.tracking.single.colours import ForegroundColour
+from tsuiseki.tracking.single.constants import KcfParticleSettings
+from tsuiseki.tracking.single.response import ResponseMaps, local_maxima, log_likelihood, object_overlap
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+COLOUR_RATE = 0.04  # of learning new colours, a look
+
+
+@dataclass(frozen=True)
+class RunningMean:
+    """A running mean, plain over the first values, and how a new value compares to it."""
+
+    rate: float = 0.05
+    mean: float | None = None
+    count: int = 0
+
+    def add(self, value: float) -> RunningMean:
+        """With one more value."""
+        share = max(self.rate, 1 / (self.count + 1))
+        return RunningMean(
+            self.rate, value if self.mean is None else self.mean + share * (value - self.mean), self.count + 1
+        )
+
+    def falls_below(self, share: float, value: float) -> bool:
+        """Whether ``value`` is less than ``share`` of the mean so far."""
+        return self.mean is not None and value < share * self.mean
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """What the target looked like while it was tracked without doubt.
+
+    Attributes:
+        peaks: responses, a frame each.
+        colours: colour scores, a look each.
+        colour: the colours themselves; None where they are not used or where a box covers the whole image.
+    """
+
+    peaks: RunningMean = RunningMean()
+    colours: RunningMean = RunningMean(rate=0.1)
+    colour: ForegroundColour | None = None
+
+    @classmethod
+    def start(cls, settings: KcfParticleSettings, image: ImageArray, box: FloatArray) -> Confidence:
+        """From the first frame."""
+        wanted = settings.colour or settings.drift_switch
+        return cls(colour=ForegroundColour.learn(image, box) if wanted else None)
+
+    def doubts(self, settings: KcfParticleSettings, peak: float, colour: float | None) -> bool:
+        """Whether the particle filter takes over, or goes on.
+
+        Args:
+            settings: hold the thresholds.
+            peak: response of the filter at the target.
+            colour: colour score there; None where nobody looked.
+        """
+        if peak <= settings.switch or self.peaks.falls_below(settings.relative_switch, peak):
+            return True
+        return colour is not None and self.colours.falls_below(settings.drift_switch, colour)
+
+    def learn(self, image: ImageArray, box: FloatArray, peak: float, colour: float | None) -> Confidence:
+        """With one more frame without doubt; ``peak`` and ``colour`` as `doubts` had them."""
+        after = replace(self, peaks=self.peaks.add(peak))
+        if self.colour is None or colour is None:
+            return after
+        new = ForegroundColour.learn(image, box)
+        return replace(
+            after,
+            colours=self.colours.add(colour),
+            colour=self.colour if new is None else self.colour.blend(new, COLOUR_RATE),
+        )
+
+    def colour_score(self, image: ImageArray, box: FloatArray) -> float:
+        """Of one box ``(4,)``; 1 where colours are not used."""
+        return 1.0 if self.colour is None else float(self.colour.score(image, box[None])[0])
+
+
 PROPOSALS = 100
-LEAST_RESPONSE = 1e-6
 Windows = tuple[Samples, FloatArray]
 """What is in the windows of a frame, and their centres ``(W, 2)`` in pixels."""
 
@@ -39,13 +105,11 @@ class SearchView:
         maps: responses of the filters.
         image: ``(H, W, 3)``.
         proposals: ``(K, 4)`` boxes near the windows that look like an object.
-        bank: the filters.
     """
 
     maps: ResponseMaps
     image: ImageArray
     proposals: FloatArray
-    bank: FilterBank
 
 
 @dataclass(frozen=True)
@@ -82,13 +146,13 @@ class ObservationModel:
             half = self.model.target * size * self.settings.kcf.padding / 2
             region = np.concatenate([centres.min(axis=0) - half, centres.max(axis=0) + half])
             proposals, _ = propose(image, self.objects, PROPOSALS, region)
-        return SearchView(self.maps(windows, bank, size), image, proposals, bank)
+        return SearchView(self.maps(windows, bank, size), image, proposals)
 
     def log_likelihood(self, particles: FloatArray, view: SearchView, size: float, known: Confidence) -> FloatArray:
         """``(N,)`` equation (3.4), sharpened and joined with the colours where the settings say so.
 
         Args:
-            particles: ``(N, 3)`` x, y and number of a filter; or ``(N, 5)``, where each was in the frame before last.
+            particles: ``(N, 3)`` x, y and number of a filter.
             view: of the frame.
             size: of the target, relative to the first.
             known: the target's colours, and how much like them it usually is.
@@ -96,12 +160,7 @@ class ObservationModel:
         settings = self.settings
         half = self.model.target * size / 2
         boxes = np.concatenate([particles[:, :2] - half, particles[:, :2] + half], axis=1)
-        own = particles.shape[1] > 3
-        numbers = particles[:, 2].astype(np.int64)
-        response = self._in_own_windows(particles, view, size) if own else view.maps.at(particles[:, :2], numbers)
-        if settings.response_scale == "greatest":
-            greatest = max(float(view.maps.maps.max()), float(response.max()) if own else 0.0)
-            response = response / max(greatest, LEAST_RESPONSE)
+        response = view.maps.at(particles[:, :2], particles[:, 2].astype(np.int64))
         overlap = object_overlap(boxes, view.proposals) if self.objects is not None else np.zeros(len(boxes))
         result = log_likelihood(response, overlap, settings.response_share)
         if settings.colour and known.colour is not None:
@@ -110,24 +169,9 @@ class ObservationModel:
             result += settings.colour * np.minimum(score - usual, 0)
         return settings.sharpness * result
 
-    def _in_own_windows(self, particles: FloatArray, view: SearchView, size: float) -> FloatArray:
-        """``(N,)`` r of (3.5), each in the window about where the particle was."""
-        before, which = np.unique(particles[:, 3:], axis=0, return_inverse=True)
-        samples = self.model.window.describe(view.image, before, np.full(len(before), size))
-        cell, found = self.model.window.cell_pixels(size), np.zeros(len(particles))
-        for k in range(len(before)):
-            rows = np.flatnonzero(which == k)
-            used, numbers = np.unique(particles[rows, 2].astype(np.int64), return_inverse=True)
-            maps = respond(view.bank.select(used), samples.select(slice(k, k + 1)), self.settings.kcf.kernel)
-            found[rows] = ResponseMaps(maps[None], before[k : k + 1], cell).at(particles[rows, :2], numbers)
-        return found
 
-
-def highest_maxima(maps: ResponseMaps, count: int) -> tuple[FloatArray, FloatArray]:
-    """``(M, 2)`` places of the highest maxima of the first filter's responses and their ``(M,)`` heights.
-
-    The highest come first; there are none where it is flat.
-    """
+def highest_maxima(maps: ResponseMaps, count: int) -> FloatArray:
+    """``(M, 2)`` places of the first filter's highest maxima, the highest first; none where it is flat."""
     places, values = [], []
     for k, centre in enumerate(maps.centres):
         shifts, heights = local_maxima(maps.maps[k, 0], count)
@@ -137,4 +181,4 @@ def highest_maxima(maps: ResponseMaps, count: int) -> tuple[FloatArray, FloatArr
         places.append(found[nearest == k])
         values.append(heights[nearest == k])
     order = np.argsort(-np.concatenate(values), kind="stable")[:count]
-    return np.asarray(np.concatenate(places)[order]), np.asarray(np.concatenate(values)[order], dtype=np.float64)
+    return np.asarray(np.concatenate(places)[order])

@@ -2,28 +2,58 @@
 
 A particle is a row ``x, y, f``: the centre of its box in pixels and the number of its correlation filter. Width and
 height of the box are the same for all particles: the thesis gives them no variance (3.3.2).
+`Archive` holds the filters of the past that particles may take, 3.2.7.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from tsuiseki.tracking.filters.base import Motion, each_frame
-from tsuiseki.tracking.single.kcf_particle_settings import Covariance
+from tsuiseki.tracking.filters.correlation.kernelised_correlation import FilterBank
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 
-def step_deviation(target: FloatArray, divisor: float, covariance: Covariance = "variances") -> FloatArray:
+@dataclass(frozen=True)
+class Archive:
+    """The last stored filters, each a bank of one, with the response that it had when it was stored.
+
+    Attributes:
+        capacity: U, the oldest filter goes when there would be more.
+        first: the filter of the first frame, kept beside them for good; None as in the thesis.
+        banks: oldest first.
+        scores: one a bank.
+    """
+
+    capacity: int
+    first: FilterBank | None = None
+    banks: tuple[FilterBank, ...] = ()
+    scores: tuple[float, ...] = ()
+
+    def add(self, bank: FilterBank, score: float) -> Archive:
+        """With one more filter."""
+        keep = slice(max(0, len(self.banks) + 1 - self.capacity), None)
+        return Archive(self.capacity, self.first, (*self.banks, bank)[keep], (*self.scores, score)[keep])
+
+    def candidates(self) -> tuple[FilterBank, ...]:
+        """All filters that can be drawn, the first frame's first."""
+        return (self.first, *self.banks) if self.first is not None else self.banks
+
+    def weights(self, by_score: bool) -> FloatArray:
+        """Relative probabilities P_K of the candidates: alike, or by score; the first frame's counts as the best."""
+        scores = [max(self.scores, default=1.0)] if self.first is not None else []
+        scores += self.scores
+        return np.maximum(np.array(scores), 1e-6) if by_score else np.ones(len(scores))
+
+
+def step_deviation(target: FloatArray, divisor: float) -> FloatArray:
     """Standard deviations ``(2,)`` of x and y, pixels, for a target ``(2,)`` of first size ``w1, h1``.
 
-    The thesis puts ``w1 / a`` and ``h1 / a`` on the diagonal of the covariance matrix S (3.3.2). Two readings:
-
-    * ``variances``: what a covariance matrix holds, although these are lengths. The deviation is ``sqrt(w1 / a)``: 2.7
-      pixels for a target of 25, and twice that for one of 100.
-    * ``deviations``: the deviation is ``w1 / a`` itself, with a = 10/3 three tenths of the target whatever its size.
+    The thesis puts ``w1 / a`` and ``h1 / a`` on the diagonal of the covariance matrix S (3.3.2), although these are
+    lengths: the deviation is ``sqrt(w1 / a)``, 2.7 pixels for a target of 25.
     """
-    lengths = np.asarray(target, dtype=np.float64) / divisor
-    return lengths if covariance == "deviations" else np.sqrt(lengths)
+    return np.sqrt(np.asarray(target, dtype=np.float64) / divisor)
 
 
 def draw_particles(
@@ -63,33 +93,6 @@ def draw_particles(
     return np.column_stack([places, number])
 
 
-def random_walk(deviation: FloatArray, size_deviation: float = 0.0) -> Motion:
-    """Equation (3.3), in frames: places walk with S, filter numbers stay.
-
-    Args:
-        deviation: ``(2,)`` of x and y, pixels.
-        size_deviation: of the logarithm of the size, the particles' fourth column; 0 where they have none.
-    """
-
-    def move(particles: FloatArray, rng: np.random.Generator) -> FloatArray:
-        moved = particles.copy()
-        moved[:, :2] += rng.normal(size=(len(particles), 2)) * deviation
-        if size_deviation > 0:
-            moved[:, 3] += rng.normal(size=len(particles)) * size_deviation
-        return moved
-
-    return each_frame(move)
-
-
-def from_before(motion: Motion) -> Motion:
-    """``motion`` of ``(N, 3)`` particles, after which columns 3 and 4 are where each was before it."""
-
-    def move(particles: FloatArray, frames: float, rng: np.random.Generator) -> FloatArray:
-        return np.column_stack([motion(particles, frames, rng), particles[:, :2]])
-
-    return move
-
-
 def dispersion(particles: FloatArray, weights: FloatArray, variances: FloatArray) -> float:
     """Weighted variance V of the particles by the Mahalanobis distance, equations (3.7) and (3.8).
 
@@ -115,15 +118,6 @@ def best_by_filter(particles: FloatArray, weights: FloatArray) -> tuple[IntArray
     order = np.lexsort((-weights, numbers))
     used, first = np.unique(numbers[order], return_index=True)
     return used, particles[order[first], :2]
-
-
-def mean_by_filter(particles: FloatArray, weights: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Like `best_by_filter`, with the weighted mean ``(F, 2)`` of the places of each filter's particles."""
-    used, numbers = np.unique(particles[:, 2].astype(np.int64), return_inverse=True)
-    shares = np.maximum(weights, 1e-300)  # particles of no weight have a mean, too
-    total = np.bincount(numbers, shares)
-    places = [np.bincount(numbers, shares * particles[:, axis]) / total for axis in (0, 1)]
-    return used, np.stack(places, axis=1)
 
 
 def jump_prior(places: FloatArray, before: FloatArray, target: FloatArray) -> FloatArray:

@@ -42,12 +42,11 @@ from tsuiseki.tracking.filters.correlation.regularised_correlation import (
     respond,
 )
 from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset, far_area, far_peak
-from tsuiseki.tracking.single.interface import TargetState, box_centre
-from tsuiseki.tracking.single.peaks import peak
-from tsuiseki.tracking.single.pixel_colour import PixelColour, coloured_area, shift_response, size_contrast
-from tsuiseki.tracking.single.regularised_settings import RegularisedSettings
-from tsuiseki.tracking.single.search_windows import cut
-from tsuiseki.tracking.single.size_samples import SizeLadder, SizeSample
+from tsuiseki.tracking.single.colours import PixelColour, coloured_area, shift_response, size_contrast
+from tsuiseki.tracking.single.constants import RegularisedSettings
+from tsuiseki.tracking.single.response import peak
+from tsuiseki.tracking.single.search_windows import SizeLadder, SizeSample, cut
+from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 CELL = 4  # template pixels

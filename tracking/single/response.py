@@ -1,16 +1,86 @@
-"""How well boxes fit the response maps of correlation filters and the objects in the image; thesis 3.2.5."""
+"""Response maps of correlation filters over cyclic shifts, ``map[0, 0]`` being no shift.
+
+Their maxima lie between cells, by parabolas. How well boxes fit them and the objects in the image is thesis 3.2.5.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.single.peaks import peak_near
 from tsuiseki.tracking.types import FloatArray, IntArray
+
+Float32Array = NDArray[np.float32]
+
+
+def _parabola_offset(before: float, at: float, after: float) -> float:
+    """Where the parabola through three values has its maximum, in (-0.5, 0.5) around the middle one."""
+    curvature = 2 * at - before - after
+    return 0.5 * (after - before) / curvature if curvature > 1e-12 else 0.0
+
+
+def signed_shift(index: FloatArray | float, length: int) -> FloatArray:
+    """Cyclic map positions as shifts in [-length/2, length/2)."""
+    return np.asarray((index + length / 2) % length - length / 2)
+
+
+def peak(response: Float32Array) -> tuple[FloatArray, float]:
+    """Shift ``(x, y)`` in cells of the greatest value of one map, to sub-cell precision, and the value."""
+    row, column = divmod(int(np.argmax(response)), response.shape[1])
+    return peak_near(response, np.array([column, row]))
+
+
+def peak_near(response: Float32Array, cell: IntArray) -> tuple[FloatArray, float]:
+    """Shift ``(x, y)`` of the maximum about the cell ``(x, y)`` of one map, to sub-cell precision, and its value."""
+    rows, columns = response.shape
+    column, row = int(cell[0]) % columns, int(cell[1]) % rows
+    value = float(response[row, column])
+    dx = _parabola_offset(float(response[row, column - 1]), value, float(response[row, (column + 1) % columns]))
+    dy = _parabola_offset(float(response[row - 1, column]), value, float(response[(row + 1) % rows, column]))
+    shift = np.array([float(signed_shift(column + dx, columns)), float(signed_shift(row + dy, rows))])
+    return shift, value
+
+
+def local_maxima(response: Float32Array, count: int) -> tuple[FloatArray, FloatArray]:
+    """The ``count`` greatest local maxima of a cyclic map, greatest first; fewer come back where there are fewer.
+
+    Returns:
+        Shifts ``(M, 2)`` x, y in whole cells and values ``(M,)``.
+    """
+    _, shifts, values = maxima_of_each(response[None], count)
+    return shifts, values
+
+
+def maxima_of_each(responses: Float32Array, count: int) -> tuple[IntArray, FloatArray, FloatArray]:
+    """`local_maxima` of several maps at once.
+
+    A cell is one when no neighbour of its eight is greater and one is smaller.
+
+    Args:
+        responses: ``(B, rows, columns)`` cyclic maps.
+        count: of a map, at most.
+
+    Returns:
+        Which map ``(M,)``, ascending, shifts ``(M, 2)`` x, y in whole cells and values ``(M,)``, of a map the greatest
+        first.
+    """
+    greatest = least = responses
+    for axis in (-2, -1):
+        greatest = np.maximum(np.maximum(greatest, np.roll(greatest, 1, axis)), np.roll(greatest, -1, axis))
+        least = np.minimum(np.minimum(least, np.roll(least, 1, axis)), np.roll(least, -1, axis))
+    which, row, column = np.nonzero((responses >= greatest) & (responses > least))
+    values = responses[which, row, column]
+    order = np.lexsort((-values, which))
+    rank = np.arange(len(order)) - np.searchsorted(which, which)  # ``which`` is sorted: so many of its map before
+    order = order[rank < count]
+    which, row, column, values = which[order], row[order], column[order], values[order]
+    rows, columns = responses.shape[1:]
+    shifts = np.stack([signed_shift(column.astype(np.float64), columns), signed_shift(row.astype(np.float64), rows)], 1)
+    return which, shifts, values.astype(np.float64)
+
 
 SMALLEST_LIKELIHOOD = 1e-6
 """Added to every likelihood, so that a place without any response is unlikely and not impossible."""
@@ -66,33 +136,6 @@ class ResponseMaps:
         shift, _ = peak_near(response, around[int(np.argmax(values))])
         found = self.centres[window] + shift * self.cell
         return np.asarray(found if (np.abs(found - place) <= 1.5 * self.cell).all() else place)
-
-
-@dataclass(frozen=True)
-class SizedResponseMaps:
-    """Responses about one place at several sizes of the target.
-
-    Attributes:
-        levels: ``(S,)`` logarithms of the sizes relative to the present one, ascending, 0 in the middle.
-        maps: of each size.
-    """
-
-    levels: FloatArray
-    maps: Sequence[ResponseMaps]
-
-    @property
-    def middle(self) -> ResponseMaps:
-        """At the present size."""
-        return self.maps[len(self.maps) // 2]
-
-    def at(self, places: FloatArray, filters: IntArray, log_sizes: FloatArray) -> FloatArray:
-        """Response ``(N,)`` at ``places`` ``(N, 2)`` at the level nearest to each of ``log_sizes`` ``(N,)``."""
-        level = np.argmin(np.abs(log_sizes[:, None] - self.levels[None]), axis=1)
-        found = np.zeros(len(places))
-        for k, maps in enumerate(self.maps):
-            here = level == k
-            found[here] = maps.at(places[here], filters[here])
-        return found
 
 
 def object_overlap(boxes: FloatArray, proposals: FloatArray) -> FloatArray:

@@ -1,18 +1,159 @@
-"""`tsuiseki track single`: follow one target through a video."""
+"""One target through a video, from its box in the first frame: `follow`, and `tsuiseki track single`."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from itertools import chain
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import Run, frames_expected
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.single.choice import SingleChoice
+from tsuiseki.tracking.formats.mot_sequence import list_images
+from tsuiseki.tracking.formats.single import find_single_sequences, has_labels
+from tsuiseki.tracking.geometry import corners_from_xywh
+from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.single.settings import (
+    SingleChoice,
+    SingleMethod,
+    SinglePreset,
+    single_tracker,
+    warn_if_not_asked,
+)
+from tsuiseki.tracking.single.tracker import SingleTracker, follow_target
+from tsuiseki.tracking.types import Estimate, FloatArray, Frame, ImageArray, Status
+from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
+from tsuiseki.tracking.video.source import Source, open_source
 
-if TYPE_CHECKING:
-    from tsuiseki.tracking.types import Estimate, FloatArray, ImageArray
-    from tsuiseki.tracking.video.source import Source
+
+def follow(
+    source: str | Path | int,
+    box: Sequence[float] | ArrayLike | None = None,
+    method: SingleMethod | SingleTracker = "combined",
+    *,
+    preset: SinglePreset = "robust",
+    frames: str | None = None,
+    seed: int = 0,
+) -> Iterator[tuple[Frame, Estimate]]:
+    """One target of any kind: each frame with the target's box, a score, and whether to believe it.
+
+    Args:
+        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, VOT, UAV123), the number of a
+            webcam or the address of a stream.
+        box: ``(4,)`` the target in the first frame, x1, y1, x2, y2 in 0-based pixels; a labelled sequence folder has
+            its own.
+        method: ``combined`` is a correlation filter with colours and sizes that particles help when the target is
+            hidden; ``kcf`` is a plain filter, and faster; ``kcf-particle`` is the thesis's way of joining filter and
+            particles; or a tracker of one target.
+        preset: constants of the last two: ``robust`` is ours; ``thesis``, ``paper`` (both ``kcf`` only) and
+            ``printed`` (``kcf-particle`` only: to the letter) are the published ones.
+        frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
+        seed: of all random numbers.
+
+    Returns:
+        An iterator over all frames in order; the first answer is ``box`` itself.
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+        RunError: the video breaks off, or changes its size.
+    """
+    opened, labelled = open_single(source, frames)
+    wanted = labelled if box is None else np.asarray(box, dtype=np.float64)
+    if wanted is None:
+        raise RequestError(f"{opened.name} has no labels; expected the `box` of the target in the first frame")
+    if wanted.shape != (4,):
+        raise RequestError(f"expected a `box` of four numbers x1, y1, x2, y2, got shape {wanted.shape}")
+    return follow_frames(opened.frames(), wanted, single_tracker(method, preset, seed), StageTimes())
+
+
+def follow_frames(
+    frames: Iterator[Frame],
+    box: FloatArray | Callable[[ImageArray], FloatArray],
+    tracker: SingleTracker,
+    times: StageTimes,
+) -> Iterator[tuple[Frame, Estimate]]:
+    """Each frame with the target in it.
+
+    Args:
+        frames: of the video.
+        box: ``(4,)`` the target in the first of them, or what finds it in its image.
+        tracker: a fresh one.
+        times: gets the stage ``read and track``.
+    """
+    first = next(frames, None)
+    if first is None:
+        return
+    current = [first]
+
+    def noted() -> Iterator[Frame]:
+        for frame in chain((first,), frames):
+            current[0] = frame
+            yield frame
+
+    estimates = follow_target(noted(), box(first.image) if callable(box) else box, tracker)
+    while True:
+        with times.measure("read and track"):
+            estimate = next(estimates, None)
+        if estimate is None:
+            return
+        yield current[0], estimate
+
+
+def open_single(source: str | Path | int, frames: str | None = None) -> tuple[Source, FloatArray | None]:
+    """The video, and the labelled box of its first frame where it is a sequence folder with labels.
+
+    Raises:
+        RequestError: see `open_source` and `find_single_sequences`.
+    """
+    stretch, folder = parse_frames(frames), Path(str(source))
+    if not folder.is_dir() or not has_labels(folder):
+        return open_source(str(source), stretch), None
+    sequence = find_single_sequences(folder)[0]
+    if not sequence.images:
+        raise RequestError(f"{folder}: expected images beside its labels, found none")
+    stretch = stretch.within(len(sequence.images))
+    skipped = list_images(sequence.images[0].parent).index(sequence.images[0])
+    assert stretch.last is not None
+    used = FrameRange(skipped + stretch.first, skipped + stretch.last)
+    return open_source(sequence.images[0].parent, used), sequence.boxes[stretch.first]
+
+
+def parse_box(text: str) -> FloatArray:
+    """``(4,)`` corners of ``X,Y,W,H``.
+
+    Raises:
+        RequestError: it is something else.
+    """
+    words = re.split(r"[,\s]+", text.strip())
+    try:
+        numbers = np.array([float(word) for word in words])
+    except ValueError:
+        numbers = np.empty(0)
+    if len(numbers) != 4 or not np.isfinite(numbers).all():
+        raise RequestError(f"`box`: expected X,Y,W,H in pixels, such as 120,80,40,90, got {text!r}")
+    return corners_from_xywh(numbers)
+
+
+def columns_of(estimates: Sequence[Estimate]) -> dict[str, list[Any]]:
+    """What happened in each frame, for ``run.json``: its number from 1, score and status."""
+    return {
+        "frame": [e.frame + 1 for e in estimates],
+        "score": [round(e.score, 5) for e in estimates],
+        "status": [e.status for e in estimates],
+    }
+
+
+def summary_of(estimates: Sequence[Estimate]) -> str:
+    """How many frames there are, and how many of each status."""
+    counts = {status: sum(e.status == status for e in estimates) for status in get_args(Status)}
+    parts = [f"{count} {status}" for status, count in counts.items() if count]
+    return f"{len(estimates)} frames ({', '.join(parts)})"
 
 
 def single(
@@ -36,10 +177,8 @@ def single(
     import numpy as np
 
     from tsuiseki.tracking.formats.single import write_boxes
-    from tsuiseki.tracking.report.single_plots import save_peaks
-    from tsuiseki.tracking.single.choice import warn_if_not_asked
+    from tsuiseki.tracking.report.plots import save_peaks
     from tsuiseki.tracking.single.page import write_target_overlay
-    from tsuiseki.tracking.single.tracking import columns_of, follow_measured, open_single, summary_of
 
     source, labelled = open_single(video.source, video.frames)
     source = video.open(images=True) if labelled is None else source
@@ -49,8 +188,8 @@ def single(
     with output.run() as run:
         run.facts["constants"] = constants
         wanted = partial(_drawn, run) if given is None else given
-        followed = follow_measured(run.frames(source, record=video.overlay), wanted, tracker, run.times)
-        estimates.extend(run.steps(followed, total=frames_expected(source)))
+        followed = follow_frames(run.frames(source, record=video.overlay), wanted, tracker, run.times)
+        estimates.extend(estimate for _, estimate in run.steps(followed, total=frames_expected(source)))
         warn_if_not_asked(tracker)
         run.columns = columns_of(estimates)
         run.write("boxes.txt", lambda path: write_boxes(path, np.array([e.box for e in estimates])))
@@ -72,8 +211,6 @@ def _drawn(run: Run, image: ImageArray) -> FloatArray:
 
 def _first_box(source: Source, box: str | None, select: bool, labelled: FloatArray | None) -> FloatArray | None:
     """The first box; None when it is to be drawn."""
-    from tsuiseki.tracking.single.tracking import parse_box
-
     if select and box is not None:
         raise RequestError("expected one of `box` and `select`, got both")
     if select:

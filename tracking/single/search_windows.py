@@ -1,6 +1,10 @@
 """Search windows of correlation filters.
 
 A window is cut from the image at a fixed template size, its features are computed, and they are Fourier transformed.
+
+A filter over sizes sees gradients of boxes on a fixed ladder of sizes (`SizeLadder`). It
+looks at a frame twice, to find the size and to learn it. The sizes of both are rungs of one ladder, so what was cut out
+for the first is there for the second; how far the target is off a rung goes into what is learnt.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.hog import hog
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import Samples, cosine_window, transform
+from tsuiseki.tracking.filters.correlation.scale_filter import ScaleSample
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Float32Array = NDArray[np.float32]
@@ -201,3 +206,58 @@ def window_shape(
     scale = padding * max(width, height) / longest
     rows, columns = (max(_SMALLEST_GRID, 2 * round(padding * side / (2 * cell * scale))) for side in (height, width))
     return WindowShape(rows, columns, cell, scale, features, 1 / padding)
+
+
+@dataclass(frozen=True)
+class SizeSample(ScaleSample):
+    """Gradients of boxes about one place of one frame.
+
+    Attributes:
+        rows: ``(S, D)`` of neighbouring levels.
+        first: level of the first row.
+    """
+
+    first: int
+
+
+@dataclass(frozen=True)
+class SizeLadder:
+    """Levels of size of one target: at level n it is ``step ** n`` times as large as in its first frame.
+
+    Attributes:
+        target: ``(2,)`` first width and height, pixels.
+        template: ``(2,)`` width and height to which boxes are scaled, pixels, multiples of ``cell``.
+        cell: side of a cell, template pixels.
+        step: ratio of neighbouring sizes.
+        count: levels in a sample, odd.
+    """
+
+    target: FloatArray
+    template: NDArray[np.int64]
+    cell: int
+    step: float
+    count: int
+
+    def level(self, size: float) -> float:
+        """How many steps ``size`` is above the first one."""
+        return float(np.log(size) / np.log(self.step))
+
+    def sizes(self, first: int) -> FloatArray:
+        """``(S,)`` relative sizes of a sample."""
+        return np.asarray(self.step ** (first + np.arange(self.count, dtype=np.float64)))
+
+    def sample(self, image: ImageArray, centre: FloatArray, middle: int, seen: SizeSample | None = None) -> SizeSample:
+        """The levels about ``middle``; those already ``seen`` at this place of this frame are not cut out again."""
+        first = middle - self.count // 2
+        old = range(0) if seen is None else range(max(first, seen.first), min(first, seen.first) + self.count)
+        levels = [level for level in range(first, first + self.count) if level not in old]
+        if seen is not None and not levels:
+            return seen
+        width, height = (self.template + 2 * self.cell).tolist()
+        pixels = self.target / self.template  # image pixels per template pixel, at the first size
+        patches = [cut_one(image, centre, pixels * self.step**level, width, height) for level in levels]
+        rows = hog(np.stack(patches), self.cell).reshape(len(patches), -1)
+        if seen is None or not len(old):
+            return SizeSample(rows, first)
+        kept = seen.rows[old.start - seen.first : old.stop - seen.first]
+        return SizeSample(np.concatenate([kept, rows] if levels[0] > first else [rows, kept]), first)

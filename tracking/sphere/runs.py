@@ -13,6 +13,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.sphere.sphere_run import (
     Seen,
     SphereLog,
@@ -22,7 +23,6 @@ from tsuiseki.tracking.sphere.sphere_run import (
     run_sphere,
 )
 from tsuiseki.tracking.sphere.tracker import SphereTracker
-from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import FloatArray, Position
 from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance, read_timestamps

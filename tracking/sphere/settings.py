@@ -9,7 +9,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVelocity, RandomWalk
+from tsuiseki.tracking.filters.motion.space import Ballistic, ConstantVelocity3D, RandomWalk3D
 from tsuiseki.tracking.options import Shared
 
 PresetName = Literal["extended", "paper"]
@@ -75,11 +75,11 @@ def chosen_motion(settings: SphereSettings, radius: float) -> Motion:
     agitation = settings.agitation
     motion = settings.motion or ("random-walk" if settings.preset == "paper" else "constant-velocity")
     if motion == "random-walk":
-        return RandomWalk(0.15 if agitation is None else agitation)
+        return RandomWalk3D(0.15 if agitation is None else agitation)
     if motion == "ballistic":
         restless = 1.0 if agitation is None else agitation
         return Ballistic(
             radius, settings.floor, restitution=settings.bounce, agitation=restless, drag=settings.drag,
             spin=settings.spin,
         )  # fmt: skip
-    return ConstantVelocity(1.5 if agitation is None else agitation)
+    return ConstantVelocity3D(1.5 if agitation is None else agitation)

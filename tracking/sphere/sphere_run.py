@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.volume import in_sight
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.sphere.tracker import (
     START_SPEED,
     SphereState,
@@ -20,7 +21,6 @@ from tsuiseki.tracking.sphere.tracker import (
     with_velocities,
 )
 from tsuiseki.tracking.sphere.views import Views
-from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import FloatArray, Position
 from tsuiseki.tracking.video.synchronise import Moment
 

@@ -4,7 +4,7 @@ A particle is a position and a velocity. A step predicts (2.1), weighs every par
 (2.2.2) or by the background difference (2.2.1), and resamples (2.3); the estimate is the weighted mean. Cameras are
 multiplied, as the paper says for 2.2.1. Beyond the paper: a covered camera is recognised and left out
 (`tracking.filters.particles.views`), and particles are weighed in two stages
-(`tracking.filters.particles.tempering`). Without these two (``covering=None, stages=1``), with `RandomWalk` and
+(`tracking.filters.particles.tempering`). Without these two (``covering=None, stages=1``), with `RandomWalk3D` and
 `likelihoods.printed_contour`, it is the paper's filter.
 """
 
@@ -15,11 +15,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion.motion_3d import ConstantVelocity
+from tsuiseki.tracking.filters.motion.space import ConstantVelocity3D
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.particles.tempering import bearable_share, drawn_and_spread
-from tsuiseki.tracking.filters.particles.views import Covering, open_after, weigh_views
-from tsuiseki.tracking.filters.particles.weights import log_sum, probabilities, weighted_covariance, weighted_mean
+from tsuiseki.tracking.filters.particles.resampling import log_sum, probabilities, weighted_covariance, weighted_mean
+from tsuiseki.tracking.filters.particles.stages import (
+    Covering,
+    bearable_share,
+    drawn_and_spread,
+    open_after,
+    weigh_views,
+)
 from tsuiseki.tracking.sphere.views import ViewLikelihood, Views
 from tsuiseki.tracking.types import FloatArray, Position, Status
 
@@ -99,7 +104,7 @@ class SphereTracker:
     """
 
     likelihood: ViewLikelihood
-    motion: Motion = field(default_factory=ConstantVelocity)
+    motion: Motion = field(default_factory=ConstantVelocity3D)
     covering: Covering | None = field(default_factory=Covering)
     largest_deviation: float = 0.15
     patience: float = 1.0

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective_cameras
 from tsuiseki.tracking.cameras.volume import check_volume, common_volume
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.sphere.background import median_background
 from tsuiseki.tracking.sphere.printed_contour import PrintedContourLikelihood
 from tsuiseki.tracking.sphere.runs import FrameTimes, SphereRun, frame_count
@@ -21,12 +22,10 @@ from tsuiseki.tracking.sphere.sphere_run import Seen, Start, check_start
 from tsuiseki.tracking.sphere.sphere_search import find_ball
 from tsuiseki.tracking.sphere.tracker import SphereTracker
 from tsuiseki.tracking.sphere.views import BackgroundLikelihood, ContourLikelihood, ViewLikelihood
-from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import FloatArray, Frame, Position
 from tsuiseki.tracking.video.image_folder import read_image
-from tsuiseki.tracking.video.latest_frames import LatestFrames
 from tsuiseki.tracking.video.source import Source, open_source
-from tsuiseki.tracking.video.synchronise import Moment, moments_with_images
+from tsuiseki.tracking.video.synchronise import LatestFrames, Moment, moments_with_images
 
 BACKGROUND_FRAMES = 25
 

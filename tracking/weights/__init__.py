@@ -10,7 +10,7 @@ from tsuiseki.tracking.errors import RequestError
 FOLDER = Path(__file__).resolve().parent
 # The detector of people that is taken where none is given.
 PEOPLE_DETECTOR = "detector_people"
-# The one that `adapt` teaches where none is given: it learns more of one place (docs/adapt.md).
+# The one that `adapt` teaches where none is given: it learns more of one place (docs/methods/adapt.md).
 LEARNING_DETECTOR = "detector_figures"
 # The detector of people under a drone that is taken where none is given.
 DRONE_DETECTOR = "detector_drone_larger"

@@ -14,10 +14,7 @@ import numpy as np
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import Detections, FloatArray, Track
-from tsuiseki.trainers.adapt.examples import first_held_out
-from tsuiseki.trainers.adapt.find import above
-from tsuiseki.trainers.adapt.linking import Seen
-from tsuiseki.trainers.adapt.settings import AdaptSettings
+from tsuiseki.trainers.adapt.find import LabelledVideo, above
 
 OVERLAPS = (0.5, 0.6, 0.7, 0.8)
 # People of a round, relative to the start: with fewer the models have collapsed.
@@ -79,31 +76,30 @@ def agreement(detections: Sequence[Detections], tracks: Sequence[Track], frames:
 
 
 def agreement_held_out(
-    seen: Sequence[Seen], detections: Sequence[Sequence[Detections]], settings: AdaptSettings
+    videos: Sequence[LabelledVideo], detections: Sequence[Sequence[Detections]], score_threshold: float
 ) -> float:
     """`agreement` with the tracks of a round on the held-out frames, the mean over its videos.
 
     Args:
-        seen: the videos.
+        videos: of the camera.
         detections: of each, its held-out frames alone.
-        settings: say what is held out and which scores count.
+        score_threshold: from which detections count.
     """
     agreements, weights = [], []
-    for each, found in zip(seen, detections, strict=True):
-        first = first_held_out(each.watched, each.found, settings.held_out)
-        held_out = range(first, each.found.first + each.watched.length)
-        agreements.append(agreement(above(found, settings.score_threshold), each.labels.tracks, held_out))
+    for each, found in zip(videos, detections, strict=True):
+        held_out = range(each.held_out, each.found.first + each.watched.length)
+        agreements.append(agreement(above(found, score_threshold), each.labels.tracks, held_out))
         weights.append(len(held_out))
     return float(np.average(agreements, weights=weights))
 
 
-def round_scores(seen: Sequence[Seen], settings: AdaptSettings) -> RoundScores:
-    """How a round did in the videos of a camera."""
+def round_scores(videos: Sequence[LabelledVideo], score_threshold: float) -> RoundScores:
+    """How a round did in the videos of a camera; detections from ``score_threshold`` on count."""
     people, boxes, detections, rejected, frames, offsets, ends = 0, 0, 0, 0, 0, [], []
-    for each in seen:
+    for each in videos:
         video, found, labels = each.watched, each.found, each.labels
-        certain = above(found.detections, settings.score_threshold)
-        ends.append(found.detections[first_held_out(video, found, settings.held_out) - found.first :])
+        certain = above(found.detections, score_threshold)
+        ends.append(found.detections[each.held_out - found.first :])
         people += len(labels.tracks)
         boxes += sum(map(len, labels.tracks))
         detections += sum(map(len, certain))
@@ -111,11 +107,11 @@ def round_scores(seen: Sequence[Seen], settings: AdaptSettings) -> RoundScores:
         frames += video.length
         offsets.append(float(np.abs(labels.offset).mean()))
     return RoundScores(
-        agreement_held_out(seen, ends, settings),
+        agreement_held_out(videos, ends, score_threshold),
         people,
         boxes / frames,
         detections / frames,
         max(rejected, 0) / frames,
         float(np.mean(offsets)),
-        all(each.foreground is not None for each in seen),
+        all(each.foreground is not None for each in videos),
     )

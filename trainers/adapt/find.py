@@ -1,4 +1,4 @@
-"""Finding and tracking people in a camera's video with the models of a round."""
+"""Finding and tracking people in a camera's video with the detector of a round, and labels out of the tracks."""
 
 from __future__ import annotations
 
@@ -7,39 +7,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tsuiseki.tracking.association.costs import ScoreCost
-from tsuiseki.tracking.association.tracklets.straddling import EXPLAINED
-from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
-from tsuiseki.tracking.features.networks.exported import SizedDetect, open_appearance, open_detector
+from tsuiseki.tracking.features.exported import SizedDetect, open_appearance, open_detector
+from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.features.views import parse_view
-from tsuiseki.tracking.people.finding import PeopleInputs
-from tsuiseki.tracking.people.frame_log import shifted
+from tsuiseki.tracking.people.inputs import PeopleInputs
 from tsuiseki.tracking.people.methods import LearntCosts, cost_of_scores, people_affinity, people_tracker
+from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.types import Detections, Track
-from tsuiseki.trainers.adapt.watch import Watched
+from tsuiseki.trainers.adapt.labels import Labels, label
+from tsuiseki.trainers.adapt.settings import AdaptSettings
+from tsuiseki.trainers.adapt.watch import Foreground, Watched
 
 # Detections down to this score are known, so that what the tracker rejects is, too.
 LOWEST_SCORE = 0.1
 
 
 @dataclass(frozen=True)
-class Models:
-    """The models of a round.
-
-    Attributes:
-        detector: of people: its file, or one that is open and gives scores from `LOWEST_SCORE` on.
-        appearance: file; None takes the shipped one.
-        affinity: file; None takes the shipped one where it knows the detector's scores, ``none`` hand-set costs.
-    """
-
-    detector: Path | SizedDetect
-    appearance: Path | None = None
-    affinity: Path | None = None
-
-
-@dataclass(frozen=True)
 class Found:
-    """What models see in a video.
+    """People who were detected and tracked in a video.
 
     Attributes:
         detections: of every frame, from the first one looked at, with their appearance.
@@ -60,15 +46,45 @@ class Found:
     camera: StandingCamera | None = None
 
 
-def find(watched: Watched, models: Models, score_threshold: float, view: str, threads: int) -> Found:
+@dataclass(frozen=True)
+class LabelledVideo:
+    """A video with what a round found in it.
+
+    Attributes:
+        watched: the video.
+        foreground: of its kept pictures; None where the camera moves.
+        found: detections and tracks.
+        labels: taken of them.
+        held_out: the first frame of the end that teaches nothing.
+    """
+
+    watched: Watched
+    foreground: Foreground | None
+    found: Found
+    labels: Labels
+    held_out: int
+
+
+def labelled(watched: Watched, foreground: Foreground | None, found: Found, settings: AdaptSettings) -> LabelledVideo:
+    """Take labels from what was found in a video."""
+    kept = [found.detections[frame - found.first] for frame in watched.frames]
+    labels = label(watched, foreground, found.tracks, kept, settings.labels)
+    return LabelledVideo(
+        watched, foreground, found, labels, found.first + round((1 - settings.held_out) * watched.length)
+    )
+
+
+def find(
+    watched: Watched, given: Path | SizedDetect, settings: AdaptSettings, view: str, affinity: Path | None = None
+) -> Found:
     """Detect and track people as `tsuiseki track people --ground off` does.
 
     Args:
         watched: the video.
-        models: to use.
-        score_threshold: of the detections that are tracked.
+        given: detector of people: its file, or one that is open and gives scores from `LOWEST_SCORE` on.
+        settings: score threshold of the detections that are tracked, and CPU cores.
         view: see `parse_view`.
-        threads: CPU cores; 0 takes all.
+        affinity: file; None takes the shipped one where it knows the detector's scores, ``none`` hand-set costs.
 
     Raises:
         RequestError: a file is no such model.
@@ -76,17 +92,16 @@ def find(watched: Watched, models: Models, score_threshold: float, view: str, th
     """
     from tsuiseki.tracking.weights import shipped
 
-    given = models.detector
     looking = open_detector(given, LOWEST_SCORE, threads=1) if isinstance(given, Path) else given
     # What is learnt is to know people as large as this camera shows them, so nothing is enlarged.
     detector = ViewedDetector(looking, parse_view(view), frame_rate=watched.frame_rate, enlarge=False)
-    describe = open_appearance(models.appearance or shipped("appearance_people"), 1)
+    describe = open_appearance(shipped("appearance_people"), 1)
     camera = StandingCamera()
-    inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=threads)
-    affinity = people_affinity("flow", models.affinity, 1, known_scores=knows_scores(detector))
+    inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=settings.threads)
+    costs = people_affinity("flow", affinity, 1, known_scores=knows_scores(detector))
     detections = [found for _, found in inputs.found()]
-    found = Found(detections, watched.stretch[0], [], columns_of(detector), affinity, cost_of_scores(detector), camera)
-    return replace(found, tracks=track(watched, found, score_threshold))
+    found = Found(detections, watched.span[0], [], columns_of(detector), costs, cost_of_scores(detector), camera)
+    return replace(found, tracks=track(watched, found, settings.score_threshold))
 
 
 def track(watched: Watched, found: Found, score_threshold: float) -> list[Track]:
@@ -99,9 +114,9 @@ def track(watched: Watched, found: Found, score_threshold: float) -> list[Track]
     """
     # Labels take straddling tracks of an uncalibrated detector for counter-examples (see `labels`); those of a
     # calibrated one are dropped, as `track people` does.
-    straddling = 0.0 if found.scores is None else EXPLAINED
+    calibrated = found.scores is not None
     tracker = people_tracker(
-        "flow", None, found.costs, 0, watched.open(), found.camera, scores=found.scores, straddling=straddling
+        "flow", None, found.costs, 0, watched.open(), found.camera, scores=found.scores, drop_straddling=calibrated
     )
     for here in found.detections:
         tracker.update(here.select(here.scores >= score_threshold))

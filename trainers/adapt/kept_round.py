@@ -3,38 +3,38 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+
+from tsuiseki.tracking.features.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt.agreement import RoundScores
-from tsuiseki.trainers.adapt.find import Models
-from tsuiseki.trainers.adapt.kept_tracks import read_everyone
 from tsuiseki.trainers.adapt.labels import TAKEN, Verdict
-from tsuiseki.trainers.adapt.linking import APPEARANCE, COSTS, LinkScores
 
 _DONE = "round.json"
+_COLUMNS = ("frames", "boxes", "scores", "observed")
 
 
 @dataclass(frozen=True)
 class Round:
-    """What a round saw.
+    """What a round found.
 
     Attributes:
-        number: 0 for the models that it starts from.
-        models: that looked.
-        scores: how they did.
-        links: how what tells people apart did.
+        number: 0 for the detector that it starts from.
+        detector: that looked: a file, or one that is open.
+        scores: how it did.
         verdicts: on the tracks of each video.
         columns: tiles across in which the detector looked.
         folder: with the labels and tracks of each video.
     """
 
     number: int
-    models: Models
+    detector: Path | SizedDetect
     scores: RoundScores
-    links: LinkScores
     verdicts: tuple[tuple[Verdict, ...], ...]
     columns: int
     folder: Path
@@ -57,7 +57,6 @@ def keep_round(here: Round) -> None:
     """Write what of a round no other file holds; last, and whole: its presence says that the round is finished."""
     values = {
         "scores": asdict(here.scores),
-        "links": asdict(here.links),
         "verdicts": [[asdict(v) for v in video] for video in here.verdicts],
         "columns": here.columns,
     }
@@ -65,21 +64,32 @@ def keep_round(here: Round) -> None:
     (here.folder / "unfinished.json").replace(here.folder / _DONE)
 
 
-def kept_round(folder: Path, number: int, models: Models) -> Round | None:
-    """What `keep_round` wrote in ``folder``; None where the round is not finished.
-
-    Args:
-        folder: of the round.
-        number: of it.
-        models: it looked with, but for what tells people apart.
-    """
+def kept_round(folder: Path, number: int, detector: Path | SizedDetect) -> Round | None:
+    """What `keep_round` wrote in ``folder`` of round ``number``; None where the round is not finished."""
     if not (folder / _DONE).is_file():
         return None
     values = json.loads((folder / _DONE).read_text(encoding="utf-8"))
     verdicts = tuple(tuple(Verdict(**v) for v in video) for video in values["verdicts"])
-    links = LinkScores(**values["links"])
-    if links.better_appearance:
-        models = replace(models, appearance=folder / APPEARANCE)
-    if links.better_costs:
-        models = replace(models, affinity=folder / COSTS)
-    return Round(number, models, RoundScores(**values["scores"]), links, verdicts, values["columns"], folder)
+    return Round(number, detector, RoundScores(**values["scores"]), verdicts, values["columns"], folder)
+
+
+def write_everyone(path: Path, tracks: Sequence[Track]) -> None:
+    """Keep ``tracks`` with what of them was filled in."""
+    np.savez(
+        path,
+        ids=np.array([t.id for t in tracks], dtype=np.int64),
+        lengths=np.array([len(t) for t in tracks], dtype=np.int64),
+        frames=np.concatenate([np.empty(0, np.int64), *(t.frames for t in tracks)]),
+        boxes=np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]),
+        scores=np.concatenate([np.empty(0), *(t.scores for t in tracks)]),
+        observed=np.concatenate([np.empty(0, np.bool_), *(t.observed for t in tracks)]),
+    )
+
+
+def read_everyone(path: Path) -> list[Track]:
+    """What `write_everyone` wrote."""
+    with np.load(path, allow_pickle=False) as file:
+        ends = np.cumsum(file["lengths"])
+        columns = [np.split(file[name], ends[:-1]) for name in _COLUMNS]
+        ids = file["ids"].tolist()
+    return [Track(int(i), *parts) for i, *parts in zip(ids, *columns, strict=True)] if ids else []

@@ -15,20 +15,21 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.datamodules.identity_crops import uncovered
-from tsuiseki.tracking.association.tracklets.straddling import EXPLAINED, explained_boxes, is_straddling
+from tsuiseki.tracking.association.tracklets import EXPLAINED, explained_boxes, is_straddling
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, shared_with_all
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.adapt.foreground import Difference, Foreground
-from tsuiseki.trainers.adapt.label_boxes import detected_boxes, drawn_to_silhouettes
 from tsuiseki.trainers.adapt.settings import LabelSettings
 from tsuiseki.trainers.adapt.silhouettes import (
+    Difference,
     covered_share,
+    detected_boxes,
+    drawn_to_silhouettes,
     moving_blobs,
     usual_offset,
 )
-from tsuiseki.trainers.adapt.watch import Watched
+from tsuiseki.trainers.adapt.watch import Foreground, Watched
 
 TAKEN, STILL, UNSURE, SHORT, TWICE = "taken", "never moves", "unsure", "short", "twice"
 # A rejected detection of which this share differs from the empty view may be somebody.

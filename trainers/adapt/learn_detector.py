@@ -28,8 +28,9 @@ from tsuiseki.trainers.adapt.watch import Watched
 from tsuiseki.trainers.exporting.export import export_onnx, load_module
 from tsuiseki.trainers.exporting.export_detector import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import Layout
-from tsuiseki.trainers.networks.calibration import LOWEST_SCORE, fit_calibration, matched_scores
 from tsuiseki.trainers.networks.detector import DetectorTraining, detections
+from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
+from tsuiseki.trainers.networks.modules import Optimisation
 
 # A training is saved this many times, so that one that was stopped goes on.
 _SITTINGS = 5
@@ -78,17 +79,18 @@ def fine_tune(
     lightning.seed_everything(settings.seed + round_, verbose=False)
     module = DetectorTraining(
         trunk=layout.trunk,  # type: ignore[arg-type]
-        start=str(start),
+        start=start,
         height=height,
         width=width,
         anchors=layout.anchors,
         channels=layout.channels,
-        fine=layout.fine,
-        loss=learning.loss,
+        loss="quality",
         box_weight=2.0,
-        learning_rate=learning.learning_rate / 2 ** (round_ - 1),
-        warmup_steps=min(20, learning.steps // 4),
-        final_share=0.05,
+        optimisation=Optimisation(
+            learning_rate=learning.learning_rate / 2 ** (round_ - 1),
+            warmup_steps=min(20, learning.steps // 4),
+            final_share=0.05,
+        ),
     )
     data = _data(videos, layout, columns, round_, settings)
     with _quiet(), _interrupts():
@@ -266,8 +268,8 @@ def _calibration(
     detector: TorchDetector, videos: Sequence[Watched], view: tuple[int, int | None], settings: AdaptSettings
 ) -> tuple[float, float] | None:
     viewed = ViewedDetector(detector, view)
-    stretches = [(v.learnt(settings.kept_back) + 1, v.learnt(settings.held_out)) for v in videos]
-    parts = [matched_scores(viewed, Path(v.folder), s) for v, s in zip(videos, stretches, strict=True)]
+    spans = [(v.learnt(settings.kept_back) + 1, v.learnt(settings.held_out)) for v in videos]
+    parts = [matched_scores(viewed, Path(v.folder), s) for v, s in zip(videos, spans, strict=True)]
     scores, right = (np.concatenate(part) for part in zip(*parts, strict=True))
     try:
         return fit_calibration(scores, right, _STEEPEST)

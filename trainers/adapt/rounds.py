@@ -1,8 +1,8 @@
 """The rounds of `tsuiseki adapt`: look at the camera's video, take labels from the tracks, learn from them, look again.
 
-A round looks with the models of the round before, or those it starts from, learns what tells people apart (`linking`),
-and says how well all did (`agreement`). Rounds go on while that improves and nothing collapses. What a round makes lies
-in its folder, and what is there already is not made again, so a run that was stopped goes on.
+A round looks with the detector that the round before taught, or the one it starts from, and says how well it did
+(`agreement`). Rounds go on while that improves and nothing collapses. What a round makes lies in its folder. What is
+there already is not made again, so a run that was stopped goes on.
 """
 
 from __future__ import annotations
@@ -16,22 +16,19 @@ from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.drone.observations import file_digest
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import SizedDetect
+from tsuiseki.tracking.features.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import write_detections
-from tsuiseki.tracking.people.finding import NONE
+from tsuiseki.tracking.people.settings import NONE
 from tsuiseki.tracking.types import Detections
 from tsuiseki.trainers.adapt.agreement import agreement_held_out, round_scores
-from tsuiseki.trainers.adapt.camera import Camera
-from tsuiseki.trainers.adapt.examples import first_held_out
-from tsuiseki.trainers.adapt.find import Models, find
-from tsuiseki.trainers.adapt.kept_round import Round, keep_round, kept_round
-from tsuiseki.trainers.adapt.kept_tracks import write_everyone
+from tsuiseki.trainers.adapt.find import LabelledVideo, find, labelled
+from tsuiseki.trainers.adapt.kept_round import Round, keep_round, kept_round, write_everyone
 from tsuiseki.trainers.adapt.labels import TAKEN, Verdict
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
-from tsuiseki.trainers.adapt.linking import LinkScores, Seen, learn_links, seen_in
 from tsuiseki.trainers.adapt.settings import AdaptSettings
-from tsuiseki.trainers.adapt.watch import Watched
+from tsuiseki.trainers.adapt.watch import Camera, Watched
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 
 # Agreement must rise by this much for a round to be better: at first by more, since a detector that has learnt from
@@ -50,7 +47,6 @@ class Adaptation:
         settings: how.
         teacher: detector that looks first, in place of ``start``; may be of another project.
         tell: gets a line about what is being done.
-        appearance: exported appearance network to begin with; by default the shipped one.
     """
 
     camera: Camera
@@ -59,7 +55,6 @@ class Adaptation:
     settings: AdaptSettings
     teacher: SizedDetect | None = None
     tell: Callable[[str], None] = print
-    appearance: Path | None = None
 
     def folder(self, number: int) -> Path:
         """Of a round."""
@@ -77,7 +72,7 @@ def rounds(adaptation: Adaptation) -> Iterator[Round]:
     Raises:
         RequestError: nobody is followed with confidence, or a file is no such model.
     """
-    first = best = _look(adaptation, 0, Models(adaptation.teacher or adaptation.start, adaptation.appearance))
+    first = best = _look(adaptation, 0, adaptation.teacher or adaptation.start)
     _refuse_nobody(first, adaptation.camera)
     yield first
     for number in range(1, adaptation.settings.rounds + 1):
@@ -86,6 +81,23 @@ def rounds(adaptation: Adaptation) -> Iterator[Round]:
         if here.scores.collapsed(first.scores) is not None or not better(here, best):
             return
         best = here
+
+
+def file_state(source: str) -> list[int]:
+    """Files, bytes and time of the last change (ns) of a video or folder; of a source elsewhere nothing is known.
+
+    Videos are too large for a digest of their contents.
+    """
+    path = Path(source)
+    files = sorted(path.rglob("*")) if path.is_dir() else [path]
+    found = [file.stat() for file in files if file.is_file()]
+    return [len(found), sum(x.st_size for x in found), max((x.st_mtime_ns for x in found), default=0)]
+
+
+def contents_of(sources: Sequence[str], start: Path, teacher: Path | None) -> dict[str, Any]:
+    """What videos and models hold, as plain values: a file of the same name may have been written anew."""
+    models = {"detector": file_digest(start), "teacher": file_digest(teacher) if teacher else ""}
+    return {"contents": [file_state(source) for source in sources], **models}
 
 
 def resumed(work: Path, key: dict[str, Any]) -> bool:
@@ -119,14 +131,12 @@ def best_of(finished: Sequence[Round]) -> Round:
     return best
 
 
-def _learn(adaptation: Adaptation, number: int, taught_by: Round) -> Models:
-    """The models of round ``number``, from the labels of the one before."""
+def _learn(adaptation: Adaptation, number: int, taught_by: Round) -> Path:
+    """The detector of round ``number``, from the labels of the one before."""
     folder, camera = adaptation.folder(number), adaptation.camera
     detector = folder / "detector.onnx"
-    # The shipped costs know the scores of the shipped detectors, not those that were learnt here.
-    models = Models(detector, adaptation.appearance, Path(NONE))
     if detector.is_file():
-        return models
+        return detector
     videos = _teaching(camera.videos, taught_by, adaptation.settings.kept_back)
     layout = layout_of(adaptation.start)
     before = adaptation.work / f"round-{number - 1}" / CHECKPOINT
@@ -135,7 +145,7 @@ def _learn(adaptation: Adaptation, number: int, taught_by: Round) -> Models:
     checkpoint = fine_tune(start, layout, videos, taught_by.columns, number, folder, adaptation.settings)
     view = (taught_by.columns, None)
     export_calibrated(checkpoint, layout.size, videos, view, detector, adaptation.settings)
-    return models
+    return detector
 
 
 def _teaching(videos: Sequence[Watched], taught_by: Round, kept_back: float) -> list[Watched]:
@@ -157,23 +167,21 @@ def _teaching(videos: Sequence[Watched], taught_by: Round, kept_back: float) -> 
     return teaching
 
 
-def _look(adaptation: Adaptation, number: int, models: Models) -> Round:
-    """Look with ``models``, or read what an earlier call saw."""
+def _look(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> Round:
+    """Look with the ``detector``, or read what an earlier call found."""
     folder, camera, settings = adaptation.folder(number), adaptation.camera, _settings_of(adaptation, number)
-    if (done := kept_round(folder, number, models)) is not None:
+    if (done := kept_round(folder, number, detector)) is not None:
         return done
-    seen = []
+    # The shipped costs know the scores of the shipped detectors, not those that were learnt here.
+    affinity = Path(NONE) if number else None
+    videos = []
     for video, foreground in zip(camera.videos, camera.foregrounds, strict=True):
         adaptation.tell(f"round {number}: looking at {video.source}")
-        found = find(video, models, settings.score_threshold, camera.view, settings.threads)
-        seen.append(seen_in(video, foreground, found, settings))
-    links = LinkScores()
-    if number:
-        seen, models, links = learn_links(seen, models, folder, settings, settings.seed + number)
-    scores = round_scores(seen, settings)
+        videos.append(labelled(video, foreground, find(video, detector, settings, camera.view, affinity), settings))
+    scores = round_scores(videos, settings.score_threshold)
     if not number and adaptation.teacher is not None:
-        scores = replace(scores, agreement=_before_learning(adaptation, seen))
-    for n, each in enumerate(seen):
+        scores = replace(scores, agreement=_before_learning(adaptation, videos))
+    for n, each in enumerate(videos):
         before = [Detections.empty()] * each.found.first
         write_detections(folder / f"det-{n}.txt", [*before, *each.found.detections])
         write_everyone(folder / f"tracks-{n}.npz", each.labels.everyone)
@@ -182,28 +190,25 @@ def _look(adaptation: Adaptation, number: int, models: Models) -> Round:
             shutil.copyfile(_labels_of(each.watched), folder / f"gt-{n}.txt")
     here = Round(
         number,
-        models,
+        detector,
         scores,
-        links,
-        tuple(each.labels.verdicts for each in seen),
-        max(each.found.columns for each in seen),
+        tuple(each.labels.verdicts for each in videos),
+        max(each.found.columns for each in videos),
         folder,
     )
     keep_round(here)
     return here
 
 
-def _before_learning(adaptation: Adaptation, seen: Sequence[Seen]) -> float:
+def _before_learning(adaptation: Adaptation, videos: Sequence[LabelledVideo]) -> float:
     """How well the detector that is to learn agrees with the tracks of its teacher."""
-    settings, detections = adaptation.settings, []
-    for each in seen:
-        first = first_held_out(each.watched, each.found, settings.held_out)
-        end = replace(each.watched, stretch=(first, each.watched.stretch[1]))
+    detections = []
+    for each in videos:
+        end = replace(each.watched, span=(each.held_out, each.watched.span[1]))
         adaptation.tell(f"round 0: looking at the end of {end.source} with {adaptation.start.name}")
-        models = Models(adaptation.start, adaptation.appearance)
-        found = find(end, models, settings.score_threshold, adaptation.camera.view, settings.threads)
-        detections.append(found.detections[first - found.first :])
-    return agreement_held_out(seen, detections, settings)
+        found = find(end, adaptation.start, adaptation.settings, adaptation.camera.view)
+        detections.append(found.detections[each.held_out - found.first :])
+    return agreement_held_out(videos, detections, adaptation.settings.score_threshold)
 
 
 def _settings_of(adaptation: Adaptation, number: int) -> AdaptSettings:

@@ -48,7 +48,6 @@ class LearningSettings:
         window: their sides, as a share of the detector's input.
         learning_rate: at the end of the warm-up of the first round; halved in each later one.
         generated_people: rendered to be composed onto the empty view beside the camera's own.
-        loss: of `DetectorTraining`.
     """
 
     steps: int = 100
@@ -56,7 +55,6 @@ class LearningSettings:
     window: float = 1.0
     learning_rate: float = 1e-3
     generated_people: int = 200
-    loss: Literal["multibox", "quality"] = "quality"
 
     def __post_init__(self) -> None:
         if min(self.steps, self.batch_size) < 1 or self.generated_people < 1 or not self.learning_rate > 0:

@@ -1,11 +1,18 @@
-"""Where a fixed camera's picture differs from its empty view, and how far people's boxes are off their silhouettes."""
+"""Where a fixed camera's picture differs from its empty view, and how far people's boxes are off their silhouettes.
+
+A label's box is drawn towards the silhouette of its frame: a track smooths its boxes and does not know how far the legs
+are apart. One silhouette is rough, so a box goes only part of the way to it. Where none can be told, it goes as far as
+others do.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.geometry import clip_boxes, grown, intersections
+from tsuiseki.tracking.geometry import clip_boxes, grown, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # Grey levels by which a pixel must differ from the empty view.
@@ -22,6 +29,31 @@ _FEWEST = 20
 # The middle of a box is all person: from these shares of its width and height on, to as much before the other end.
 _MIDDLE = np.array([0.25, 0.08])
 _TOLD = 0.7
+# A detection is that of a track's box from this overlap on.
+_SAME = 0.5
+# A silhouette that lies farther off, in widths and heights of the box, is torn or joined with something else.
+FARTHEST = 0.2
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A picture, as it differs from the empty view.
+
+    Attributes:
+        different: ``(H, W)`` pixels that differ.
+        bright: those of them that are no shadow.
+    """
+
+    different: BoolArray
+    bright: BoolArray
+
+    def offsets(self, boxes: FloatArray) -> FloatArray:
+        """``(N, 4)`` by how much boxes ``(N, 4)`` lie off silhouettes, see `edge_offsets`.
+
+        NaN also where clothes look like a shadow.
+        """
+        told = told_from_shadow(self.different, self.bright, boxes)
+        return np.where(told[:, None], edge_offsets(self.bright, boxes), np.nan)
 
 
 def difference(image: ImageArray, empty: ImageArray) -> tuple[BoolArray, BoolArray]:
@@ -121,3 +153,38 @@ def moving_blobs(mask: BoolArray, boxes: FloatArray, least_height: float) -> Flo
     large = (height >= least_height) & (area >= 0.2 * width * height)
     found: FloatArray = np.stack([x, y, x + width, y + height], axis=1)[large]
     return found
+
+
+def detected_boxes(boxes: FloatArray, observed: BoolArray, found: FloatArray) -> FloatArray:
+    """``(N, 4)`` the detections that tracks were made of, in one frame.
+
+    Args:
+        boxes: ``(N, 4)`` of the tracks.
+        observed: ``(N,)`` whether a detection supports each; the others stay.
+        found: ``(M, 4)`` detections.
+    """
+    if not len(boxes) or not len(found):
+        return boxes
+    overlaps = iou_matrix(boxes, found)
+    best = overlaps.argmax(axis=1)
+    taken = observed & (overlaps.max(axis=1) >= _SAME)
+    return np.where(taken[:, None], found[best], boxes)
+
+
+def drawn_to_silhouettes(
+    boxes: FloatArray, observed: BoolArray, picture: Difference, usual: FloatArray, share: float
+) -> FloatArray:
+    """``(N, 4)`` boxes of one frame, moved ``share`` of the way to their own silhouettes.
+
+    Args:
+        boxes: ``(N, 4)``.
+        observed: ``(N,)`` whether each was detected; only then a silhouette is looked for.
+        picture: of the frame.
+        usual: ``(4,)`` by how much the others move, in widths and heights.
+        share: in [0, 1].
+    """
+    if not len(boxes) or share == 0:
+        return boxes
+    own = np.where(observed[:, None], picture.offsets(boxes), np.nan)
+    moves = np.where(np.isnan(own), usual, share * np.clip(own, -FARTHEST, FARTHEST))
+    return np.asarray(boxes + moves * np.tile(boxes[:, 2:] - boxes[:, :2], 2))

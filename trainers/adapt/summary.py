@@ -9,12 +9,11 @@ import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.report.adapted import AdaptedReport, Compared, Tried, example_crop
+from tsuiseki.tracking.report.adapted import AdaptedReport, Compared, example_crop
 from tsuiseki.tracking.types import Detections, ImageArray, Track
 from tsuiseki.trainers.adapt.find import above
 from tsuiseki.trainers.adapt.kept_round import Round
 from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, TWICE, UNSURE
-from tsuiseki.trainers.adapt.linking import LinkScores
 from tsuiseki.trainers.adapt.rounds import Adaptation, best_of
 from tsuiseki.trainers.adapt.watch import Watched
 
@@ -42,27 +41,14 @@ def summary(adaptation: Adaptation, finished: Sequence[Round], notes: Sequence[s
         _examples(adaptation, finished[0 if best.number == 0 else best.number - 1]),
         shown.number,
         notes,
-        [_tried(here.links) for here in finished],
         unlearnt,
     )
-
-
-def _tried(links: LinkScores) -> dict[str, Tried | None]:
-    return {
-        "Appearance": _pair(links.separation, links.separation_learnt, links.better_appearance),
-        "Identities by appearance": _pair(links.followed, links.followed_learnt, links.better_appearance),
-        "Identities by link costs": _pair(links.identity, links.identity_learnt, links.better_costs),
-    }
-
-
-def _pair(before: float | None, after: float | None, taken: bool) -> Tried | None:
-    return None if before is None or after is None else Tried(before, after, taken)
 
 
 def _compared(adaptation: Adaptation, start: Round, later: Round, number: int) -> list[Compared]:
     """The held-out pictures, some time apart, in which either finds most that the other does not."""
     video, threshold = adaptation.camera.videos[number], adaptation.settings.score_threshold
-    end = video.stretch[0] + video.length
+    end = video.span[0] + video.length
     before, after = (above(here.detections(number, end), threshold) for here in (start, later))
     unseen = range(video.learnt(adaptation.settings.held_out), len(video.frames))
     apart = {n: _differences(before[video.frames[n]], after[video.frames[n]]) for n in unseen}

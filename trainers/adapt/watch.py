@@ -1,4 +1,4 @@
-"""The videos of a camera on disk: some of their pictures, evenly spread, and the view without people."""
+"""The videos of a camera, watched once before the rounds: some of their pictures, and the view without people."""
 
 from __future__ import annotations
 
@@ -14,10 +14,13 @@ from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import empty_view
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.tracking.video.source import Source, open_source
+from tsuiseki.trainers.adapt.settings import AdaptSettings
+from tsuiseki.trainers.adapt.silhouettes import Difference, difference
 from tsuiseki.trainers.adapt.standing import CameraMotion, edge_correlation, motion_of
 
 FEWEST_FRAMES = 100
@@ -26,6 +29,8 @@ _INFO = "watched.json"
 _COMPARED = 9
 # Correlation of the edges of two empty views: over 0.7 for one camera, under 0.1 for two.
 _SAME_VIEW = 0.3
+# Grey levels of a kept picture of what differs from the empty view.
+_SAME, _SHADOW, _BRIGHT = 0, 1, 2
 
 
 @dataclass(frozen=True)
@@ -34,7 +39,7 @@ class Watched:
 
     Attributes:
         source: where the video is.
-        stretch: first and last frame to look at, 0-based; last None for the end.
+        span: first and last frame to look at, 0-based; last None for the end.
         folder: with the pictures as ``img1/000001.jpg …`` and ``seqinfo.ini``.
         frames: 0-based frame of each kept picture.
         length: frames looked at.
@@ -45,7 +50,7 @@ class Watched:
     """
 
     source: str
-    stretch: tuple[int, int | None]
+    span: tuple[int, int | None]
     folder: str
     frames: tuple[int, ...]
     length: int
@@ -61,7 +66,7 @@ class Watched:
 
     def open(self) -> Source:
         """The video, to be read again."""
-        return open_source(self.source, FrameRange(*self.stretch))
+        return open_source(self.source, FrameRange(*self.span))
 
     def picture(self, number: int) -> ImageArray:
         """The kept picture ``number``, 0-based, ``(H, W, 3)`` uint8 RGB."""
@@ -69,16 +74,86 @@ class Watched:
 
     def learnt(self, held_out: float) -> int:
         """How many of the kept pictures, from the first on, may be learnt from."""
-        last = self.stretch[0] + (1 - held_out) * self.length
+        last = self.span[0] + (1 - held_out) * self.length
         return max(1, int(np.searchsorted(self.frames, last)))
 
 
-def watch(source: str, stretch: FrameRange, folder: Path, most: int) -> Watched:
+@dataclass(frozen=True)
+class Foreground:
+    """What of a video's kept pictures is not its empty view, found once a picture: every round labels the same ones.
+
+    Attributes:
+        watched: the video.
+        empty: ``(H, W, 3)`` uint8 RGB, its view without people.
+    """
+
+    watched: Watched
+    empty: ImageArray
+
+    def picture(self, number: int) -> Difference:
+        """Of the kept picture ``number``, 0-based."""
+        file = Path(self.watched.folder) / "foreground" / f"{number + 1:06d}.png"
+        levels = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) if file.is_file() else None
+        if levels is None:
+            levels = self._levels(number)
+            _, content = cv2.imencode(".png", levels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+            # Whole or not at all: a run that is stopped must not leave half a picture.
+            with whole_file(file) as picture:
+                picture.write(content.tobytes())
+        return Difference(np.asarray(levels != _SAME), np.asarray(levels == _BRIGHT))
+
+    def _levels(self, number: int) -> np.ndarray:
+        different, bright = difference(self.watched.picture(number), self.empty)
+        return np.where(bright, _BRIGHT, np.where(different, _SHADOW, _SAME)).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The videos of a camera and how to look at them.
+
+    Attributes:
+        videos: at least one.
+        foregrounds: what is not the empty view of each; None where the camera moves.
+        view: tiles of a frame, see `parse_view`.
+    """
+
+    videos: tuple[Watched, ...]
+    foregrounds: tuple[Foreground | None, ...]
+    view: str = "auto"
+
+
+def open_camera(
+    sources: Sequence[str], span: FrameRange, work: Path, settings: AdaptSettings, view: str = "auto"
+) -> Camera:
+    """Read the videos of a camera once, and keep pictures of them.
+
+    Args:
+        sources: see `open_source`.
+        span: frames of each to look at.
+        work: folder for the pictures.
+        settings: how many.
+        view: tiles of a frame.
+
+    Raises:
+        RequestError: see `watch`; or the videos are of two cameras.
+        RunError: a video breaks off.
+    """
+    share = max(20, settings.pictures // len(sources))
+    videos = [watch(source, span, work / f"video-{n}", share) for n, source in enumerate(sources)]
+    refuse_other_sizes(videos)
+    foregrounds = [foreground_of(video) if video.fixed else None for video in videos]
+    fixed = [foreground for foreground in foregrounds if foreground is not None]
+    if len(fixed) > 1:
+        refuse_two_cameras([each.watched for each in fixed], [each.empty for each in fixed])
+    return Camera(tuple(videos), tuple(foregrounds), view)
+
+
+def watch(source: str, span: FrameRange, folder: Path, most: int) -> Watched:
     """Keep up to ``most`` pictures of a video, evenly spread; what an earlier call finished is taken as it is.
 
     Args:
         source: see `open_source`.
-        stretch: frames to look at.
+        span: frames to look at.
         folder: for the pictures.
         most: pictures.
 
@@ -88,7 +163,7 @@ def watch(source: str, stretch: FrameRange, folder: Path, most: int) -> Watched:
     """
     if (folder / _INFO).is_file():
         return _read(folder)
-    opened = open_source(source, stretch)
+    opened = open_source(source, span)
     if opened.live:
         raise RequestError(f"expected a video that can be played again, got {opened.name}; record it first")
     if not opened.has_images:
@@ -102,10 +177,10 @@ def watch(source: str, stretch: FrameRange, folder: Path, most: int) -> Watched:
     write_sequence_info(folder, folder.name, opened.frame_rate, len(kept), *size)
     shown = _spread(len(kept), _COMPARED)
     motion, turned = motion_of([read_image(folder / "img1" / f"{n + 1:06d}.jpg") for n in shown])
-    last = None if stretch.last is None else int(stretch.last)
+    last = None if span.last is None else int(span.last)
     watched = Watched(
         source,
-        (stretch.first, last),
+        (span.first, last),
         str(folder),
         tuple(kept),
         length,
@@ -120,7 +195,7 @@ def watch(source: str, stretch: FrameRange, folder: Path, most: int) -> Watched:
 
 def _read(folder: Path) -> Watched:
     found = json.loads((folder / _INFO).read_text(encoding="utf-8"))
-    lists = {name: tuple(found[name]) for name in ("stretch", "frames", "size")}
+    lists = {name: tuple(found[name]) for name in ("span", "frames", "size")}
     return Watched(**{**found, **lists})
 
 
@@ -148,6 +223,11 @@ def _keep(opened: Source, folder: Path, most: int) -> tuple[list[int], int, tupl
 def _spread(count: int, most: int) -> list[int]:
     """Up to ``most`` of ``count`` numbers, evenly spread, both ends included."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int)).tolist() if count else []
+
+
+def foreground_of(watched: Watched) -> Foreground:
+    """What of the kept pictures of a fixed camera is not its empty view."""
+    return Foreground(watched, plain_view(watched))
 
 
 def plain_view(watched: Watched, most: int = 45) -> ImageArray:

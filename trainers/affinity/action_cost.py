@@ -21,19 +21,15 @@ import yaml
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from tsuiseki.tracking.association.action_cost import ActionCost, action_distances
-from tsuiseki.tracking.association.flow.flow_window import FlowWindow
-from tsuiseki.tracking.drone.observation_cache import file_digest
-from tsuiseki.tracking.drone.observations import Observation, Observers
-from tsuiseki.tracking.drone.tracker import DroneSettings
-from tsuiseki.tracking.drone.video_observations import video_observations
+from tsuiseki.tracking.association.costs import ActionCost, action_distances
+from tsuiseki.tracking.association.flow_window import FlowWindow
+from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
+from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action import ActionRecogniser, averaged
-from tsuiseki.tracking.features.action_inputs import STREAMS
-from tsuiseki.tracking.features.motion.camera_motion import STANDS_STILL, CameraMotionSettings
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser, averaged
+from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraMotionSettings, CameraStep
+from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences
 from tsuiseki.tracking.output import check_output_file, output_file

@@ -18,9 +18,9 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import log_loss
 from threadpoolctl import threadpool_limits
 
-from tsuiseki.tracking.association.affinity import FEATURE_SETS, FeatureSet
 from tsuiseki.tracking.association.costs import ObservationCost
-from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, FeatureSet
+from tsuiseki.tracking.association.pairwise_flow import GateSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc
 from tsuiseki.tracking.onnx import ModelCard

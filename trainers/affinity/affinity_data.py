@@ -10,7 +10,7 @@ import numpy as np
 
 from tsuiseki.datamodules.simulated_detections import DetectorFaults
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.options import Shared
 from tsuiseki.trainers.affinity.affinity_samples import LabelledDetections, labelled_parts, stretches

@@ -11,14 +11,13 @@ import numpy as np
 
 from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
-from tsuiseki.tracking.association.action_cost import action_distances
-from tsuiseki.tracking.association.affinity import FeatureSet, feature_rows
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.association.costs import pair_features
-from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
+from tsuiseki.tracking.association.costs import action_distances, pair_features
+from tsuiseki.tracking.association.learnt_costs import FeatureSet, feature_rows
+from tsuiseki.tracking.association.pairwise_flow import GateSettings, candidate_pairs
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
-from tsuiseki.tracking.features.networks.streaming import stream
+from tsuiseki.tracking.features.exported import Appearance, Detector
+from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence
 from tsuiseki.tracking.geometry import iou_matrix

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot_sequence import MotSequence
 from tsuiseki.tracking.onnx import ModelCard
 

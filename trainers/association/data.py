@@ -11,13 +11,12 @@ import lightning
 import numpy as np
 from torch.utils.data import DataLoader, Dataset
 
-from tsuiseki.tracking.drone.tracker import DRONE_FLOW
+from tsuiseki.tracking.drone.settings import DRONE_FLOW
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.tracking.people.flow import FlowSettings
-from tsuiseki.trainers.association.broken_tracks import Breaks
+from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
@@ -102,7 +101,7 @@ class RandomWindows(Dataset[TrainingWindow]):
         length, last = max(2, round(self.seconds * graph.frame_rate)), int(graph.frames.max(initial=0)) + 1
         # A window may reach over either end of the sequence, so that its borders are seen as often as the rest.
         first = int(rng.integers(-length // 2, max(last - length // 2, 1)))
-        return self.images.at(window(graph, max(first, 0), min(first + length, last)), chosen.joins(rng))
+        return self.images.at(window(graph, max(first, 0), min(first + length, last)), chosen.tracklets)
 
 
 class EveryWindow(Dataset[TrainingWindow]):
@@ -143,11 +142,9 @@ class AssociationData(lightning.LightningDataModule):
         tracker: whose costs the training starts from, and who takes what it learns: track ``people`` or ``drone``,
             which takes the camera's motion from the images.
         action: exported action streams, which say what people do; costs of ``drone`` alone have a price for it.
-        broken: second levels with tracks broken on purpose, for joins to learn from, that each sequence gets beside its
-            own; with given detections there is next to no join otherwise.
         seconds: length of a window.
         windows: steps of an epoch.
-        seed: of windows, of simulated detections and of breaks.
+        seed: of windows and of simulated detections.
     """
 
     def __init__(
@@ -164,7 +161,6 @@ class AssociationData(lightning.LightningDataModule):
         frame_rate: float = OTHER_RATE,
         tracker: TrackerName = "people",
         action: list[Path] | None = None,
-        broken: int = 0,
         seconds: float = 2.0,
         windows: int = 40,
         seed: int = 0,
@@ -175,8 +171,6 @@ class AssociationData(lightning.LightningDataModule):
                 "expected seconds and frame_rate above 0, windows from 1, held_back in (0, 1) and score_threshold from "
                 "0 to 1"
             )
-        if broken < 0:
-            raise RequestError(f"expected --data.broken from 0, got {broken}")
         if heads and detector is None:
             raise RequestError("expected --data.detector ONNX with --data.heads, for its heads to learn; got none")
         self.train, self.validation, self.held_back, self.frames = train, validation, held_back, frames
@@ -186,7 +180,7 @@ class AssociationData(lightning.LightningDataModule):
         self.frame_rate = frame_rate
         self.tracker, self.settings, self.action = tracker, FLOWS[tracker], action or []
         self.score_threshold, self.heads = score_threshold, heads
-        self.images, self.breaks = WindowImages(), Breaks(broken, seed=seed)
+        self.images = WindowImages()
         self.seconds, self.windows, self.seed = seconds, windows, seed
         self.learnt: list[Graphs] = []
         self.held: list[Graphs] = []
@@ -222,7 +216,7 @@ class AssociationData(lightning.LightningDataModule):
             videos = [stretch(video, 0.0, 1 - self.held_back) for video in videos]
         else:
             held = seen(self.validation, None)
-        self.learnt = graphs_of(videos, self.settings, breaks=self.breaks)
+        self.learnt = graphs_of(videos, self.settings)
         self.held = graphs_of(held, self.settings, check=False)
 
     def train_dataloader(self) -> DataLoader[TrainingWindow]:
@@ -239,10 +233,7 @@ class AssociationData(lightning.LightningDataModule):
 
 
 def graphs_of(
-    videos: Sequence[DetectedVideo],
-    settings: FlowSettings | None = None,
-    check: bool = True,
-    breaks: Breaks = Breaks(),  # noqa: B008
+    videos: Sequence[DetectedVideo], settings: FlowSettings | None = None, check: bool = True
 ) -> list[Graphs]:
     """The networks of sequences, without links that are far too dear.
 
@@ -251,7 +242,7 @@ def graphs_of(
     Raises:
         RequestError: no sequence has two people that could be taken for each other; only with ``check``.
     """
-    found = [sequence_graphs(video, settings, breaks=breaks) for video in videos]
+    found = [sequence_graphs(video, settings) for video in videos]
     graphs = [replace(one, detections=affordable(one.detections)) for one in found if len(one.detections)]
     if not check:
         return graphs

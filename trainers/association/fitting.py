@@ -10,14 +10,13 @@ import torch
 from torch.optim import AdamW
 
 from tsuiseki.models.association import AssociationNetwork
-from tsuiseki.tracking.association.flow.cost_network import LARGEST
+from tsuiseki.tracking.association.learnt_costs import LARGEST
 from tsuiseki.tracking.types import Detections, FloatArray
 from tsuiseki.trainers.association.data import RandomWindows, WindowImages
-from tsuiseki.trainers.association.flow_loss import LossName
+from tsuiseki.trainers.association.flow_loss import FlowLoss, finite
 from tsuiseki.trainers.association.graphs import Graphs
-from tsuiseki.trainers.association.losses_beside import finite
 from tsuiseki.trainers.association.training import AssociationTraining
-from tsuiseki.trainers.networks.schedule import warmup_cosine
+from tsuiseki.trainers.networks.modules import Optimisation, warmup_cosine
 
 
 @dataclass(frozen=True)
@@ -26,82 +25,34 @@ class Fit:
 
     Attributes:
         loss: of the flow.
-        epsilon: of ``fenchel_young`` and ``both``.
-        epsilon_last: in the end; None keeps it.
-        pairs: of perturbations.
-        hidden: width of the hidden layers.
         trust: share of the change of what detections cost that is taken outside of training.
         flow: weight of the loss of the flow; 0 trains by all other losses alone, to compare with.
         steps: windows that are looked at.
         seconds: length of a window.
         joins: weight of the second level.
-        pairwise: weight of the cross-entropy of links.
-        length: power of the length of an identity in Δ.
-        learning_rate: at its highest.
-        weight_decay: towards the tracker's own costs.
+        optimisation: how weights are moved.
         seed: of windows, perturbations and first weights.
-        detections: whether what detections, starts and ends cost is learnt; otherwise links and joins alone are.
-        broken: second levels with tracks broken on purpose that each sequence has, see `broken_tracks`. Whoever makes
-            the networks of sequences takes heed of it.
-        fits: from so many seeds on, of whose networks the mean is taken; more than one of linear networks only.
-        rounds: how often it is fitted from the start; from the second time on links are priced along the tracks of the
-            fit before. Whoever makes the networks of sequences takes heed of it.
     """
 
-    loss: LossName = "both"
-    epsilon: float = 1.0
-    epsilon_last: float | None = None
-    pairs: int = 1
-    hidden: int = 0
+    loss: FlowLoss = FlowLoss()  # noqa: RUF009
     trust: float = 0.5
     flow: float = 1.0
     steps: int = 120
     seconds: float = 2.0
     joins: float = 0.2
-    pairwise: float = 0.0
-    length: float = 0.0
-    learning_rate: float = 3e-3
-    weight_decay: float = 1e-2
+    optimisation: Optimisation = Optimisation(3e-3, 1e-2, warmup_steps=10)  # noqa: RUF009
     seed: int = 0
-    detections: bool = True
-    broken: int = 0
-    fits: int = 1
-    rounds: int = 1
-
-    def __post_init__(self) -> None:
-        if self.fits < 1 or (self.fits > 1 and self.hidden):
-            raise ValueError("expected one fit of a network with hidden layers, whose weights have no mean")
 
 
 def fit_network(graphs: Sequence[Graphs], fit: Fit) -> AssociationNetwork:
-    """The network after ``fit.steps`` windows; the mean of those of ``fit.fits`` seeds.
+    """The network after ``fit.steps`` windows.
 
     Raises:
         RunError: a loss is no number; names the window.
     """
-    found = [_fit_once(graphs, replace(fit, seed=fit.seed + more)) for more in range(fit.fits)]
-    states = [network.state_dict() for network in found]
-    mean = {name: torch.stack([state[name] for state in states]).mean(dim=0) for name in states[0]}
-    found[0].load_state_dict(mean)
-    return found[0].eval()
-
-
-def _fit_once(graphs: Sequence[Graphs], fit: Fit) -> AssociationNetwork:
     torch.manual_seed(fit.seed)
-    module = AssociationTraining(
-        hidden=fit.hidden,
-        trust=fit.trust,
-        loss=fit.loss,
-        epsilon=fit.epsilon,
-        pairs=fit.pairs,
-        length=fit.length,
-        joins=fit.joins,
-        pairwise=fit.pairwise,
-        learning_rate=fit.learning_rate,
-        weight_decay=fit.weight_decay,
-    )
-    module.network.detections.requires_grad_(fit.detections)
-    return fitted(module, graphs, fit).network
+    module = AssociationTraining(trust=fit.trust, loss=fit.loss, joins=fit.joins, optimisation=fit.optimisation)
+    return fitted(module, graphs, fit).network.eval()
 
 
 def fitted(
@@ -124,19 +75,17 @@ def fitted(
     module.standardise(graphs)
     windows = RandomWindows(graphs, fit.seconds, fit.steps, lambda: (fit.seed, 0), images)
     groups = [group for group in module.parameter_groups() if group["params"]]
-    highest = [group.get("lr", fit.learning_rate) for group in groups]
-    optimiser = AdamW(groups, lr=fit.learning_rate)
+    how = fit.optimisation
+    highest = [group.get("lr", how.learning_rate) for group in groups]
+    optimiser = AdamW(groups, lr=how.learning_rate)
     for step in range(fit.steps):
         batch = windows[step]
         if not len(batch.detections):
             continue
-        loss = module.loss
-        if fit.epsilon_last is not None:
-            loss = loss.annealed(step / fit.steps, fit.epsilon_last)
         for group, rate in zip(optimiser.param_groups, highest, strict=True):
-            group["lr"] = rate * warmup_cosine(step, 10, max(fit.steps, 11), 0.01)
+            group["lr"] = rate * warmup_cosine(step, how.warmup_steps, max(fit.steps, 11), how.final_share)
         optimiser.zero_grad()
-        objective, others = module.losses(batch, loss, np.random.default_rng([fit.seed, step]))
+        objective, others = module.losses(batch, module.loss, np.random.default_rng([fit.seed, step]))
         finite(fit.flow * objective + others, batch.detections.name).backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0)
         optimiser.step()

@@ -16,18 +16,22 @@ In each the solver is asked for minima only, so it may be any; nothing is differ
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
 from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from tsuiseki.tracking.association.flow.network_flow import FlowGraph, solve
+from tsuiseki.tracking.association.network_flow import FlowGraph, solve
+from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-LossName = Literal["fenchel_young", "hinge", "both"]
+FlowLossName = Literal["fenchel_young", "hinge", "both"]
 # How `map` is called; a pool of processes has another.
 Spread = Callable[[Callable[["Problem"], FloatArray], Iterable["Problem"]], Iterable[FloatArray]]
 
@@ -90,22 +94,22 @@ def differing(arcs: Arcs) -> tuple[float, FloatArray]:
 
 @dataclass(frozen=True)
 class FlowLoss:
-    """Settings of a loss.
+    """The loss of whole flows.
 
     Attributes:
         name: ``fenchel_young``, ``hinge``, or ``both`` for their mean.
         epsilon: ε, deviation of the perturbation of every cost; of ``fenchel_young`` and ``both``.
-        pairs: K, antithetic pairs Z, −Z that estimate the expectation.
+        pairs: K, antithetic pairs Z, −Z of perturbations that estimate the expectation in a step.
     """
 
-    name: LossName = "fenchel_young"
-    epsilon: float = 0.5
+    name: FlowLossName = "both"
+    epsilon: float = 1.0
     pairs: int = 1
 
     def __post_init__(self) -> None:
-        if self.name not in get_args(LossName) or self.epsilon <= 0 or self.pairs < 1:
-            names = ", ".join(get_args(LossName))
-            raise ValueError(f"expected the loss {names}, epsilon above 0 and pairs from 1")
+        if self.name not in get_args(FlowLossName) or self.epsilon <= 0 or self.pairs < 1:
+            names = ", ".join(get_args(FlowLossName))
+            raise RequestError(f"expected the loss {names}, epsilon above 0 and pairs from 1")
 
     def problems(self, costs: FloatArray, arcs: Arcs, rng: np.random.Generator) -> list[Problem]:
         """What the solver is to be asked at ``(3 N + P,)`` costs: perturbed, then less the difference from x*."""
@@ -134,10 +138,6 @@ class FlowLoss:
         """The loss of ``(3 N + P,)`` costs, a scalar whose gradient goes on to what made them."""
         loss: Tensor = _ThroughTheSolver.apply(costs, self, arcs, rng, spread)
         return loss
-
-    def annealed(self, share: float, last: float) -> FlowLoss:
-        """The loss with an ε on its way, geometrically, to ``last``; share 0 is the beginning, 1 the end."""
-        return replace(self, epsilon=self.epsilon * (last / self.epsilon) ** share)
 
 
 class _ThroughTheSolver(torch.autograd.Function):
@@ -169,24 +169,21 @@ class DifferenceWeights:
     arc that is not taken, since what is taken in its stead does. So a missed detection within a track costs
     ``detection``, one at its end an end more, one over which there is no link two ends more; a broken track costs two
     ends; two people who are swapped cost two wrong links. With the defaults that is 1, 1.5, 2, 1 and 4: a switch costs
-    more than a missed box of people whose identities are as long.
+    more than a missed box.
 
     Attributes:
         detection: used and false, or right and not used.
         end: a start or an end where the labelled flow has none.
         wrong: a link between detections that are not of one person.
-        length: power of the length of the identity in the window, over the mean length, that all its weights are
-            multiplied with; 0 for none.
     """
 
     detection: float = 1.0
     end: float = 0.5
     wrong: float = 2.0
-    length: float = 0.0
 
     def __post_init__(self) -> None:
         if min(self.detection, self.end, self.wrong) < 0 or 2 * self.wrong <= self.detection + 2 * self.end:
-            raise ValueError("expected weights from 0, and two wrong links above a detection and two ends")
+            raise RequestError("expected weights from 0, and two wrong links above a detection and two ends")
 
     def of(self, owners: IntArray, tail: IntArray, head: IntArray, labelled: FloatArray) -> FloatArray:
         """``(3 N + P,)`` weights of the arcs.
@@ -198,12 +195,52 @@ class DifferenceWeights:
             labelled: ``(3 N + P,)`` x*.
         """
         count = len(owners)
-        share = np.ones(count)
-        if self.length and (owners >= 0).any():
-            _, which, lengths = np.unique(owners, return_inverse=True, return_counts=True)
-            known = owners >= 0
-            share[known] = (lengths[which][known] / lengths[which][known].mean()) ** self.length
         same: BoolArray = (owners[tail] == owners[head]) & (owners[tail] >= 0)
-        ends = np.where(labelled[count : 3 * count] > 0, 0.0, self.end) * np.tile(share, 2)
-        links = np.where(same, 0.0, self.wrong) * np.maximum(share[tail], share[head])
-        return np.concatenate([self.detection * share, ends, links])
+        ends = np.where(labelled[count : 3 * count] > 0, 0.0, self.end)
+        return np.concatenate([np.full(count, self.detection), ends, np.where(same, 0.0, self.wrong)])
+
+
+class Solvers:
+    """Processes that solve at the same time.
+
+    Args:
+        processes: how many; 0 takes all cores, 1 does without another process.
+    """
+
+    def __init__(self, processes: int) -> None:
+        self.processes = processes or os.cpu_count() or 1
+        self._pool: Executor | None = None
+
+    @property
+    def spread(self) -> Spread:
+        """As `map`; the processes are started when it is first asked for."""
+        if self.processes == 1:
+            return map
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(self.processes, get_context("spawn"))
+        pool = self._pool
+
+        def spread(function: Callable[[Problem], FloatArray], items: Iterable[Problem]) -> Iterable[FloatArray]:
+            return pool.map(function, items)
+
+        return spread
+
+    def close(self) -> None:
+        """Let the processes go."""
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+
+
+def finite(values: Tensor, name: str, what: str = "loss") -> Tensor:
+    """The loss, or the costs, of the window ``name``.
+
+    Raises:
+        RunError: one of them is no number.
+    """
+    wrong = values.detach()[~torch.isfinite(values.detach())]
+    if len(wrong):
+        raise RunError(
+            f"the {what} is {wrong[0].item()} on {name}; lower --model.optimisation.learning_rate and start again"
+        )
+    return values

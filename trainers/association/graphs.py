@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
+from tsuiseki.tracking.features.camera_motion import CameraStep
+from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.flow_loss import Arcs, DifferenceWeights
@@ -174,16 +174,8 @@ class Graphs:
         detections: links of detections.
         tracklets: joins of the tracklets that the flow over the detections gives.
         lost: links of the labels that the tracker does not consider.
-        broken: the second level with tracks broken on purpose, for joins to learn from; see `broken_tracks`.
     """
 
     detections: Graph
     tracklets: Graph
     lost: int
-    broken: tuple[Graph, ...] = ()
-
-    def joins(self, rng: np.random.Generator) -> Graph:
-        """The second level, or one of those with broken tracks, all as likely."""
-        return (
-            (self.tracklets, *self.broken)[int(rng.integers(len(self.broken) + 1))] if self.broken else self.tracklets
-        )

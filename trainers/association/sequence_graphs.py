@@ -11,24 +11,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsuiseki.tracking.association.flow.cost_network import CostChanges
-from tsuiseki.tracking.association.flow.evidence import (
-    DETECTION_FEATURES,
-    JOIN_FEATURES,
-    detection_evidence,
-    link_evidence,
-)
-from tsuiseki.tracking.association.flow.flow_rounds import mean_features
-from tsuiseki.tracking.association.flow.flow_window import FlowWindow
-from tsuiseki.tracking.association.flow.link_pricing import LinkParts, Pricing, priced
-from tsuiseki.tracking.association.flow.seen import Seen, select_detections
-from tsuiseki.tracking.association.tracklets.chain_motion import beliefs_along
-from tsuiseki.tracking.association.tracklets.joining import Ends, evidence_of_joins, join_parts
-from tsuiseki.tracking.evaluation.owners import IGNORED, NOBODY, owners_of
-from tsuiseki.tracking.people.flow import FlowSettings
-from tsuiseki.tracking.people.flow_input import FlowInput
+from tsuiseki.tracking.association.chain_motion import beliefs_along
+from tsuiseki.tracking.association.detection_tables import DetectionTable
+from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, JOIN_FEATURES, detection_evidence, link_evidence
+from tsuiseki.tracking.association.flow_rounds import mean_features
+from tsuiseki.tracking.association.flow_window import FlowWindow
+from tsuiseki.tracking.association.learnt_costs import CostChanges
+from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
+from tsuiseki.tracking.association.tracklets import Ends, evidence_of_joins, join_parts
+from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, owners_of
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
-from tsuiseki.trainers.association.broken_tracks import Breaks, broken
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin
 from tsuiseki.trainers.association.labelled_flow import ALWAYS, labelled, next_of_owner, short_runs, taken_out, without
 
@@ -40,7 +33,6 @@ def sequence_graphs(
     video: DetectedVideo,
     settings: FlowSettings | None = None,
     changes: CostChanges | None = None,
-    breaks: Breaks = Breaks(),  # noqa: B008
 ) -> Graphs:
     """The networks of both levels of a sequence, at the tracker's costs by default.
 
@@ -48,7 +40,6 @@ def sequence_graphs(
         video: the sequence.
         settings: of the tracker.
         changes: learnt costs with which the tracker finds the tracks along which links are priced; by default none.
-        breaks: how tracks are broken for joins to learn from; by default they are not.
     """
     settings = settings or FlowSettings().alike()
     preparing = FlowInput(settings.input, settings.costs.link.motion, video.frame_rate, video.size, video.path())
@@ -69,27 +60,14 @@ def sequence_graphs(
     graph = _detection_graph(video, seen, owners, labels, parts, observation, logit, settings)
     kept = owners != IGNORED
     lost = _links_to_make(seen.frames, owners) - int(graph.labelled[3 * len(graph) :].sum()) if kept.any() else 0
-    tracklets = _tracklet_graph(video, seen, owners, labels, settings)
-    return Graphs(graph, tracklets, max(lost, 0), _broken_graphs(video, seen, owners, labels, settings, breaks))
+    return Graphs(graph, _tracklet_graph(video, seen, owners, labels, settings), max(lost, 0))
 
 
-def _broken_graphs(
-    video: DetectedVideo, seen: Seen, owners: IntArray, labels: IntArray, settings: FlowSettings, breaks: Breaks
-) -> tuple[Graph, ...]:
-    """The second level, as often as asked for, with tracks broken on purpose."""
-    whose = _owners_of_tracks(owners, labels, int(labels.max(initial=-1)) + 1)
-    graphs = []
-    for copy in range(breaks.copies):
-        left, pieces = broken(seen, labels, whose, breaks, np.random.default_rng([breaks.seed, copy]))
-        graphs.append(_tracklet_graph(video, select_detections(seen, left), owners[left], pieces, settings))
-    return tuple(graphs)
-
-
-def _link_parts(seen: Seen, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
+def _link_parts(seen: DetectionTable, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
     """All links that the tracker considers, at the prices along its tracks without learnt changes."""
     found: list[LinkParts] = []
 
-    def keep(_: Seen, parts: LinkParts) -> FloatArray:
+    def keep(_: DetectionTable, parts: LinkParts) -> FloatArray:
         found.append(parts)
         return np.zeros(len(parts.i))
 
@@ -105,7 +83,7 @@ def _link_parts(seen: Seen, window: FlowWindow, labels: IntArray, settings: Flow
 
 def _detection_graph(
     video: DetectedVideo,
-    seen: Seen,
+    seen: DetectionTable,
     owners: IntArray,
     tracks: IntArray,
     parts: LinkParts,
@@ -140,7 +118,7 @@ def _detection_graph(
     return labelled(taken_out(graph, short))
 
 
-def _origin(video: DetectedVideo, seen: Seen, logit: FloatArray, settings: FlowSettings) -> Origin:
+def _origin(video: DetectedVideo, seen: DetectionTable, logit: FloatArray, settings: FlowSettings) -> Origin:
     """The anchors and scores of the detections that the tracker took, which leaves out duplicates."""
     anchors, scores = np.empty(len(seen), dtype=np.int64), np.empty(len(seen))
     for frame in np.unique(seen.frames):
@@ -158,7 +136,7 @@ def _origin(video: DetectedVideo, seen: Seen, logit: FloatArray, settings: FlowS
 
 
 def _tracklet_graph(
-    video: DetectedVideo, seen: Seen, owners: IntArray, labels: IntArray, settings: FlowSettings
+    video: DetectedVideo, seen: DetectionTable, owners: IntArray, labels: IntArray, settings: FlowSettings
 ) -> Graph:
     """Tracklets in place of detections, joins of their ends in place of links; an owner has half of one."""
     ends = Ends.of(labels)

@@ -17,7 +17,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.trainers.association.graphs import Graphs
 from tsuiseki.trainers.exporting.export import load_module
-from tsuiseki.trainers.exporting.exported_weights import layout_of
+from tsuiseki.trainers.exporting.exported_weights import fold_normalisations, layout_of
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.detector import DetectorTraining
 
@@ -44,9 +44,13 @@ def projection_of(graphs: Sequence[Graphs], kept: int) -> AppearanceProjection:
     rows = np.concatenate(described) if described else np.empty((0, 0))
     rows = rows[~np.isnan(rows).any(axis=1)]
     if not len(rows):
-        raise RequestError("expected --data.appearance ONNX with --model.projection, for features to project; got none")
+        raise RequestError(
+            "expected --data.appearance ONNX with --model.appearance.projection, for features to project; got none"
+        )
     if kept > rows.shape[1]:
-        raise RequestError(f"expected --model.projection up to {rows.shape[1]}, the length of a feature, got {kept}")
+        raise RequestError(
+            f"expected --model.appearance.projection up to {rows.shape[1]}, the length of a feature, got {kept}"
+        )
     projection = AppearanceProjection(rows.shape[1], kept)
     projection.start(torch.as_tensor(rows))
     return projection
@@ -62,8 +66,10 @@ def _exported_siamese(path: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
         siamese = AppearanceTraining(**made_of)
         state = siamese.network.state_dict()
         for name, norm in siamese.network.named_modules():
-            if isinstance(norm, nn.BatchNorm1d | nn.BatchNorm2d) and f"{name}.weight" not in arrays:
-                _bias_alone(norm)
+            batch_norm = isinstance(norm, nn.BatchNorm1d | nn.BatchNorm2d) and norm.running_var is not None
+            # It is part of the layer before: here it only adds a bias.
+            if batch_norm and f"{name}.weight" not in arrays:
+                norm.running_var.fill_(1 - norm.eps)
         for name, value in state.items():
             # A normalisation after a convolution or a matrix is part of it, and its shift lies there.
             folded = name.removesuffix(".bias")
@@ -78,12 +84,6 @@ def _exported_siamese(path: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
     return siamese.eval(), made_of
 
 
-def _bias_alone(norm: nn.BatchNorm1d | nn.BatchNorm2d) -> None:
-    """Let a normalisation do nothing but add its bias."""
-    if norm.running_var is not None:
-        norm.running_var.fill_(1 - norm.eps)
-
-
 def detector_of(path: Path) -> tuple[DetectorTraining, dict[str, Any]]:
     """The detector in a checkpoint or an exported file, and the arguments that it is made with; its heads learn.
 
@@ -94,21 +94,18 @@ def detector_of(path: Path) -> tuple[DetectorTraining, dict[str, Any]]:
     """
     if path.suffix != ".onnx":
         detector, made_of = load_module(DetectorTraining, path), _made_of(DetectorTraining, path)
-        return heads_only(detector), {**made_of, "weights": None, "start": None, "teacher": None}
+        return heads_only(detector), {**made_of, "weights": None, "start": None, "teacher": {}}
     layout = layout_of(path)
     height, width = layout.size
     parts: dict[str, Any] = {
         "trunk": layout.trunk,
         "anchors": layout.anchors,
         "channels": layout.channels,
-        "fine": layout.fine,
     }
     made_of = {**parts, "height": height, "width": width, "loss": "quality", "box_weight": 2.0}
-    detector = DetectorTraining(**made_of, start=str(path))
-    for norm in detector.modules():
-        # Those of an exported file are part of its convolutions: here they only add a bias.
-        if isinstance(norm, nn.BatchNorm2d):
-            _bias_alone(norm)
+    detector = DetectorTraining(**made_of, start=path)
+    # Normalisations of an exported file are part of its convolutions: here they only add a bias.
+    fold_normalisations(detector)
     return heads_only(detector), made_of
 
 
@@ -143,7 +140,7 @@ def network_of(checkpoint: Path, network: AssociationNetwork) -> dict[str, Tenso
         if name not in found or found[name].shape != value.shape:
             got = tuple(found[name].shape) if name in found else "nothing"
             raise RequestError(
-                f"{checkpoint}: expected a network of the same features and hidden, with {name} of shape "
+                f"{checkpoint}: expected a network of the same features, with {name} of shape "
                 f"{tuple(value.shape)}, got {got}; train it again"
             )
     return found

@@ -3,127 +3,120 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import lightning
 import numpy as np
 import torch
+from lightning.pytorch.cli import instantiate_module
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
-from torch.optim import AdamW
 
 from tsuiseki.models.association import AppearanceProjection, AssociationNetwork
-from tsuiseki.tracking.association.flow.cost_network import FeatureNames
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
-from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.association.counts import Counts
+from tsuiseki.tracking.association.learnt_costs import FeatureNames
+from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.trainers.association.data import AssociationData, TrainingWindow
-from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, LossName, Problem, cheapest
+from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, Problem, Solvers, cheapest, finite
 from tsuiseki.trainers.association.graphs import Graph, Graphs
-from tsuiseki.trainers.association.losses_beside import contrast_within, finite, link_cross_entropy
-from tsuiseki.trainers.association.solving import Solvers
+from tsuiseki.trainers.association.labelled_flow import Counts
 from tsuiseki.trainers.association.starting import detector_of, heads_only, network_of, projection_of, siamese_of
+from tsuiseki.trainers.association.window_appearance import contrast_within
 from tsuiseki.trainers.association.window_costs import CostMakers
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.detector import DetectorTraining
-from tsuiseki.trainers.networks.schedule import decay_groups, scheduled
+from tsuiseki.trainers.networks.modules import Optimisation, plain_hyperparameters
 
 # Where a checkpoint says how many epochs, and how many steps at most, its training is to have; below 0 for no end.
 PLANNED, PLANNED_STEPS = "planned_epochs", "planned_steps"
+
+
+@dataclass(frozen=True)
+class AppearanceLearning:
+    """How appearance learns with the costs, through the flow.
+
+    Attributes:
+        file: checkpoint of a Siamese network (`tsuiseki train appearance`), or one that was exported, that is trained
+            on with the crops of the windows; the data then needs it exported, too. null compares no appearance.
+        rate: its learning rate, a share of the others'.
+        contrast: weight of its own loss, and of a projection's, which knows who is who in a window.
+        projection: how many numbers appearance features are projected to before they are compared, by a linear map that
+            learns; the data then needs ``appearance``. 0 compares them as they come.
+        projection_rate: its learning rate, a share of the others'.
+    """
+
+    file: Path | None = None
+    rate: float = 0.03
+    contrast: float = 0.1
+    projection: int = 0
+    projection_rate: float = 1.0
+
+
+@dataclass(frozen=True)
+class HeadsLearning:
+    """How the heads of a detector learn with the costs, through the flow.
+
+    Attributes:
+        file: checkpoint of a detector (`tsuiseki train detector`), or one that was exported; the data then needs it
+            exported, and ``heads``. null leaves scores as they are.
+        rate: learning rate of the heads, a share of the others'.
+        weight: of the detector's own loss, by boxes, on the frames of the windows.
+    """
+
+    file: Path | None = None
+    rate: float = 0.03
+    weight: float = 0.3
 
 
 class AssociationTraining(lightning.LightningModule):
     """The association network, the loss of whole flows, and its schedule; validates by agreement with the labels.
 
     Args:
-        hidden: width of the network's hidden layers; 0 for a linear one, which few sequences call for.
         trust: share of the learnt change of what using a detection costs that is taken outside of training: scores and
             sizes mean other things in other videos, so half of it carries over better than all.
-        loss: ``fenchel_young``, ``hinge`` or ``both``, see `flow_loss`.
-        epsilon: ε of ``fenchel_young`` and ``both``, in costs.
-        epsilon_last: ε in the end, approached geometrically; None keeps it.
-        pairs: K, antithetic pairs of perturbations a step.
+        loss: of the flow.
         switch: what Δ of ``hinge`` and ``both`` counts for a wrong link; a missed detection counts 1.
-        length: power of the length of an identity that Δ is multiplied with.
         joins: weight of the loss of the second level, the joins of tracklets; 0 leaves it out.
-        pairwise: weight of the cross-entropy of single links, the loss that costs are learnt by apart.
-        appearance: checkpoint of a Siamese network (`tsuiseki train appearance`), or one that was exported, that is
-            trained on through the flow, on the crops of the windows; the data then needs it exported, too. None
-            compares no appearance.
-        appearance_rate: its learning rate, a share of the others'.
-        contrast: weight of its own loss, and of a projection's, by which it is told who is who in a window.
-        projection: how many numbers appearance features are projected to before they are compared, by a linear map that
-            learns; the data then needs ``appearance``. 0 compares them as they come.
-        projection_rate: its learning rate, a share of the others'.
-        detector: checkpoint of a detector (`tsuiseki train detector`), or one that was exported, whose heads are
-            trained on through the flow; the data then needs it exported, and ``heads``. None leaves scores as they are.
-        detector_rate: the learning rate of the heads, a share of the others'.
-        detection: weight of the detector's own loss, by boxes, on the frames of the windows.
+        appearance: how appearance learns with the costs.
+        detector: how a detector learns with the costs.
         start: checkpoint whose network is gone on with; by default the tracker's own costs.
-        learning_rate: at the end of the warm-up.
-        weight_decay: of matrices, towards the tracker's own costs.
-        warmup_steps: of linear rise.
-        final_share: of the learning rate that the cosine decay ends with.
+        optimisation: how weights are moved; they decay towards the tracker's own costs.
         processes: that solve at the same time; 0 takes all cores.
         seed: of the perturbations.
     """
 
     def __init__(
         self,
-        hidden: int = 0,
         trust: float = 0.5,
-        loss: LossName = "both",
-        epsilon: float = 1.0,
-        epsilon_last: float | None = None,
-        pairs: int = 1,
+        loss: FlowLoss = FlowLoss(),  # noqa: B008
         switch: float = 2.0,
-        length: float = 0.0,
         joins: float = 0.2,
-        pairwise: float = 0.0,
-        appearance: Path | None = None,
-        appearance_rate: float = 0.03,
-        contrast: float = 0.1,
-        projection: int = 0,
-        projection_rate: float = 1.0,
-        detector: Path | None = None,
-        detector_rate: float = 0.03,
-        detection: float = 0.3,
+        appearance: AppearanceLearning = AppearanceLearning(),
+        detector: HeadsLearning = HeadsLearning(),
         start: Path | None = None,
-        learning_rate: float = 3e-3,
-        weight_decay: float = 1e-2,
-        warmup_steps: int = 10,
-        final_share: float = 0.01,
+        optimisation: Optimisation = Optimisation(3e-3, 1e-2, warmup_steps=10),  # noqa: B008
         processes: int = 1,
         seed: int = 0,
     ) -> None:
         super().__init__()
         self.save_hyperparameters(ignore=["start", "appearance", "detector"])
+        plain_hyperparameters(self)
         names = FeatureNames()
-        self.network = AssociationNetwork(len(names.links), len(names.detections), len(names.joins), hidden, trust)
-        try:
-            self.loss = FlowLoss(loss, epsilon, pairs)
-            self.weights = DifferenceWeights(wrong=switch, length=length)
-        except ValueError as error:
-            raise RequestError(str(error)) from error
-        self.epsilon_last, self.joins, self.pairwise = epsilon_last, joins, pairwise
-        self.learning_rate, self.weight_decay = learning_rate, weight_decay
-        self.warmup_steps, self.final_share = warmup_steps, final_share
-        self.solvers, self.seed = Solvers(processes), seed
+        self.network = AssociationNetwork(len(names.links), len(names.detections), len(names.joins), trust)
+        self.loss, self.weights, self.joins = loss, DifferenceWeights(wrong=switch), joins
+        self.optimisation, self.solvers, self.seed = optimisation, Solvers(processes), seed
+        self.appearance, self.heads, self.link_cost = appearance, detector, LinkCost()
         self.siamese: AppearanceTraining | None = None
         self._siamese_made_of: dict[str, Any] = {}
-        self.appearance_rate, self.contrast, self.link_cost = appearance_rate, contrast, LinkCost()
-        self.projected_to, self.projection_rate = projection, projection_rate
-        if appearance is not None:
-            self.siamese, self._siamese_made_of = siamese_of(appearance)
+        if appearance.file is not None:
+            self.siamese, self._siamese_made_of = siamese_of(appearance.file)
         self.detector: DetectorTraining | None = None
         self._detector_made_of: dict[str, Any] = {}
         self.trunk = FrozenTrunk()
-        self.detector_rate, self.detection = detector_rate, detection
-        if detector is not None:
-            self.detector, self._detector_made_of = detector_of(detector)
+        if detector.file is not None:
+            self.detector, self._detector_made_of = detector_of(detector.file)
         self.started_from = start
         if start is not None:
             self.network.load_state_dict({**network_of(start, self.network), **self.network.trusts()})
@@ -142,7 +135,7 @@ class AssociationTraining(lightning.LightningModule):
         self._planned = (self.trainer.max_epochs or -1, self.trainer.max_steps)
         if isinstance(data, AssociationData):
             self.link_cost = data.settings.costs.link
-            if self.projected_to and self.siamese is None:
+            if self.appearance.projection and self.siamese is None:
                 # Features that stay as they are need no crops.
                 data.images = replace(data.images, crops=None)
             if stage == "fit" and self.started_from is None:
@@ -154,12 +147,12 @@ class AssociationTraining(lightning.LightningModule):
         Raises:
             RequestError: there is to be a projection, and nothing described the detections, or by fewer numbers.
         """
-        if self.projected_to and self.network.projection is None:
-            self.network.projection = projection_of(graphs, self.projected_to).to(self.device)
+        if self.appearance.projection and self.network.projection is None:
+            self.network.projection = projection_of(graphs, self.appearance.projection).to(self.device)
         for part, rows in (
             (self.network.links, [one.detections.links for one in graphs]),
             (self.network.detections, [one.detections.detections for one in graphs]),
-            (self.network.joins, [joins.links for one in graphs for joins in (one.tracklets, *one.broken)]),
+            (self.network.joins, [one.tracklets.links for one in graphs]),
         ):
             part.standardise(torch.as_tensor(np.concatenate(rows), dtype=torch.float32))
 
@@ -177,23 +170,21 @@ class AssociationTraining(lightning.LightningModule):
         if not len(batch.detections):
             return None
         rng = np.random.default_rng([self.seed, self.global_step])
-        objective, others = self.losses(batch, self._annealed(), rng)
+        objective, others = self.losses(batch, self.loss, rng)
         self.log("train/objective", objective, on_step=False, on_epoch=True, prog_bar=True, batch_size=1)
         return finite(objective + others, batch.detections.name)
 
     def losses(self, batch: TrainingWindow, loss: FlowLoss, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """The loss of the flow of a window with detections, a detection; and all others, by their weights."""
         graph, makers = batch.detections, self.makers()
-        seen = makers.seen(batch)
-        costs = makers.costs(batch, seen)
+        outputs = makers.outputs(batch)
+        costs = makers.costs(batch, outputs)
         objective = loss(costs.double(), graph.arcs(self.weights), rng, self.solvers.spread) / len(graph)
         others = objective.new_zeros(())
-        if seen.features is not None and self.contrast:
-            others = others + self.contrast * contrast_within(seen.features[: len(graph)], graph)
-        if self.detector is not None and seen.heads is not None and batch.frames is not None and self.detection:
-            others = others + self.detection * own_loss(self.detector, seen.heads, batch.frames)
-        if self.pairwise:
-            others = others + self.pairwise * link_cross_entropy(costs, graph)
+        if outputs.features is not None and self.appearance.contrast:
+            others = others + self.appearance.contrast * contrast_within(outputs.features[: len(graph)], graph)
+        if self.detector is not None and outputs.heads is not None and batch.frames is not None and self.heads.weight:
+            others = others + self.heads.weight * own_loss(self.detector, outputs.heads, batch.frames)
         if self.joins and len(batch.tracklets.tail):
             others = others + self.joins * self._join_loss(makers, batch.tracklets, loss, rng)
         return objective, others
@@ -221,22 +212,20 @@ class AssociationTraining(lightning.LightningModule):
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW under a warm-up and a cosine."""
-        groups = self.parameter_groups()
-        optimiser = AdamW(groups, lr=self.learning_rate)
-        return scheduled(optimiser, self.trainer, self.warmup_steps, self.final_share)
+        return self.optimisation.scheduled(self.parameter_groups(), self.trainer)
 
     def parameter_groups(self) -> list[dict[str, Any]]:
         """What learns, and how fast."""
         parts: list[tuple[nn.Module | None, float]] = [
-            (self.network.projection, self.projection_rate),
-            (self.siamese, self.appearance_rate),
-            (self.detector, self.detector_rate),
+            (self.network.projection, self.appearance.projection_rate),
+            (self.siamese, self.appearance.rate),
+            (self.detector, self.heads.rate),
         ]
         costs = nn.ModuleList([self.network.links, self.network.detections, self.network.joins])
-        groups = decay_groups(costs, self.weight_decay)
+        groups = self.optimisation.groups(costs)
         for part, share in parts:
             if part is not None:
-                groups += decay_groups(part, self.weight_decay, self.learning_rate * share)
+                groups += self.optimisation.groups(part, share)
         return groups
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
@@ -256,17 +245,11 @@ class AssociationTraining(lightning.LightningModule):
             self.network.projection = AppearanceProjection(features, kept)
         if self.detector is None and "detector" in checkpoint:
             self._detector_made_of = checkpoint["detector"]
-            self.detector = heads_only(DetectorTraining(**self._detector_made_of))
+            self.detector = heads_only(instantiate_module(DetectorTraining, self._detector_made_of))
         if self.siamese is None and "siamese" in checkpoint:
             self._siamese_made_of = checkpoint["siamese"]
-            self.siamese = AppearanceTraining(**self._siamese_made_of).eval()
+            self.siamese = instantiate_module(AppearanceTraining, self._siamese_made_of).eval()
 
     def on_fit_end(self) -> None:
         """Let the processes go."""
         self.solvers.close()
-
-    def _annealed(self) -> FlowLoss:
-        if self.epsilon_last is None:
-            return self.loss
-        steps = max(int(self.trainer.estimated_stepping_batches), 1)
-        return self.loss.annealed(min(self.global_step / steps, 1.0), self.epsilon_last)

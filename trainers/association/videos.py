@@ -12,10 +12,10 @@ import numpy as np
 from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.owners import owners_of
+from tsuiseki.tracking.evaluation.coverage import owners_of
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences

@@ -18,15 +18,18 @@ from torch import Tensor
 from torch.nn import functional
 
 from tsuiseki.datamodules.labelled_images import read_image
-from tsuiseki.tracking.association.flow.evidence import LINK_FEATURES
-from tsuiseki.tracking.association.flow.flow_rounds import RoundSettings
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.models.metric_losses import softmax_contrastive_loss
+from tsuiseki.tracking.association.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.flow_rounds import RoundSettings
+from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.nearby import gaps
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 from tsuiseki.trainers.association.graphs import Graph
 
 COST, DISTANCE, KNOWN = (LINK_FEATURES.index(name) for name in ("cost", "appearance", "appearance_known"))
+# Of the softmax over the views of a window, as of those that the network was trained on.
+TEMPERATURE = 0.1
 
 
 @dataclass(frozen=True)
@@ -125,3 +128,15 @@ def repriced(rows: Tensor, distance: Tensor, cost: LinkCost) -> tuple[Tensor, Te
     columns[COST] = columns[COST] + change
     columns[DISTANCE], columns[KNOWN] = distance, torch.where(known, torch.ones_like(distance), rows[:, KNOWN])
     return torch.stack(columns, dim=1), change
+
+
+def contrast_within(features: Tensor, graph: Graph) -> Tensor:
+    """The Siamese network's own loss, over the people of a window who have several detections in it."""
+    names, place, counts = np.unique(graph.owners, return_inverse=True, return_counts=True)
+    several = (counts > 1) & (names >= 0)
+    if several.sum() < 2:
+        return features.new_zeros(())
+    chosen = torch.as_tensor(np.flatnonzero(several[place]), device=features.device)
+    return softmax_contrastive_loss(
+        features[chosen], torch.as_tensor(place, device=features.device)[chosen], TEMPERATURE
+    )

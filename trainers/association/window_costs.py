@@ -14,11 +14,11 @@ import torch
 from torch import Tensor
 
 from tsuiseki.models.association import AssociationNetwork
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.association.flow_loss import finite
 from tsuiseki.trainers.association.graphs import Graph
-from tsuiseki.trainers.association.losses_beside import finite
 from tsuiseki.trainers.association.window_appearance import averages_of, distances, features_of, repriced
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, rescored, score_logits
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Seen:
+class NetworkOutputs:
     """What the networks that learn with the costs say of a window.
 
     Attributes:
@@ -60,7 +60,7 @@ class CostMakers:
     trunk: FrozenTrunk
     link_cost: LinkCost
 
-    def seen(self, batch: TrainingWindow) -> Seen:
+    def outputs(self, batch: TrainingWindow) -> NetworkOutputs:
         """What the networks say of a window.
 
         The normalisations of the Siamese network keep the statistics that they were trained with: a window of one
@@ -70,15 +70,15 @@ class CostMakers:
             RequestError: crops without a network or frames without a detector, or the other way round.
         """
         for network, given, what in (
-            (self.siamese, batch.crops, "--model.appearance FILE and --data.appearance ONNX"),
-            (self.detector, batch.frames, "--model.detector FILE, --data.detector ONNX and --data.heads true"),
+            (self.siamese, batch.crops, "--model.appearance.file FILE and --data.appearance ONNX"),
+            (self.detector, batch.frames, "--model.detector.file FILE, --data.detector ONNX and --data.heads true"),
         ):
             if (network is None) != (given is None):
                 raise RequestError(f"expected {what} together, got one of them alone")
         heads = None
         if self.detector is not None and batch.frames is not None:
             heads = self.trunk.heads(self.detector, batch.frames.batch.images)
-        return Seen(self._features(batch), heads)
+        return NetworkOutputs(self._features(batch), heads)
 
     def _features(self, batch: TrainingWindow) -> Tensor | None:
         features = None
@@ -92,21 +92,21 @@ class CostMakers:
             features = self._tensor(known)
         return None if features is None else self.network.projection(features)
 
-    def costs(self, batch: TrainingWindow, seen: Seen | None = None) -> Tensor:
+    def costs(self, batch: TrainingWindow, outputs: NetworkOutputs | None = None) -> Tensor:
         """``(3 N + P,)`` costs of the arcs of a window of detections: by default, and what the networks change.
 
         Raises:
             RunError: one is no number, as those of weights that ran away are; names the window.
         """
-        graph, seen = batch.detections, seen or self.seen(batch)
+        graph, outputs = batch.detections, outputs or self.outputs(batch)
         count = len(graph)
         base, rows, links = (self._tensor(part) for part in (graph.costs, graph.detections, graph.links))
-        if seen.features is not None:
+        if outputs.features is not None:
             averages = averages_of(graph) if batch.crops is None else batch.crops.averages
-            links, dearer = repriced(links, distances(seen.features, averages, graph), self.link_cost)
+            links, dearer = repriced(links, distances(outputs.features, averages, graph), self.link_cost)
             base = base + torch.cat([base.new_zeros(3 * count), dearer])
-        if seen.heads is not None and batch.frames is not None:
-            rows, dearer = rescored(rows, score_logits(seen.heads[0], batch.frames, graph), graph)
+        if outputs.heads is not None and batch.frames is not None:
+            rows, dearer = rescored(rows, score_logits(outputs.heads[0], batch.frames, graph), graph)
             base = base + torch.cat([dearer, base.new_zeros(len(base) - count)])
         changes = self.network.detections(rows).T.reshape(3 * count)
         changes = torch.where(torch.as_tensor(graph.fixed, device=self._device), torch.zeros_like(changes), changes)

@@ -24,13 +24,14 @@ from torch import Tensor
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.detection_data import DetectionBatch, collate
 from tsuiseki.datamodules.labelled_images import read_image
-from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES
+from tsuiseki.tracking.association.evidence import DETECTION_FEATURES
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import IntArray
 from tsuiseki.trainers.association.graphs import Graph
 from tsuiseki.trainers.networks.detector import DetectorTraining
+from tsuiseki.trainers.networks.modules import normalised
 
 COST, LOGIT = (DETECTION_FEATURES.index(name) for name in ("cost", "logit"))
 
@@ -98,7 +99,7 @@ class FrozenTrunk:
         key = hashlib.blake2b(image.cpu().numpy().tobytes(), digest_size=16).digest()
         if key not in self._place:
             with torch.no_grad():
-                maps = detector.network.features(detector.normalised(image[None].to(detector.device)))
+                maps = detector.network.features(normalised(image[None].to(detector.device), detector.card))
             if not self._levels:
                 self._levels = [one.new_empty(self.most, *one.shape[1:]) for one in maps]
             full = len(self._place) == self.most

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.motion.body_motion import HEADING, conditions, turned
-from tsuiseki.tracking.filters.motion.learnt_motion import LearntMotion, PrincipalComponents
+from tsuiseki.tracking.filters.motion.bodies import HEADING, conditions, turned
+from tsuiseki.tracking.filters.motion.learnt import LearntMotion, PrincipalComponents
 from tsuiseki.tracking.types import FloatArray
 
 FEWEST_STEPS = 10

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tsuiseki.tracking.bodies.choice import parse_body
-from tsuiseki.tracking.filters.motion.learnt_motion import write_motion
+from tsuiseki.tracking.filters.motion.learnt import write_motion
 from tsuiseki.tracking.options import OutputFile
 from tsuiseki.trainers.bodies.motion import learn_motion
 from tsuiseki.trainers.bodies.motion_tracks import common_frame_rate, read_stretches

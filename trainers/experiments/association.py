@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tsuiseki.tracking.association.tracklets.interpolation import GapSettings, fill_gaps
+from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, scores_of
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.people.flow import FlowSettings
-from tsuiseki.tracking.people.frame_log import shifted
 from tsuiseki.tracking.people.methods import PeopleMethod
+from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.experiments.association_peers import NAMES

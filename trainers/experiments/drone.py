@@ -14,16 +14,14 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
-from tsuiseki.tracking.association.action_cost import ActionFeatures
-from tsuiseki.tracking.association.rows import rows_of
-from tsuiseki.tracking.drone.acting import acting_track
-from tsuiseki.tracking.drone.models import DroneMethod
-from tsuiseki.tracking.drone.observation_cache import file_digest
-from tsuiseki.tracking.drone.observations import Observation, Observers
-from tsuiseki.tracking.drone.tracker import DroneSettings, DroneTracker
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+from tsuiseki.tracking.association.costs import ActionFeatures
+from tsuiseki.tracking.association.detection_tables import rows_of
+from tsuiseki.tracking.drone.models import DroneMethod, as_detections
+from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
+from tsuiseki.tracking.drone.tracker import DroneSettings, DroneTracker, acting_track
 from tsuiseki.tracking.drone.tracking import suited
-from tsuiseki.tracking.drone.video_observations import video_observations
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.action_files import (
     LabelledActions,
@@ -35,18 +33,16 @@ from tsuiseki.tracking.evaluation.action_scores import ActionScores, evaluate_ac
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, score_sums
 from tsuiseki.tracking.evaluation.tables import action_values
-from tsuiseki.tracking.features.action import ActionRecogniser, averaged
-from tsuiseki.tracking.features.action_inputs import LOCAL_STREAMS, STREAMS, StreamName
-from tsuiseki.tracking.features.motion.camera_motion import CameraMotionSettings
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.networks.exported import Appearance, Detector
+from tsuiseki.tracking.features.action import LOCAL_STREAMS, STREAMS, ActionRecogniser, StreamName, averaged
+from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
+from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.people.compensated import MotionCompensated
 from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
-from tsuiseki.tracking.people.flow_output import long_tracks
-from tsuiseki.tracking.people.given_tracks import as_detections
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
+from tsuiseki.tracking.people.methods import MotionCompensated
+from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -236,10 +232,14 @@ def _not_tuned_on(seeds: Sequence[int]) -> Sequence[int]:
     return seeds
 
 
+def _write_clip(folder: Path, scene: DroneSceneSettings, seed: int) -> Path:
+    return write_clip(folder, plan_drone(scene, seed))
+
+
 def observe_clip(store: Store, models: ObservingModels, plan: ClipPlan) -> ObservedClip:
     """A drawn clip with the observations of its detected and its labelled people, from the store where it can."""
     name, scene, seed = plan
-    folder = store.made(name, write_drone, scene, seed)
+    folder = store.made(name, _write_clip, scene, seed)
     cache = store.folder / "observations" / code_version([video_observations.__module__])
     sequence = read_sequence(folder)
     truth = read_ground_truth(sequence.ground_truth_path)

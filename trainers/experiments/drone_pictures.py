@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.drone.page import captions_of
 from tsuiseki.tracking.evaluation.coverage import Coverage, coverage
-from tsuiseki.tracking.features.action_inputs import crop_squares
+from tsuiseki.tracking.features.action import crop_squares
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.report.overlay import Overlay, draw_label
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, IntArray, Track

@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import write_info
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, as_ground_truth, street_frames
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
 from tsuiseki.datamodules.simulated_detections import DetectorFaults
-from tsuiseki.tracking.association.affinity import Affinity
+from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import Detections, FloatArray
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -42,6 +40,7 @@ from tsuiseki.trainers.experiments.given_sequences import (
 )
 from tsuiseki.trainers.experiments.pairwise_costs import PairLearner, fit_pairs
 from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table
+from tsuiseki.trainers.networks.modules import Optimisation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,8 +49,8 @@ if TYPE_CHECKING:
 DEFAULT, PAIRS, BOTH = "default", ("pairs, logistic", "pairs, boosted trees"), "both losses"
 # A fit through the flow, or what learns on pairs.
 LEARNERS: dict[Name, Fit | PairLearner] = {
-    "Fenchel-Young": Fit(loss="fenchel_young"),
-    "hinge": Fit(loss="hinge"),
+    "Fenchel-Young": Fit(FlowLoss("fenchel_young")),
+    "hinge": Fit(FlowLoss("hinge")),
     BOTH: Fit(),
     PAIRS[0]: "logistic",
     PAIRS[1]: "trees",
@@ -257,9 +256,8 @@ def write_streets(folder: Path, clips: int, frames: int) -> None:
             samples=1,
         )
         home = folder / f"street-{number:02d}"
-        labels = as_ground_truth([truth for _, truth in street_frames(settings, number)])
-        write_ground_truth(home / "gt" / "gt.txt", labels)
-        write_info(home, home.name, settings)
+        clip = plan_street(settings, number)
+        clip.write_truth(home, home.name, [truth for _, truth in clip.frames()])
         # Within what the detections of MOT17, MOT15, KITTI, PETS and TUD are off their labels.
         faults = DetectorFaults(
             jitter=float(rng.uniform(0.02, 0.045)),
@@ -306,14 +304,15 @@ def gradient_of(graph: Graph, changes: NetworkChanges | None) -> FloatArray:
     if changes is not None:
         change = changes.detections(graph.detections).T.reshape(3 * count)
         costs = costs + np.concatenate([np.where(graph.fixed, 0, change), changes.links(graph.links)])
-    loss, rng, arcs = FlowLoss(epsilon=1.0, pairs=200), np.random.default_rng(0), graph.arcs(DifferenceWeights())
+    loss, rng, arcs = FlowLoss("fenchel_young", 1.0, 200), np.random.default_rng(0), graph.arcs(DifferenceWeights())
     problems = loss.problems(costs, arcs, rng)
     return loss.value(costs, arcs, problems, [cheapest(problem) for problem in problems])[1]
 
 
 def trained_on_crossings(seeds: range, steps: int) -> NetworkChanges:
     """The network that other crossings teach."""
-    fit = Fit(loss="fenchel_young", steps=steps, learning_rate=0.01, trust=1.0)
+    how = Optimisation(0.01, 1e-2, warmup_steps=10)
+    fit = Fit(FlowLoss("fenchel_young"), trust=1.0, steps=steps, optimisation=how)
     return NetworkChanges(fit_network([_graphs(crossing(seed)) for seed in seeds], fit))
 
 

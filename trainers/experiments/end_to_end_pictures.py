@@ -15,13 +15,14 @@ import numpy as np
 import torch
 
 from tsuiseki.datamodules.labelled_images import read_image
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.evaluation.detection import evaluate_detections, labelled_boxes
 from tsuiseki.tracking.evaluation.multi import SequencePair
 from tsuiseki.tracking.evaluation.resampling import score_sums
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, write_detections
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
@@ -30,10 +31,11 @@ from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.data import FLOWS, TrackerName, WindowImages, affordable
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fitted
+from tsuiseki.trainers.association.flow_loss import FlowLoss
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.starting import siamese_of
-from tsuiseki.trainers.association.training import AssociationTraining
+from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining, HeadsLearning
 from tsuiseki.trainers.association.videos import LIKE_REAL, detected_videos, filmed
 from tsuiseki.trainers.association.window_detector import FrozenTrunk
 from tsuiseki.trainers.experiments.given_sequences import combined_scores, score_table
@@ -158,13 +160,10 @@ def appearance_sums(way: str, source: Taught) -> list[FloatArray]:
     read = read_filmed if source.tracker == "drone" else read_frames
     torch.manual_seed(0)
     siamese, _ = siamese_of(start)
-    module = AssociationTraining(
-        appearance=None if projects else start,
-        appearance_rate=APPEARANCE_RATE,
-        projection=KEPT if projects else 0,
-        contrast=0.3,
-        joins=0.0,
+    learning = AppearanceLearning(
+        None if projects else start, APPEARANCE_RATE, contrast=0.3, projection=KEPT if projects else 0
     )
+    module = AssociationTraining(appearance=learning, joins=0.0)
     if way != APPEARANCE_WAYS[0]:
         module.network.requires_grad_(False)
         module.link_cost = settings.costs.link
@@ -195,7 +194,7 @@ def heads_sums(source: Taught) -> list[list[FloatArray]]:
         torch.manual_seed(0)
         own = 0.0 if way == "the flow's loss" else HEADS_OWN
         module = AssociationTraining(
-            loss="fenchel_young", detector=start, detector_rate=HEADS_RATE, detection=own, joins=0.0
+            loss=FlowLoss("fenchel_young"), detector=HeadsLearning(start, HEADS_RATE, own), joins=0.0
         )
         module.trunk = trunk
         module.network.requires_grad_(False)
@@ -275,7 +274,7 @@ def write_pictured(folder: Path, clips: int, frames: int, look_alikes: float) ->
         frames=frames, frame_rate=10.0, people=12, look_alikes=look_alikes, person_height=(40.0, 170.0)
     )
     for number in range(clips):
-        home = write_street(folder / f"street-{number:02d}", settings, SEED + number)
+        home = write_clip(folder / f"street-{number:02d}", plan_street(settings, SEED + number))
         write_simulated(home, settings, np.random.default_rng([SEED + number, 2]), replace(LIKE_REAL, missed=0.1))
 
 
@@ -285,7 +284,7 @@ def write_drones(folder: Path, clips: int, frames: int, look_alikes: float) -> N
         640, 360, frames, 10.0, camera="calm", altitude=(10.0, 20.0), look_alikes=look_alikes, samples=1
     )
     for number in range(clips):
-        home = write_drone(folder / f"drone-{number:02d}", settings, SEED + number)
+        home = write_clip(folder / f"drone-{number:02d}", plan_drone(settings, SEED + number))
         write_simulated(home, settings, np.random.default_rng([SEED + number, 3]), replace(LIKE_REAL, missed=0.1))
 
 

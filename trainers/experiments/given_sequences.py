@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.coverage import owners_of
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
-from tsuiseki.tracking.evaluation.owners import owners_of
 from tsuiseki.tracking.evaluation.resampling import COUNTS, SCORES, paired_bootstrap, score_sums, scores_of
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.formats.mot_sequence import read_sequence

@@ -17,17 +17,17 @@ from typing import TYPE_CHECKING, TypeAlias
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.body_starts import wide_noise
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.bodies.page import draw_contour
 from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.features.colour_region import ColourRange
-from tsuiseki.tracking.filters.motion.body_motion import BodyMotion, RandomWalk, draw
-from tsuiseki.tracking.filters.motion.learnt_motion import LearntMotion, motion_text
-from tsuiseki.tracking.filters.particles.resampling import systematic
-from tsuiseki.tracking.filters.particles.weights import probabilities
+from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk
+from tsuiseki.tracking.filters.motion.learnt import LearntMotion, motion_text
+from tsuiseki.tracking.filters.particles.resampling import probabilities, systematic
 from tsuiseki.tracking.formats.body_states import read_states, write_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes
@@ -175,10 +175,14 @@ def reproduce(bench: Bench, seeds: int = 6) -> Outcome:
     return Outcome(values, tables, plots, files, [note])
 
 
+def _write_clip(folder: Path, settings: GoldfishSettings, seed: int) -> Path:
+    return write_clip(folder, plan_goldfish(settings, seed))
+
+
 def clips(store: Store, name: str, counts: Sequence[int]) -> list[Path]:
     """Folders of the clips ``NAME-01`` … of as many fish as ``counts`` says; each is made once."""
     return [
-        store.made(f"{name}-{n + 1:02d}", write_goldfish, GoldfishSettings(fish=fish), FIRST_SEEDS[name] + n)
+        store.made(f"{name}-{n + 1:02d}", _write_clip, GoldfishSettings(fish=fish), FIRST_SEEDS[name] + n)
         for n, fish in enumerate(counts)
     ]
 
@@ -387,7 +391,7 @@ def predicted(clip: FishClip, motion: BodyMotion, fish: int, frame: int) -> Floa
     state = tracker.targets[0].particles
     drawn = state.particles[systematic(probabilities(state.log_weights), DRAWN, rng)]
     chosen = rng.choice(DRAWN, SHOWN, replace=False)
-    return np.asarray(draw(motion, drawn, rng)[chosen, : len(BODY.fields)])
+    return np.asarray(motion(drawn, 1, rng)[chosen, : len(BODY.fields)])
 
 
 def _tile(image: ImageArray, states: FloatArray, title: str) -> ImageArray:

@@ -19,13 +19,13 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer, StandardScaler
 from threadpoolctl import threadpool_limits
 
-from tsuiseki.tracking.association.flow.cost_network import LARGEST
+from tsuiseki.tracking.association.learnt_costs import LARGEST
 from tsuiseki.tracking.types import BoolArray, FloatArray
-from tsuiseki.trainers.association.counts import Counts
 from tsuiseki.trainers.association.data import RandomWindows
 from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.association.flow_loss import Problem, cheapest
 from tsuiseki.trainers.association.graphs import Graph, Graphs
+from tsuiseki.trainers.association.labelled_flow import Counts
 
 PairLearner = Literal["logistic", "trees"]
 # Trust in links and in detections, worth of a detection of even chances, cost of ends beyond the default.

@@ -1,4 +1,4 @@
-"""From a trained network to an ONNX file that runs without torch, and the proof that both agree."""
+"""From a trained model to an ONNX file that runs without torch, and the proof that both agree."""
 
 from __future__ import annotations
 
@@ -8,21 +8,24 @@ import io
 import logging
 import pickle
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import lightning
 import numpy as np
 import onnx
 import onnxruntime
 import torch
+from jsonargparse import ArgumentError
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
+from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.output import output_file
 
 # Largest difference to torch, relative to the largest value of an output. Float32 sums in another order differ by a
@@ -34,6 +37,37 @@ _PARITY_BATCHES = (1, 3)
 _SMALLEST_HALVED = 512
 
 Module = TypeVar("Module", bound=lightning.LightningModule)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFile(OutputFile):
+    """The ONNX file that an export writes.
+
+    Attributes:
+        out: ONNX file to write.
+        training_data: what the model was trained on, in words; kept in the file.
+        float16: store weights as 16-bit numbers, half the size.
+    """
+
+    training_data: str = ""
+    float16: bool = False
+
+    def report(self, path: Path, difference: float) -> None:
+        """Say what was written: the largest ``difference`` to torch is a share of the range."""
+        size = path.stat().st_size / 2**20
+        print(f"{path}: {size:.1f} MiB; differs from torch by {difference:.1g} of the range at most")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelFiles(ModelFile):
+    """Likewise, where several files get their names from one.
+
+    Attributes:
+        overwrite: replace existing files.
+    """
+
+    # The library checks the files by the names that they get.
+    file_options: ClassVar[Sequence[str]] = ()
 
 
 def export_onnx(
@@ -54,7 +88,7 @@ def export_onnx(
         module: takes one tensor, gives one or several whose first axis is the batch, or constants.
         card: what the file will say about itself; the version of the project is filled in.
         path: of the file.
-        example: ``(B, ...)`` an input; tells the shape, and the card's layout its name.
+        example: ``(B, ...)`` an input; tells the shape.
         outputs: their names in order.
         float16: store weights as float16; computation stays float32.
         overwrite: replace an existing file.
@@ -67,16 +101,43 @@ def export_onnx(
         RequestError: the path cannot be written to.
         RunError: onnxruntime and torch disagree.
     """
-    card = dataclasses.replace(card, project_version=metadata.version("tsuiseki"))
-    with output_file(path, overwrite) as work, _evaluating(module):
-        work.parent.mkdir(parents=True, exist_ok=True)
-        model = _convert(module, example, "features" if card.layout == "NF" else "images", outputs)
+    # A batch of one would be taken for a constant.
+    several = torch.cat((example, example)) if len(example) == 1 else example
+    tolerance = FLOAT16_TOLERANCE if float16 else FLOAT32_TOLERANCE
+    with _evaluating(module):
+        model = convert_module(module, (several,), ("images",), outputs, ({0: torch.export.Dim("batch")},))
         if float16:
             store_float16(model)
-        entry = model.metadata_props.add()
-        entry.key, entry.value = METADATA_KEY, card.to_json()
+        return write_checked(
+            model, card, path, lambda work: check_parity(module, work, example, tolerance, spread), overwrite
+        )
+
+
+def write_checked(
+    model: onnx.ModelProto, card: ModelCard, path: Path, check: Callable[[Path], float], overwrite: bool = False
+) -> float:
+    """Write ``model`` with ``card`` in its metadata; it appears under its name only when complete and checked.
+
+    Args:
+        model: to write.
+        card: what the file will say about itself; the version of the project is filled in.
+        path: of the file.
+        check: gives the largest difference of a file to what was trained.
+        overwrite: replace an existing file.
+
+    Returns:
+        What ``check`` gave.
+
+    Raises:
+        RequestError: the path cannot be written to.
+        RunError: raised by ``check``, where the file gives something else than what was trained.
+    """
+    card = dataclasses.replace(card, project_version=metadata.version("tsuiseki"))
+    model.metadata_props.add(key=METADATA_KEY, value=card.to_json())
+    with output_file(path, overwrite) as work:
+        work.parent.mkdir(parents=True, exist_ok=True)
         onnx.save(model, work)
-        return check_parity(module, work, example, FLOAT16_TOLERANCE if float16 else FLOAT32_TOLERANCE, spread)
+        return check(work)
 
 
 def load_module(kind: type[Module], checkpoint: Path, size: tuple[int, int] | None = None) -> Module:
@@ -94,11 +155,19 @@ def load_module(kind: type[Module], checkpoint: Path, size: tuple[int, int] | No
         raise RequestError(f"expected a checkpoint at {checkpoint}, found none; `tsuiseki train` writes best.ckpt")
     try:
         # What the training started from is overwritten here; without it nothing is downloaded.
-        changes: dict[str, Any] = {"weights": None, "start": None, "teacher": None}
+        changes: dict[str, Any] = {"weights": None, "start": None, "teacher": {}}
         if size is not None:
             changes |= {"height": size[0], "width": size[1]}
         module = kind.load_from_checkpoint(checkpoint, map_location="cpu", weights_only=True, **changes)
-    except (RuntimeError, KeyError, TypeError, AttributeError, EOFError, pickle.UnpicklingError) as error:
+    except (
+        RuntimeError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        EOFError,
+        pickle.UnpicklingError,
+        ArgumentError,
+    ) as error:
         reason = " ".join(str(error).split())[:200]
         raise RequestError(f"{checkpoint}: expected a checkpoint of {kind.__name__}, got: {reason}") from error
     return module.eval()
@@ -147,12 +216,6 @@ def store_float16(model: onnx.ModelProto) -> None:
     described = [v for v in model.graph.value_info if v.name not in halved]
     del model.graph.value_info[:]
     model.graph.value_info.extend(described)
-
-
-def _convert(module: nn.Module, example: Tensor, name: str, outputs: Sequence[str]) -> onnx.ModelProto:
-    # A batch of one would be taken for a constant.
-    several = torch.cat((example, example)) if len(example) == 1 else example
-    return convert_module(module, (several,), (name,), outputs, ({0: torch.export.Dim("batch")},))
 
 
 def convert_module(

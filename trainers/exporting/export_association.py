@@ -12,7 +12,7 @@ import torch
 from torch import nn
 
 from tsuiseki.models.association import AssociationNetwork
-from tsuiseki.tracking.association.flow.cost_network import CostNetwork, FeatureNames
+from tsuiseki.tracking.association.learnt_costs import CostNetwork, FeatureNames
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
@@ -92,7 +92,7 @@ def _check_ended(checkpoint: Path, unfinished: bool) -> None:
 def _export_siamese(module: AssociationTraining, checkpoint: Path, out: Path, data: str, overwrite: bool) -> None:
     siamese = module.siamese
     if siamese is None:
-        raise RequestError(f"{checkpoint}: expected a Siamese network, but the training had no --model.appearance")
+        raise RequestError(f"{checkpoint}: expected a Siamese network, but the training had no --model.appearance.file")
     network = siamese.network.to(memory_format=torch.contiguous_format)
     example = torch.zeros(2, 3, siamese.card.input_height, siamese.card.input_width)
     card = replace(siamese.card, training_data=data)
@@ -102,7 +102,7 @@ def _export_siamese(module: AssociationTraining, checkpoint: Path, out: Path, da
 
 def _export_heads(module: AssociationTraining, checkpoint: Path, out: Path, data: str, overwrite: bool) -> None:
     if module.detector is None:
-        raise RequestError(f"{checkpoint}: expected a detector, but the training had no --model.detector")
+        raise RequestError(f"{checkpoint}: expected a detector, but the training had no --model.detector.file")
     export_heads(module.detector, out, data, overwrite)
     print(f"{out}: the detector")
 

@@ -13,16 +13,14 @@ from torch import Tensor, nn
 
 from tsuiseki.models.backbones import TrunkName, build_trunk
 from tsuiseki.models.detector import Detector, OneClass, people_detector
-from tsuiseki.models.pretrained import CocoArchitecture, coco_person_detector
+from tsuiseki.models.ssd import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
-from tsuiseki.trainers.exporting.export import export_onnx, load_module
-from tsuiseki.trainers.exporting.export_int8 import quantise_detector
+from tsuiseki.trainers.exporting.export import ModelFile, export_onnx, load_module
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
-from tsuiseki.trainers.exporting.model_file import ModelFile
-from tsuiseki.trainers.networks.calibration import calibration_of
 from tsuiseki.trainers.networks.detector import DetectorTraining
+from tsuiseki.trainers.networks.detector_labels import calibration_of
 from tsuiseki.trainers.networks.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card
 
 OUTPUTS = ("logits", "offsets", "anchors")
@@ -57,11 +55,9 @@ def export_detector(
     architecture: CocoArchitecture = "ssdlite320",
     state: Path | None = None,
     calibrate: Path | None = None,
-    int8: Path | None = None,
     height: int | None = None,
     width: int | None = None,
     blend: Path | None = None,
-    box_voting: float | None = None,
 ) -> float:
     """Write a person detector as ONNX, and check that it gives what torch gives.
 
@@ -75,17 +71,13 @@ def export_detector(
         architecture: of the COCO weights.
         state: file of those weights, for a machine that cannot download them.
         calibrate: MOTChallenge folder of labelled pictures; scores become probabilities of a person there.
-        int8: MOTChallenge folder of labelled pictures; weights and activations become 8-bit numbers whose ranges are
-            taken there, and the average precision before and after is measured there.
         height: of the input, pixels, where another than in training; with --width.
         width: likewise; a larger input finds smaller people and takes longer.
         blend: exported detector of the same structure, such as the one that the training started from; each weight
             becomes the mean of both (Wortsman et al., Robust fine-tuning of zero-shot models, 2022).
-        box_voting: boxes that overlap a found one by this much, in (0, 1], say together where it lies (Gidaris and
-            Komodakis, 2015); by default the best of them alone does, or what the exported file of ``checkpoint`` says.
 
     Returns:
-        The largest relative difference to torch that the parity check saw, of the float weights.
+        The largest relative difference to torch that the parity check saw.
 
     Raises:
         RequestError: not exactly one of checkpoint and weights, a missing or foreign file, no connection.
@@ -93,26 +85,16 @@ def export_detector(
     """
     if (height is None) != (width is None):
         raise RequestError("expected `height` and `width` together, got one of them")
-    if output.float16 and int8:
-        raise RequestError("expected `float16` or `int8`, got both")
     if (checkpoint is None) == (weights is None):
         raise RequestError("expected either one of `checkpoint` and `weights`")
     if blend is not None and checkpoint is None:
         raise RequestError("expected `blend` with `checkpoint`, got it alone")
-    if box_voting is not None and not 0 < box_voting <= 1:
-        raise RequestError(f"`box-voting`: expected an overlap in (0, 1], got {box_voting}")
     size = None if height is None or width is None else (height, width)
     network, card = _coco(architecture, state) if checkpoint is None else _trained(checkpoint, size)
     if blend is not None:
         blend_weights(network, card, blend)
-    settings = card.settings if box_voting is None else {**card.settings, "box_voting": box_voting}
-    card = dataclasses.replace(card, training_data=output.training_data or card.training_data, settings=settings)
-    with tempfile.TemporaryDirectory() as folder:
-        whole = dataclasses.replace(output, out=output.out if int8 is None else Path(folder) / "whole.onnx")
-        difference = _written(network, card, whole, calibrate)
-        if int8 is not None:
-            before, after = quantise_detector(whole.out, output.out, int8, output.overwrite)
-            print(f"AP50 on {int8}: {before:.3f} with float weights, {after:.3f} with 8-bit ones")
+    card = dataclasses.replace(card, training_data=output.training_data or card.training_data)
+    difference = _written(network, card, output, calibrate)
     output.report(output.out, difference)
     return difference
 
@@ -134,9 +116,8 @@ def _exported(path: Path, size: tuple[int, int] | None) -> tuple[Detector, Model
     layout = layout_of(path)
     card = layout.card
     height, width = layout.size if size is None else size
-    network = people_detector(
-        build_trunk(cast(TrunkName, layout.trunk)), (height, width), layout.anchors, layout.channels, layout.fine
-    )
+    trunk = build_trunk(cast(TrunkName, layout.trunk))
+    network = people_detector(trunk, (height, width), layout.anchors, layout.channels)
     missing = network.load_state_dict(exported_weights(path), strict=False).missing_keys
     missing = [name for name in missing if not name.endswith("num_batches_tracked")]
     if missing:

@@ -34,7 +34,6 @@ class Layout:
         size: height and width of the input.
         anchors: ``[width, height]`` of each map.
         channels: of the top-down path.
-        fine: it has a map of stride 4.
         card: what the file says about itself.
     """
 
@@ -42,7 +41,6 @@ class Layout:
     size: tuple[int, int]
     anchors: list[list[tuple[float, float]]]
     channels: int
-    fine: bool
     card: ModelCard
 
     def window(self, share: float) -> tuple[int, int]:
@@ -56,7 +54,8 @@ def layout_of(path: Path) -> Layout:
     """The layout of the exported detector at ``path``.
 
     Raises:
-        RequestError: it is no detector of this toolkit's default architecture.
+        RequestError: it is no detector of this toolkit's default architecture, or has a map of stride 4, which is no
+            longer learnt.
     """
     model, card = _opened(path)
     tensors = {x.name: x for x in model.graph.initializer}
@@ -65,13 +64,14 @@ def layout_of(path: Path) -> Layout:
         raise RequestError(f"{path}: expected a detector of the architecture people to learn from, got {card.name}")
     if "anchors" not in tensors:
         raise RequestError(f"{path}: expected a detector of `tsuiseki export detector`, got one without anchors")
+    if any(name.startswith("detector.features.fine.") for name in tensors):
+        raise RequestError(f"{path}: expected a detector of maps from stride 8 on, got one with a map of stride 4")
     lateral = next(x for name, x in tensors.items() if name.startswith("detector.features.lateral.0.0.weight"))
     return Layout(
         trunk,
         (card.input_height, card.input_width),
         _anchor_sizes(onnx.numpy_helper.to_array(tensors["anchors"])),
         int(lateral.dims[0]),
-        any(name.startswith("detector.features.fine.") for name in tensors),
         card,
     )
 

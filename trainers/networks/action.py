@@ -9,20 +9,21 @@ import numpy as np
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
-from torch.optim import AdamW
 
 from tsuiseki.datamodules.action_data import ActionBatch, ActionData
 from tsuiseki.models.action import ActionNetwork, ActionStream, action_loss, positive_weights
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.action_scores import average_precisions
-from tsuiseki.tracking.features.action_inputs import STREAMS, ActionInput, StreamName
-from tsuiseki.tracking.features.motion.optical_flow import FlowName
+from tsuiseki.tracking.features.action import STREAMS, ActionInput, StreamName
+from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import BoolArray, FloatArray
-from tsuiseki.trainers.networks.schedule import decay_groups, scheduled
+from tsuiseki.trainers.networks.modules import Optimisation, normalised, plain_hyperparameters
 
 OKUTAMA_ACTIONS = 12
+# Exponent of the weight of rare actions (see `positive_weights`), of which 0 is eq. 5.1 as it stands, and the largest.
+RARE_WEIGHT, RARE_LIMIT = 0.5, 5.0
 
 
 class ActionTraining(lightning.LightningModule):
@@ -35,17 +36,9 @@ class ActionTraining(lightning.LightningModule):
         streams: which streams are trained.
         actions: number of classes; the data's names go with the network.
         size: side of the input, pixels.
-        enlargement: of the global crop, μ.
-        flow_limit: flow is clipped to this many pixels a frame.
-        stack: pairs of frames whose flow is stacked.
         flow: how flow is estimated.
         compensate: whether the camera's motion is taken out of the flow; it is not in the thesis.
-        learning_rate: at the end of the warm-up; the thesis has 0.0001.
-        weight_decay: of matrices and kernels; normalisations and biases have none.
-        warmup_steps: of linear rise of the learning rate.
-        final_share: share of the learning rate that the cosine decay ends with.
-        rare_weight: exponent of the weight of rare actions (see `positive_weights`); 0 is eq. 5.1 as it stands.
-        rare_limit: largest weight.
+        optimisation: how weights are moved; the thesis has a learning rate of 0.0001.
     """
 
     def __init__(
@@ -56,31 +49,22 @@ class ActionTraining(lightning.LightningModule):
         streams: tuple[StreamName, ...] = STREAMS,
         actions: int = OKUTAMA_ACTIONS,
         size: int = 64,
-        enlargement: float = 3.0,
-        flow_limit: float = 20.0,
-        stack: int = 1,
         flow: FlowName = "dis",
         compensate: bool = False,
-        learning_rate: float = 1e-4,
-        weight_decay: float = 0.02,
-        warmup_steps: int = 100,
-        final_share: float = 0.01,
-        rare_weight: float = 0.5,
-        rare_limit: float = 5.0,
+        optimisation: Optimisation = Optimisation(learning_rate=1e-4),  # noqa: B008
     ) -> None:
         super().__init__()
         self.save_hyperparameters()
+        plain_hyperparameters(self)
         try:
-            self.inputs = {n: ActionInput(n, size, enlargement, flow_limit, stack, flow, compensate) for n in streams}
+            self.inputs = {n: ActionInput(n, size, flow=flow, compensate=compensate) for n in streams}
             self.network = ActionNetwork(
                 {n: ActionStream(actions, i.channels, trunk, weights, dropout) for n, i in self.inputs.items()}
             )
         except (ValueError, ConnectionError) as error:
             raise RequestError(str(error)) from error
         self.trunk, self.actions, self.names = trunk, actions, tuple(f"action {n + 1}" for n in range(actions))
-        self.learning_rate, self.weight_decay = learning_rate, weight_decay
-        self.warmup_steps, self.final_share = warmup_steps, final_share
-        self.rare_weight, self.rare_limit = rare_weight, rare_limit
+        self.optimisation = optimisation
         self.register_buffer("positive_weight", torch.ones(actions))
         self._said: list[dict[str, Tensor]] = []
         self._true: list[Tensor] = []
@@ -114,7 +98,7 @@ class ActionTraining(lightning.LightningModule):
         self.names = data.names
         truth = data.train_crops.actions
         counts = torch.from_numpy(truth.sum(axis=0).astype(np.float64))
-        weight = positive_weights(counts, len(truth), self.rare_weight, self.rare_limit)
+        weight = positive_weights(counts, len(truth), RARE_WEIGHT, RARE_LIMIT)
         assert isinstance(self.positive_weight, Tensor)
         self.positive_weight.copy_(weight)
 
@@ -158,14 +142,7 @@ class ActionTraining(lightning.LightningModule):
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW under a linear warm-up and a cosine decay over the whole training."""
-        optimiser = AdamW(decay_groups(self.network, self.weight_decay), lr=self.learning_rate)
-        return scheduled(optimiser, self.trainer, self.warmup_steps, self.final_share)
-
-
-def normalised(images: Tensor, card: ModelCard) -> Tensor:
-    """``(B, C, S, S)`` float of ``(B, S, S, C)`` uint8 crops, as the card says."""
-    mean, std = (255 * torch.tensor(values, device=images.device).view(1, -1, 1, 1) for values in (card.mean, card.std))
-    return (images.permute(0, 3, 1, 2).float() - mean) / std
+        return self.optimisation.scheduled(self.optimisation.groups(self.network), self.trainer)
 
 
 def mean_average_precision(probabilities: FloatArray, truth: BoolArray) -> float:

@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
-from torch.optim import AdamW
 
 from tsuiseki.datamodules.appearance_data import AppearanceBatch
 from tsuiseki.models.appearance import AppearanceNetwork
@@ -18,10 +17,12 @@ from tsuiseki.models.metric_losses import contrastive_loss, softmax_contrastive_
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import Retrieval, evaluate_retrieval
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.trainers.networks.schedule import decay_groups, scheduled
+from tsuiseki.trainers.networks.modules import Optimisation, normalised, plain_hyperparameters
 
 LossName = Literal["softmax", "triplet", "contrastive"]
 LOSSES = {"softmax": softmax_contrastive_loss, "triplet": triplet_loss, "contrastive": contrastive_loss}
+# Frames that validation views of one person have to be apart to count.
+APART = 25
 
 
 class AppearanceTraining(lightning.LightningModule):
@@ -31,18 +32,13 @@ class AppearanceTraining(lightning.LightningModule):
         trunk: of the network.
         weights: ``imagenet`` starts the trunk from torchvision's weights, null from scratch.
         feature_length: D of the features.
-        stripes: horizontal stripes that are averaged apart.
         dropout: share of the pooled values left out in training, in [0, 1).
         height: of the input, pixels.
         width: likewise.
         loss: ``softmax`` compares all views of a batch and is the one to start from scratch with; ``triplet`` and
             ``contrastive`` compare the hardest ones.
         margin: of ``triplet`` and ``contrastive``; the temperature of ``softmax``.
-        learning_rate: at the end of the warm-up.
-        weight_decay: of matrices and kernels; normalisations and biases have none.
-        warmup_steps: of linear rise.
-        final_share: of the learning rate that the cosine decay ends with.
-        apart: frames that validation views of one person have to be apart to count.
+        optimisation: how weights are moved.
     """
 
     def __init__(
@@ -50,22 +46,18 @@ class AppearanceTraining(lightning.LightningModule):
         trunk: TrunkName = "mobilenet_v3_small",
         weights: Literal["imagenet"] | None = None,
         feature_length: int = 128,
-        stripes: int = 4,
         dropout: float = 0.0,
         height: int = 128,
         width: int = 64,
         loss: LossName = "softmax",
         margin: float = 0.1,
-        learning_rate: float = 2e-3,
-        weight_decay: float = 0.02,
-        warmup_steps: int = 100,
-        final_share: float = 0.01,
-        apart: int = 25,
+        optimisation: Optimisation = Optimisation(),  # noqa: B008
     ) -> None:
         super().__init__()
         self.save_hyperparameters()
+        plain_hyperparameters(self)
         try:
-            self.network = AppearanceNetwork(trunk, weights, feature_length, stripes, dropout)
+            self.network = AppearanceNetwork(trunk, weights, feature_length, dropout=dropout)
         except (ValueError, ConnectionError) as error:
             raise RequestError(str(error)) from error
         self.card = ModelCard(
@@ -76,10 +68,7 @@ class AppearanceTraining(lightning.LightningModule):
             feature_length=feature_length,
         )
         self.loss, self.margin = LOSSES[loss], margin
-        self.learning_rate, self.weight_decay = learning_rate, weight_decay
-        self.warmup_steps, self.final_share, self.apart = warmup_steps, final_share, apart
-        self.register_buffer("mean", 255 * torch.tensor(self.card.mean).view(1, 3, 1, 1), persistent=False)
-        self.register_buffer("std", 255 * torch.tensor(self.card.std).view(1, 3, 1, 1), persistent=False)
+        self.optimisation = optimisation
         self._described: list[Tensor] = []
         self._validated: list[AppearanceBatch] = []
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
@@ -87,9 +76,7 @@ class AppearanceTraining(lightning.LightningModule):
 
     def forward(self, images: Tensor) -> Tensor:
         """``(B, D)`` unit-length features of ``(B, H, W, 3)`` uint8 RGB crops."""
-        assert isinstance(self.mean, Tensor)
-        assert isinstance(self.std, Tensor)
-        features: Tensor = self.network((images.permute(0, 3, 1, 2).float() - self.mean) / self.std)
+        features: Tensor = self.network(normalised(images, self.card))
         return features
 
     def training_step(self, batch: AppearanceBatch, batch_index: int) -> Tensor:
@@ -122,11 +109,10 @@ class AppearanceTraining(lightning.LightningModule):
         )
         distances = 1 - features[query] @ features[~query].T
         # Views a moment apart look the same to anything; finding those says nothing.
-        near = np.abs(frames[query][:, None] - frames[~query][None]) < self.apart
+        near = np.abs(frames[query][:, None] - frames[~query][None]) < APART
         junk = near & (ids[query][:, None] == ids[~query][None])
         return evaluate_retrieval(distances, ids[query], ids[~query], junk)
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW under a linear warm-up and a cosine decay over the whole training."""
-        optimiser = AdamW(decay_groups(self.network, self.weight_decay), lr=self.learning_rate)
-        return scheduled(optimiser, self.trainer, self.warmup_steps, self.final_share)
+        return self.optimisation.scheduled(self.optimisation.groups(self.network), self.trainer)

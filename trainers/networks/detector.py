@@ -9,15 +9,13 @@ import lightning
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
-from torch.optim import SGD, AdamW, Optimizer
 from torchvision.ops import batched_nms
 
 from tsuiseki.datamodules.detection_data import DetectionBatch
 from tsuiseki.models.anchors import decode
 from tsuiseki.models.backbones import TrunkName
-from tsuiseki.models.distillation import distillation_loss
 from tsuiseki.models.losses import IGNORED, PADDING, BoxTerm, DetectionLoss, MinedEntropy, ScoreTerm, smooth_l1
-from tsuiseki.models.quality_losses import QualityFocal, complete_iou
+from tsuiseki.models.quality_losses import QualityFocal, complete_iou, distillation_loss
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import Detections
@@ -27,12 +25,13 @@ from tsuiseki.trainers.networks.detector_network import (
     Architecture,
     Normalisation,
     Resize,
+    SoftTeacher,
+    Teacher,
     build_detector,
     detector_card,
     take_over,
 )
-from tsuiseki.trainers.networks.distillation import Teacher
-from tsuiseki.trainers.networks.schedule import decay_groups, scheduled
+from tsuiseki.trainers.networks.modules import Optimisation, normalised, plain_hyperparameters
 
 # Widths and heights of people in street views, in pixels of a 640x480 input, at strides 8, 16, 32 and 64.
 STREET_ANCHORS: list[list[tuple[float, float]]] = [
@@ -41,12 +40,10 @@ STREET_ANCHORS: list[list[tuple[float, float]]] = [
     [(52.0, 132.0), (78.0, 190.0)],
     [(120.0, 280.0)],
 ]
-LossName = Literal["multibox", "complete_iou", "quality_focal", "quality"]
+DetectionLossName = Literal["multibox", "quality"]
 # What scores and boxes learn by.
-LOSSES: dict[LossName, tuple[ScoreTerm, BoxTerm]] = {
+LOSSES: dict[DetectionLossName, tuple[ScoreTerm, BoxTerm]] = {
     "multibox": (MinedEntropy(), smooth_l1),
-    "complete_iou": (MinedEntropy(), complete_iou),
-    "quality_focal": (QualityFocal(), smooth_l1),
     "quality": (QualityFocal(), complete_iou),
 }
 _CANDIDATES = 300
@@ -70,21 +67,12 @@ class DetectorTraining(lightning.LightningModule):
         anchors: of ``people``: for strides 8, 16, 32 and maybe 64 the ``[width, height]`` of its anchors in input
             pixels; `tsuiseki.models.anchors.propose_anchors` fits them to labels.
         channels: of the top-down path of ``people``.
-        fine: add the trunk's map of stride 4 to the finest map of ``people``.
-        loss: ``multibox`` (smooth L1 on boxes, scores by hard negatives), ``complete_iou`` (on boxes, scores by hard
-            negatives), ``quality_focal`` (smooth L1 on boxes, scores that are to be the overlap) or ``quality``
-            (complete IoU, scores that are to be the overlap).
-        teacher: checkpoint or exported detector of the same anchors, from whose scores and boxes the network learns
-            beside the labels.
-        teacher_flips: the teacher looks at the mirror image, too, and teaches the mean.
-        teacher_weight: of its part of the loss.
-        optimiser: ``adamw`` or ``sgd``.
-        learning_rate: at the end of the warm-up.
-        weight_decay: of convolution weights; normalisations and biases have none.
-        warmup_steps: of linear rise.
-        final_share: of the learning rate that the cosine decay ends with.
+        loss: ``multibox`` (smooth L1 on boxes, scores by hard negatives) or ``quality`` (complete IoU, scores that are
+            to be the overlap).
         box_weight: of the box loss against the class loss; 2 suits complete IoU.
-        features_rate: learning rate of all but the heads, as a share of ``learning_rate``; a small one keeps what the
+        teacher: another detector, from whose scores and boxes the network learns beside the labels.
+        optimisation: how weights are moved.
+        features_rate: learning rate of all but the heads, as a share of the learning rate; a small one keeps what the
             starting weights know of other places.
     """
 
@@ -93,32 +81,26 @@ class DetectorTraining(lightning.LightningModule):
         architecture: Architecture = "people",
         trunk: TrunkName = "mobilenet_v3_large",
         weights: Literal["imagenet", "coco"] | None = None,
-        start: str | None = None,
+        start: Path | None = None,
         height: int = 384,
         width: int = 512,
         resize: Resize = "letterbox",
         normalisation: Normalisation | None = None,
         anchors: list[list[tuple[float, float]]] = STREET_ANCHORS,
         channels: int = 96,
-        fine: bool = False,
-        loss: LossName = "multibox",
-        teacher: str | None = None,
-        teacher_flips: bool = True,
-        teacher_weight: float = 1.0,
-        optimiser: Literal["adamw", "sgd"] = "adamw",
-        learning_rate: float = 2e-3,
-        weight_decay: float = 0.02,
-        warmup_steps: int = 200,
-        final_share: float = 0.01,
+        loss: DetectionLossName = "multibox",
         box_weight: float = 1.0,
+        teacher: Teacher = Teacher(),  # noqa: B008
+        optimisation: Optimisation = Optimisation(warmup_steps=200),  # noqa: B008
         features_rate: float = 1.0,
     ) -> None:
         super().__init__()
         self.save_hyperparameters()
-        self.network = build_detector(architecture, trunk, weights, (height, width), anchors, channels, fine)
-        self._foreign_norms = start is not None and start.endswith(".onnx")
+        plain_hyperparameters(self)
+        self.network = build_detector(architecture, trunk, weights, (height, width), anchors, channels)
+        self._foreign_norms = start is not None and start.suffix == ".onnx"
         if start is not None:
-            take_over(self.network, Path(start))
+            take_over(self.network, start)
         name = f"people-{trunk}" if architecture == "people" else architecture
         if normalisation is None:
             normalisation = COCO_NORMALISATIONS[architecture] if weights == "coco" else "imagenet"
@@ -126,16 +108,9 @@ class DetectorTraining(lightning.LightningModule):
         self.hparams["normalisation"] = normalisation
         self.card = detector_card(name, (height, width), resize, normalisation)
         self.loss = DetectionLoss(*LOSSES[loss], box_weight=box_weight)
-        self.teacher = None if teacher is None else Teacher(Path(teacher), self.network, self.card, teacher_flips)
-        self.teacher_weight = teacher_weight
-        self.optimiser = optimiser
-        self.learning_rate = learning_rate
-        self.weight_decay = weight_decay
-        self.warmup_steps = warmup_steps
-        self.final_share = final_share
-        self.features_rate = features_rate
-        self.register_buffer("mean", 255 * torch.tensor(self.card.mean).view(1, 3, 1, 1), persistent=False)
-        self.register_buffer("std", 255 * torch.tensor(self.card.std).view(1, 3, 1, 1), persistent=False)
+        self.teacher = None if teacher.file is None else SoftTeacher(teacher.file, self.network, self.card)
+        self.teacher_weight = teacher.weight
+        self.optimisation, self.features_rate = optimisation, features_rate
         self._truth: list[LabelledBoxes] = []
         self._found: list[Detections] = []
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
@@ -143,14 +118,8 @@ class DetectorTraining(lightning.LightningModule):
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
         """Raw heads of ``(B, H, W, 3)`` uint8 images; see `Detector.forward`."""
-        logits, offsets = self.network(self.normalised(images))
+        logits, offsets = self.network(normalised(images, self.card))
         return logits, offsets
-
-    def normalised(self, images: Tensor) -> Tensor:
-        """``(B, 3, H, W)`` as the network takes them, of ``(B, H, W, 3)`` uint8 images."""
-        assert isinstance(self.mean, Tensor)
-        assert isinstance(self.std, Tensor)
-        return (images.permute(0, 3, 1, 2).float() - self.mean) / self.std
 
     def on_fit_start(self) -> None:
         """Weights of an exported file get their normalisations back; those of a training that goes on have them."""
@@ -158,13 +127,13 @@ class DetectorTraining(lightning.LightningModule):
             return
         examples = [self.trainer.datamodule.training[n] for n in range(_NORM_EXAMPLES)]  # type: ignore[attr-defined]
         images = torch.stack([torch.from_numpy(e.image) for e in examples]).to(self.device)
-        restore_normalisations(self.network, self.normalised(images))
+        restore_normalisations(self.network, normalised(images, self.card))
         self.network.train()
 
     def training_step(self, batch: DetectionBatch, batch_index: int) -> Tensor:
         """The loss of a batch."""
         del batch_index
-        images = self.normalised(batch.images)
+        images = normalised(batch.images, self.card)
         logits, offsets = self.network(images)
         class_loss, box_loss = self.loss(logits, offsets, self.network.anchors, batch.boxes, batch.labels)
         terms = {"train/class_loss": class_loss, "train/box_loss": box_loss}
@@ -195,18 +164,13 @@ class DetectorTraining(lightning.LightningModule):
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW or SGD under a linear warm-up and a cosine decay over the whole training."""
-        return scheduled(self._optimiser(), self.trainer, self.warmup_steps, self.final_share)
-
-    def _optimiser(self) -> Optimizer:
         if self.features_rate == 1:
-            groups = decay_groups(self.network, self.weight_decay)
+            groups = self.optimisation.groups(self.network)
         else:
             heads = nn.ModuleList([self.network.class_heads, self.network.box_heads])
-            groups = decay_groups(self.network.features, self.weight_decay, self.learning_rate * self.features_rate)
-            groups += decay_groups(heads, self.weight_decay)
-        if self.optimiser == "sgd":
-            return SGD(groups, lr=self.learning_rate, momentum=0.9, nesterov=True)
-        return AdamW(groups, lr=self.learning_rate)
+            groups = self.optimisation.groups(self.network.features, self.features_rate)
+            groups += self.optimisation.groups(heads)
+        return self.optimisation.scheduled(groups, self.trainer)
 
 
 def detections(logits: Tensor, offsets: Tensor, anchors: Tensor, card: ModelCard) -> list[Detections]:

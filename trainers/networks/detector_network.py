@@ -1,10 +1,11 @@
-"""The network of a person detector: built as a configuration names it, and filled with weights of another."""
+"""The network of a person detector: built as configured, filled with weights of another, or taught by another."""
 
 from __future__ import annotations
 
 import pickle
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import Tensor, nn
@@ -12,11 +13,11 @@ from torch import Tensor, nn
 from tsuiseki.models.anchors import VARIANCES
 from tsuiseki.models.backbones import TrunkName, build_trunk
 from tsuiseki.models.detector import Detector, people_detector
-from tsuiseki.models.pretrained import coco_start
-from tsuiseki.models.ssd import ssd300, ssd512, ssdlite320
+from tsuiseki.models.quality_losses import SoftTargets, found_by
+from tsuiseki.models.ssd import coco_start, ssd300, ssd512, ssdlite320
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.trainers.exporting.exported_weights import exported_weights
+from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
 
 Architecture = Literal["people", "ssdlite320", "ssd300", "ssd512"]
 Resize = Literal["letterbox", "stretch"]
@@ -30,6 +31,7 @@ _NORMALISATIONS: dict[Normalisation, tuple[tuple[float, ...], tuple[float, ...]]
     "bytes": ((0.48235, 0.45882, 0.40784), (1 / 255, 1 / 255, 1 / 255)),
 }
 COCO_NORMALISATIONS: dict[str, Normalisation] = {"ssdlite320": "symmetric", "ssd300": "bytes"}
+_LAYOUT = ("architecture", "trunk", "anchors", "channels")
 
 
 def build_detector(
@@ -39,7 +41,6 @@ def build_detector(
     size: tuple[int, int],
     anchors: list[list[tuple[float, float]]],
     channels: int,
-    fine: bool = False,
 ) -> Detector:
     """The person detector that a configuration names.
 
@@ -56,7 +57,7 @@ def build_detector(
             return coco_start("ssd300" if architecture == "ssd300" else "ssdlite320")
         start: Literal["imagenet"] | None = "imagenet" if weights == "imagenet" else None
         if architecture == "people":
-            return people_detector(build_trunk(trunk, start), size, anchors, channels, fine)
+            return people_detector(build_trunk(trunk, start), size, anchors, channels)
         if architecture == "ssd512":
             return ssd512(trunk=build_trunk("vgg16", start))
         if architecture == "ssd300":
@@ -110,3 +111,74 @@ def detector_card(name: str, size: tuple[int, int], resize: Resize, normalisatio
         std=std,
         settings={"variances": list(VARIANCES)},
     )
+
+
+@dataclass(frozen=True)
+class Teacher:
+    """A detector that teaches another one beside the labels.
+
+    Attributes:
+        file: checkpoint or exported detector of the same anchors; null for no teacher.
+        weight: of its part of the loss.
+    """
+
+    file: Path | None = None
+    weight: float = 1.0
+
+
+class SoftTeacher:
+    """Soft targets of a detector that does not learn; no part of the student's checkpoint.
+
+    Args:
+        path: exported detector or checkpoint. Its input may have another size, where its network takes any.
+        student: that is to learn; both must have the same anchors.
+        card: of the student; both must take pictures normalised alike.
+
+    Raises:
+        RequestError: the file is missing or no detector, or does not fit the student.
+    """
+
+    def __init__(self, path: Path, student: Detector, card: ModelCard) -> None:
+        if not path.is_file():
+            raise RequestError(f"expected a detector to teach at {path}, found none")
+        layout, own, self.calibration = _described(path)
+        if (own.mean, own.std) != (card.mean, card.std):
+            raise RequestError(f"{path}: expected a teacher that takes pictures normalised as the student does")
+        parts = layout["anchors"], layout["channels"]
+        self.network = build_detector(layout["architecture"], layout["trunk"], None, student.size, *parts)
+        anchors = self.network.anchors
+        if anchors.shape != student.anchors.shape or not torch.allclose(anchors, student.anchors):
+            raise RequestError(
+                f"{path}: expected a teacher with the anchors of the student, got {layout['anchors']}; give these as "
+                "model.anchors"
+            )
+        # Exported files hold no counts of batches.
+        exported = path.suffix == ".onnx"
+        wanted = [n for n in self.network.state_dict() if not (exported and n.endswith("num_batches_tracked"))]
+        if take_over(self.network, path) < len(wanted):
+            raise RequestError(f"{path}: expected a whole detector to learn from, got weights of a part")
+        if exported:
+            fold_normalisations(self.network)
+        self.network.eval().requires_grad_(False).to(memory_format=torch.channels_last)
+
+    def targets(self, images: Tensor) -> SoftTargets:
+        """What the teacher detects in ``(B, 3, H, W)`` normalised images."""
+        network = self.network.to(images.device)
+        with torch.no_grad():
+            return found_by(network, images, self.calibration)
+
+
+def _described(path: Path) -> tuple[dict[str, Any], ModelCard, tuple[float, float]]:
+    """Arguments that the network in a file is built with, what it says about itself, and its calibration."""
+    if path.suffix == ".onnx":
+        layout = layout_of(path)
+        parts = {"trunk": layout.trunk, "anchors": layout.anchors, "channels": layout.channels}
+        scale, shift = layout.card.settings.get("score_calibration", (1.0, 0.0))
+        return {"architecture": "people", **parts}, layout.card, (float(scale), float(shift))
+    try:
+        given = torch.load(path, map_location="cpu", weights_only=True)["hyper_parameters"]
+        parts = {name: given[name] for name in _LAYOUT}
+        card = detector_card("", (given["height"], given["width"]), given["resize"], given["normalisation"])
+    except (RuntimeError, KeyError, TypeError, EOFError, pickle.UnpicklingError) as error:
+        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector` to learn from") from error
+    return parts, card, (1.0, 0.0)

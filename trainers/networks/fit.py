@@ -65,7 +65,7 @@ def fit_action(arguments: Sequence[str]) -> Path:
     from tsuiseki.datamodules.action_data import ActionData
     from tsuiseki.trainers.networks.action import ActionTraining
 
-    links = ("streams", "size", "enlargement", "flow_limit", "stack", "flow", "compensate")
+    links = ("streams", "size", "flow", "compensate")
     return fit(Task("action", ActionTraining, ActionData, "val/map", links), arguments)
 
 

@@ -1,6 +1,6 @@
 """Reads the free body model of MakeHuman and its clothes from a folder of unpacked packages.
 
-Nothing of it is part of this project: `docs/rendered-people.md` says how to get the folder and under which terms. Read
+Nothing of it is part of this project: `docs/methods/rendered-people.md` says how to get the folder, and the terms. Read
 are the base mesh, shape targets, rig and skin weights as MPFB keeps them, and clothes, hair and skins as JSON with
 textures.
 """
@@ -104,7 +104,7 @@ class Assets:
         if base is None:
             raise RequestError(
                 f"expected the unpacked body packages under {self.folder} with a file 3dobjs/base.obj, got none; "
-                "docs/rendered-people.md says how to get them"
+                "docs/methods/rendered-people.md says how to get them"
             )
         self.model = base.parent.parent
         proxies = next(iter(sorted(self.folder.rglob("proxies/clothes"))), None)
@@ -112,7 +112,8 @@ class Assets:
         if proxies is None or not skins:
             raise RequestError(
                 f"expected folders proxies/clothes and skins with textures under {self.folder}, got "
-                f"{'no clothes' if proxies is None else 'no skins'}; docs/rendered-people.md says how to get them"
+                f"{'no clothes' if proxies is None else 'no skins'}; "
+                "docs/methods/rendered-people.md says how to get them"
             )
         self.proxies = proxies.parent
         self.skins = skins
@@ -135,7 +136,7 @@ class Assets:
         path = self.proxies / kind / name / f"{name}.json"
         if not path.exists():
             raise RequestError(
-                f"expected {path}, got nothing there; docs/rendered-people.md says which packages hold it"
+                f"expected {path}, got nothing there; docs/methods/rendered-people.md says which packages hold it"
             )
         return _read_garment(path)
 

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.action_cost import ActionCost, action_distances
-from tsuiseki.tracking.association.flow.flow_window import FlowCosts
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.association.costs import ActionCost, action_distances
+from tsuiseki.tracking.association.flow_window import FlowCosts
+from tsuiseki.tracking.association.link_cost import LinkCost
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.types import Detections
 
 

@@ -11,8 +11,8 @@ import onnx
 import pytest
 from onnx import TensorProto, helper
 
-from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity, feature_rows, transition_cost
 from tsuiseki.tracking.association.costs import pair_features
+from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, Affinity, feature_rows, transition_cost
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 

@@ -5,14 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.costs import (
-    HandSetCost,
-    ObservationCost,
-    ProbabilityCost,
-    cosine_distances,
-    pair_features,
-)
-from tsuiseki.tracking.association.gating import GateSettings, candidate_pairs
+from tsuiseki.tracking.association.costs import ObservationCost, ProbabilityCost, cosine_distances, pair_features
+from tsuiseki.tracking.association.pairwise_flow import GateSettings, HandSetCost, candidate_pairs
 
 
 def _clutter(rng: np.random.Generator, count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.nearby import MOST_CELLS, Strips, centres, near_pairs, ranges, sizes
-from tsuiseki.tracking.association.occlusion import hidden_between
+from tsuiseki.tracking.association.nearby import MOST_CELLS, Strips, centres, hidden_between, near_pairs, ranges, sizes
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 

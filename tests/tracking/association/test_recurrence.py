@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
-from tsuiseki.tracking.association.recurrence import Recurrence, Stride, TypicalSpeed, found_again
-from tsuiseki.tracking.association.tracklets.smoothness import FittedSmoothing, fit_smoothing
+from tsuiseki.tracking.association.link_cost import LinkCost
+from tsuiseki.tracking.association.smoothing import FittedSmoothing, fit_smoothing
+from tsuiseki.tracking.association.video_evidence import Recurrence, Stride, TypicalSpeed, found_again
 from tsuiseki.tracking.types import FloatArray, Track
 
 

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
 from tsuiseki.tracking.bodies.tracker import DeformableSettings
 from tsuiseki.tracking.bodies.tracking import follow_deformable, track_deformable
@@ -30,7 +31,7 @@ CENTRE, STEP = np.array([0.0, 0.0, 1.2]), np.array([1.0, 0.0, 0.0])
 @pytest.fixture(scope="module")
 def fish(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fish") / "clip"
-    write_goldfish(folder, GoldfishSettings(frames=6, fish=1), seed=4)
+    write_clip(folder, plan_goldfish(GoldfishSettings(frames=6, fish=1), 4))
     return folder
 
 

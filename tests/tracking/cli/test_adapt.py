@@ -10,9 +10,8 @@ from typing import NoReturn
 
 import numpy as np
 import pytest
-
-from tests.tracking.features.networks.test_foreign_appearance import mean_colour
 from tests.tracking.features.networks.tiny_onnx import save_constant
+
 from tests.trainers.adapt import street
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import Interrupted, RequestError
@@ -20,11 +19,8 @@ from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt.agreement import RoundScores
-from tsuiseki.trainers.adapt.find import Models
-from tsuiseki.trainers.adapt.kept_round import Round
-from tsuiseki.trainers.adapt.kept_tracks import write_everyone
+from tsuiseki.trainers.adapt.kept_round import Round, write_everyone
 from tsuiseki.trainers.adapt.labels import Verdict
-from tsuiseki.trainers.adapt.linking import LinkScores
 from tsuiseki.trainers.adapt.rounds import Adaptation
 
 pytest.importorskip("torch")
@@ -53,10 +49,7 @@ def made_up_rounds(adaptation: Adaptation, *agreements: float) -> Iterator[Round
         write_everyone(folder / "tracks-0.npz", [street.track_of(0), street.decoy_track()])
         write_detections(folder / "det-0.txt", [Detections(street.people(0), np.array([0.9, 0.4]))] * 110)
         verdicts = (Verdict(1, "taken", 110, 0, 0.9, 1.0), Verdict(9, "never moves", 110, 0, 0.9, 0.0))
-        (folder / "appearance.onnx").write_bytes(b"appearance")
-        models = Models(folder / "detector.onnx", folder / "appearance.onnx", folder / "affinity.onnx")
-        links = LinkScores(0.8, 0.9, 0.7, 0.7, 0.6, 0.7) if number else LinkScores()
-        yield Round(number, models, scores, links, (verdicts,), 1, folder)
+        yield Round(number, folder / "detector.onnx", scores, (verdicts,), 1, folder)
 
 
 def test_short_videos(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -124,12 +117,7 @@ def test_the_best_round_is_written(
     assert page.count("<img") > 8
     said = capsys.readouterr().out
     assert "round 1 is the best, agreement 0.700 -> 0.800" in said
-    assert "appearance separates 0.800 -> 0.900; appearance keeps identities 0.600 -> 0.700; costs keep" in said
-    assert "costs keep identities 0.700 -> 0.700, not taken" in said
-    assert (out / "appearance.onnx").read_bytes() == b"appearance"
-    assert not (out / "affinity.onnx").exists()
-    assert f"--detector {out}/detector.onnx --appearance {out}/appearance.onnx --out DIR" in said
-    assert facts["links"][1]["separation_learnt"] == 0.9
+    assert f"track people VIDEO --detector {out}/detector.onnx --out DIR" in said
 
 
 def test_a_moving_camera_is_said_and_an_interrupt_keeps_what_is_finished(
@@ -153,11 +141,9 @@ def test_a_moving_camera_is_said_and_an_interrupt_keeps_what_is_finished(
 
 
 @pytest.mark.slow
-def test_the_teacher_is_opened_once_and_what_was_given_is_kept_where_nothing_better_was_learnt(
-    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from tsuiseki.tracking.features.networks import exported
-    from tsuiseki.tracking.features.networks.foreign_detector import ForeignDetector
+def test_the_teacher_is_opened_once(video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from tsuiseki.tracking.features import exported
+    from tsuiseki.tracking.features.foreign_detector import ForeignDetector
     from tsuiseki.trainers.adapt import rounds as module
 
     opened, given, look = [], [], module._look
@@ -165,22 +151,19 @@ def test_the_teacher_is_opened_once_and_what_was_given_is_kept_where_nothing_bet
 
     def one_round(adaptation: Adaptation) -> Iterator[object]:
         given.append(adaptation)
-        looked = look(adaptation, 0, module.Models(adaptation.start, adaptation.appearance))
-        look(replace(adaptation, work=adaptation.work / "other"), 0, module.Models(adaptation.teacher))
+        looked = look(adaptation, 0, adaptation.start)
+        assert adaptation.teacher is not None
+        look(replace(adaptation, work=adaptation.work / "other"), 0, adaptation.teacher)
         yield looked
 
     rows = np.zeros((7, 126), np.float32)
     rows[:4] = [[40], [30], [10], [30]]
     teacher = save_constant(tmp_path / "teacher.onnx", {"output0": rows})
-    network = tmp_path / "mine.onnx"
-    network.write_bytes(shipped("appearance_people").read_bytes())
     monkeypatch.setattr(module, "rounds", one_round)
     words = ["adapt", str(video), "--teacher", str(teacher), "--detector-options.person", "1"]
-    assert main([*words, "--appearance", str(network), "--out", str(tmp_path / "o")]) == 0
+    assert main([*words, "--out", str(tmp_path / "o")]) == 0
     assert len(opened) == 1
     assert isinstance(given[0].teacher, ForeignDetector)
-    assert (tmp_path / "o" / "appearance.onnx").read_bytes() == network.read_bytes()
-    assert f"--appearance {tmp_path / 'o' / 'appearance.onnx'} --out DIR" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -205,16 +188,6 @@ def test_where_nothing_better_is_learnt_the_default_or_what_was_given_is_left(
     assert f"what is left is {kept}.onnx" in (tmp_path / "o" / "report.html").read_text()
     facts = json.loads((tmp_path / "o" / "run.json").read_text())["facts"]
     assert (facts["start"], facts["detector"]) == ("detector_figures.onnx", f"{kept}.onnx")
-
-
-def test_an_appearance_network_that_nothing_can_be_learnt_on(
-    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    line = refused(capsys, tmp_path / "o", str(video), "--appearance", str(shipped("detector_street")))
-    assert "appearance" in line
-    other = mean_colour(tmp_path / "other.onnx")
-    line = refused(capsys, tmp_path / "o", str(video), "--appearance", str(other))
-    assert "expected an appearance network of this toolkit to learn on" in line
 
 
 def test_a_detector_of_another_project_can_teach_and_not_learn(

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.features.action_inputs import STREAMS
+from tsuiseki.tracking.features.action import STREAMS
 from tsuiseki.trainers.experiments import drone
 
 

@@ -8,19 +8,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
-from tsuiseki.tracking.drone.models import DroneModels, Finding
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+from tsuiseki.tracking.drone.models import DroneModels
 from tsuiseki.tracking.drone.tracking import track_drone
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.video.source import open_source
 
 
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("flight") / "clip"
-    write_drone(folder, DroneSceneSettings(frames=8, width=320, height=240, people=3), 3)
+    write_clip(folder, plan_drone(DroneSceneSettings(frames=8, width=320, height=240, people=3), 3))
     return folder
 
 
@@ -60,17 +62,17 @@ def test_a_bare_word_names_a_shipped_detector(flight: Path) -> None:
     """The one of drones is the default, so that what is kept of one serves the other."""
     source = open_source(flight)
     named, default = (
-        DroneModels.choose(source, "flow", Finding(detector=given, threads=1), "none", bridging=None)
+        DroneModels.choose(source, "flow", FindingOptions(detector=given, threads=1, view="auto"), "none")
         for given in ("drone_larger", None)
     )
     assert named.key == default.key
     detect = default.observers.detect
     assert isinstance(detect, ViewedDetector)
     assert not detect.enlarge
-    other = DroneModels.choose(source, "flow", Finding(detector="street", threads=1), "none", bridging=None)
+    other = DroneModels.choose(source, "flow", FindingOptions(detector="street", threads=1), "none")
     assert other.key["detector"] != default.key["detector"]
     with pytest.raises(RequestError, match="of the shipped ceiling, drone, "):
-        DroneModels.choose(source, "flow", Finding(detector="drones", threads=1), "none", bridging=None)
+        DroneModels.choose(source, "flow", FindingOptions(detector="drones", threads=1), "none")
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.drone.tracker import DroneSettings, DroneTracker
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep, CameraTrajectory, move_boxes
+from tsuiseki.tracking.drone.settings import DroneSettings
+from tsuiseki.tracking.drone.tracker import DroneTracker
+from tsuiseki.tracking.features.camera_motion import CameraStep
+from tsuiseki.tracking.features.camera_path import CameraTrajectory, move_boxes
 from tsuiseki.tracking.types import Detections, FloatArray
 
 SIZE = np.array([10.0, 25.0])

@@ -162,13 +162,13 @@ def test_the_cache_saves_looking_and_survives_damage(
 def test_tiles_are_looked_at_and_kept_apart(
     clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tsuiseki.tracking.features.networks.exported import Detector
+    from tsuiseki.tracking.features.exported import Detector
 
     looked: list[int] = []
     detect = Detector.detect
     monkeypatch.setattr(Detector, "detect", lambda self, images: looked.append(len(images)) or detect(self, images))
     common = ["track", "drone", str(clip), "--method", "flow", "--appearance", "none", "--frames", "1-4"]
-    common += ["--threads", "1", "--cache", str(tmp_path / "cache"), "--bridging", "null"]
+    common += ["--threads", "1", "--cache", str(tmp_path / "cache")]
     for view, pictures in {"1": 4, "2x1": 3 + 12}.items():  # one frame more is looked at to say what the view costs
         assert main([*common, "--view", view, "--out", str(tmp_path / view)]) == 0
         assert sum(looked) == pictures
@@ -177,18 +177,6 @@ def test_tiles_are_looked_at_and_kept_apart(
     capsys.readouterr()
     assert main([*common, "--view", "many", "--out", str(tmp_path / "many")]) == 2
     assert "many" in capsys.readouterr().err
-
-
-def test_bridged_boxes_are_kept_beside_the_others(clip: Path, action_streams: list[Path], tmp_path: Path) -> None:
-    cache, on = ["--cache", str(tmp_path / "cache")], ["--bridging.most_frames", "5"]
-    for name, more in (("with", on), ("without", []), ("again", on)):
-        assert main(words(clip, action_streams, tmp_path / name, *cache, *more)) == 0
-    found = {name: sum(values(tmp_path / name)["frames"]["detections"]) for name in ("with", "without", "again")}
-    assert found["with"] == found["again"] > found["without"]
-    assert "bridge" in values(tmp_path / "with")["seconds"]
-    assert values(tmp_path / "again")["seconds"].keys() == {"link"}
-    assert values(tmp_path / "without")["settings"]["bridging"] is None
-    assert (tmp_path / "again/tracks.json").read_text() == (tmp_path / "with/tracks.json").read_text()
 
 
 def test_a_flow_without_actions_takes_what_is_kept_with_them(
@@ -216,11 +204,6 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "expected one of --detections, --detector and --tracks": ["--tracks", str(clip / "gt/gt.txt")],
         "--drone.window: expected a window from 0": ["--drone.window", "-1"],
         "flow-maf averages the features of actions": ["--drone.flow.costs.link.action.features", "single"],
-        "tsuiseki: --bridging.most_frames: expected most_frames from 1 frame, got -1": ["--bridging.most_frames", "-1"],
-        "--bridging.most-frames: expected a whole number, got 'some'": ["--bridging.most_frames", "some"],
-        "unknown option --bridging.shortest;": ["--bridging.shortest", "5"],
-        "--bridging: expected null or options of its own below it, got 'true'": ["--bridging", "true"],
-        "tsuiseki: --bridging.least-peak: expected least_peak from 0 to 1": ["--bridging.least-peak", "1.5"],
     }
     save_other(other)
     for message, more in cases.items():
@@ -235,7 +218,7 @@ def save_other(path: Path) -> None:
     """A stream with other actions."""
     import onnx
 
-    from tsuiseki.tracking.features.action_inputs import ActionInput
+    from tsuiseki.tracking.features.action import ActionInput
     from tsuiseki.tracking.onnx import METADATA_KEY
 
     graph = onnx.helper.make_graph(

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.features.action_inputs import (
+from tsuiseki.tracking.features.action import (
     NO_MOTION,
     RGB_FILL,
     STREAMS,

@@ -8,7 +8,7 @@ from pathlib import Path
 import onnx
 import pytest
 
-from tsuiseki.tracking.features.networks.exported import open_detector
+from tsuiseki.tracking.features.exported import open_detector
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores, scores_are_probabilities
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.weights import shipped

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.streaming import stream
+from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.view_choice import ViewedDetector, choose_view
 from tsuiseki.tracking.features.views import TiledDetector, parse_view, view_of
 from tsuiseki.tracking.types import Detections, Frame

@@ -9,25 +9,23 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.features.colour_region import ColourImage
-from tsuiseki.tracking.filters.base import BornParticles, Running, bootstrap, each_frame
+from tsuiseki.tracking.filters.base import BornParticles, Running, bootstrap
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, NoBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
+from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, PointModel, cartesian
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
-from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths, MixtureBirths, NoBirths, moving_from
-from tsuiseki.tracking.filters.finite_sets.point_models import (
-    GaussianSensor,
-    PointModel,
-    cartesian,
+from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, ExplainedImage, PatchBirths
+from tsuiseki.tracking.filters.finite_sets.region_likelihoods import EachAlone, WithoutOthers
+from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.motion.points import (
+    DriftingBox,
+    PlaneWalk,
+    SteppingBox,
     constant_velocity,
     coordinated_turn,
 )
-from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths, ExplainedImage, PatchBirths
-from tsuiseki.tracking.filters.image_regions.region_likelihoods import EachAlone, WithoutOthers
-from tsuiseki.tracking.filters.image_regions.region_phd import RegionPhdFilter
-from tsuiseki.tracking.filters.image_regions.region_states import second_order
-from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVelocity, Manoeuvring, RandomWalk
+from tsuiseki.tracking.filters.motion.space import Ballistic, ConstantVelocity3D, Manoeuvring, RandomWalk3D
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
-from tsuiseki.tracking.points.tracker import box_motion
-from tsuiseki.tracking.single.particles import random_walk
 from tsuiseki.tracking.types import Position
 
 SENSOR = GaussianSensor(cartesian, np.array([10.0, 10.0]))
@@ -47,9 +45,9 @@ FILTERS = {
     "particle": (ParticleFilter(bootstrap(constant_velocity(1.0)), square_likelihood), np.zeros(2)),
     "phd": (PhdFilter(MODEL, BIRTHS, 100), SCAN),
     "labelled": (LabelledMultiBernoulliFilter(MODEL, BIRTHS, 100), SCAN),
-    "region": (RegionPhdFilter(second_order((2, 2), (1, 1)), PatchBirths(count=50), WithoutOthers()), IMAGE),
+    "region": (RegionPhdFilter(SteppingBox(2, 1), PatchBirths(count=50), WithoutOthers()), IMAGE),
     "region, printed": (
-        RegionPhdFilter(second_order((2, 2), (1, 1)), AnywhereBirths(0.1, 50, (30.0, 30.0)), EachAlone()),
+        RegionPhdFilter(SteppingBox(2, 1), AnywhereBirths(0.1, 50, (30.0, 30.0)), EachAlone()),
         IMAGE,
     ),
 }
@@ -130,11 +128,11 @@ def test_what_is_known_at_the_start_is_expected():
 MOTIONS = {
     "constant velocity": (constant_velocity(2.0), 4),
     "coordinated turn": (coordinated_turn(2.0, 0.1), 5),
-    "second order": (second_order((2, 2), (1, 1)), 6),
-    "boxes": (box_motion(0.5, 0.1), 6),
-    "walk of filters": (random_walk(np.array([2.0, 3.0])), 3),
-    "walk in space": (RandomWalk(), 6),
-    "constant velocity in space": (ConstantVelocity(), 6),
+    "second order": (SteppingBox(2, 1), 6),
+    "boxes": (DriftingBox(0.5, 0.1), 6),
+    "walk of filters": (PlaneWalk(np.array([2.0, 3.0])), 3),
+    "walk in space": (RandomWalk3D(), 6),
+    "constant velocity in space": (ConstantVelocity3D(), 6),
     "manoeuvring": (Manoeuvring(), 6),
     "ballistic": (Ballistic(0.1), 6),
 }
@@ -154,7 +152,7 @@ def test_motions_take_their_time(name):
 
 
 def test_a_motion_of_one_frame_is_repeated():
-    motion = each_frame(lambda particles, rng: particles + rng.standard_normal(particles.shape))
+    motion = PlaneWalk(np.ones(1))
     found = motion(np.zeros((20_000, 1)), 4.0, np.random.default_rng(0))
     assert np.var(found) == pytest.approx(4.0, rel=0.05)  # five standard errors of a variance of 20,000 draws
     for frames in (0.0, 1.5, -1.0):
@@ -165,7 +163,7 @@ def test_a_motion_of_one_frame_is_repeated():
 DRAWS = {
     "nowhere": (NoBirths(4), SCAN, 0.0),
     "places": (BIRTHS, SCAN, 0.05),
-    "measurements": (MeasurementBirths(1e-7, SENSOR, moving_from(lambda z: z, 10.0), 4, 5000), SCAN, None),
+    "measurements": (MeasurementBirths(1e-7, SENSOR, newborn(lambda z: z, 2, 10.0), 4, 5000), SCAN, None),
     "anywhere": (AnywhereBirths(0.1, 50, (30.0, 30.0)), ExplainedImage(IMAGE, np.empty((0, 4))), 0.1),
     "patches": (PatchBirths(count=40), ExplainedImage(IMAGE, np.empty((0, 4))), 0.05),
 }

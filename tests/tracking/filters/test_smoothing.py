@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.motion.motion_3d import ConstantVelocity
-from tsuiseki.tracking.filters.smoothing import smooth
+from tsuiseki.tracking.filters.kalman import smooth
+from tsuiseki.tracking.filters.motion.space import ConstantVelocity3D
 
 TIMES = np.cumsum([0.0, 0.1, 0.1, 0.3, 0.1, 0.2, 0.1])
 NOISE = 0.05
-MOTION = ConstantVelocity(2.0)
+MOTION = ConstantVelocity3D(2.0)
 SEES = np.eye(3, 6)
 
 
@@ -38,7 +38,7 @@ def test_it_gives_the_conditional_of_the_joint_gaussian(lag):
     parts = [slice(6 * k, 6 * k + 6) for k in range(len(TIMES))]
     means = np.stack([found[k][0][p] for k, p in enumerate(parts)])
     covariances = np.stack([found[k][1][p, p] for k, p in enumerate(parts)])
-    smoothed, left = smooth(TIMES, means, covariances, MOTION.linear, lag)
+    smoothed, left = smooth(TIMES, means, covariances, MOTION, lag)
     for k, part in enumerate(parts):
         last = int((TIMES[k] + lag + 1e-9 >= TIMES).sum()) - 1
         np.testing.assert_allclose(smoothed[k], found[last][0][part], atol=1e-9)
@@ -46,6 +46,6 @@ def test_it_gives_the_conditional_of_the_joint_gaussian(lag):
 
 
 def test_one_state_is_its_own_smoothing():
-    mean, covariance = smooth(np.zeros(1), np.ones((1, 6)), np.eye(6)[None], MOTION.linear, 1.0)
+    mean, covariance = smooth(np.zeros(1), np.ones((1, 6)), np.eye(6)[None], MOTION, 1.0)
     np.testing.assert_array_equal(mean, np.ones((1, 6)))
     np.testing.assert_array_equal(covariance, np.eye(6)[None])

@@ -12,7 +12,8 @@ from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.panorama import CylinderView
 from tsuiseki.tracking.cameras.person_model import PersonModel, outlines
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.fisheye.unrolled import UnrolledDetector, UnrollingSettings
+from tsuiseki.tracking.fisheye.settings import UnrollingSettings
+from tsuiseki.tracking.fisheye.unrolled import UnrolledDetector
 from tsuiseki.tracking.geometry import rotated_iou
 from tsuiseki.tracking.types import Detections
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.drone.observations import Observation, Observers, observe
-from tsuiseki.tracking.drone.tracker import DRONE_FLOW, DroneSettings, DroneTracker
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
+from tsuiseki.tracking.drone.settings import DRONE_FLOW, DroneSettings
+from tsuiseki.tracking.drone.tracker import DroneTracker
+from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.people.bridging import Bridge, BridgingSettings
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray

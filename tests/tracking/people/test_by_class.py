@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
-from tsuiseki.tracking.people.by_class import ByClass
+from tsuiseki.tracking.features.camera_motion import CameraStep
+from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.methods import ByClass
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.types import Detections
 

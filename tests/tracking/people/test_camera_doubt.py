@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes
-from tsuiseki.tracking.features.motion.camera_trajectory import said_of_camera
-from tsuiseki.tracking.features.motion.standing_camera import StandingCamera
+from tsuiseki.tracking.features.camera_path import said_of_camera
+from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import Detections, ImageArray
 

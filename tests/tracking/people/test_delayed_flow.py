@@ -10,13 +10,13 @@ import pytest
 
 from tests.tracking.people.test_people_trackers import crowd, owners
 from tsuiseki.tracking.association.costs import ObservationCost
-from tsuiseki.tracking.association.score_calibration import DetectionCost
+from tsuiseki.tracking.association.video_evidence import DetectionCost
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.motion.camera_path import CameraPath
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
-from tsuiseki.tracking.people.flow_input import InputSettings
-from tsuiseki.tracking.people.record import run_tracker
+from tsuiseki.tracking.features.camera_motion import CameraStep
+from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowSettings, InputSettings
+from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, Targets, Track
 
 RATE = 20.0

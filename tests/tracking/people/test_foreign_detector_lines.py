@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.tracking.features.networks.tiny_onnx import save_constant
+from tests.tracking.features.tiny_onnx import save_constant
 from tsuiseki.tracking.cli import main
 
 NAMES = {"names": "['car', 'person']"}

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
-from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
-from tsuiseki.tracking.people.frame_log import shifted
-from tsuiseki.tracking.people.record import run_tracker
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowSettings
+from tsuiseki.tracking.people.tracker import run_tracker, shifted
 from tsuiseki.tracking.weights import shipped
 
 FIRST, LAST = 300, 399

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.costs import ProbabilityCost
-from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detector
-from tsuiseki.tracking.people.flow import FlowSettings
-from tsuiseki.tracking.people.methods import MethodSettings, people_tracker, straddling_of
+from tsuiseki.tracking.features.exported import Detector
+from tsuiseki.tracking.people.flow_input import FlowSettings
+from tsuiseki.tracking.people.methods import people_tracker, straddles
+from tsuiseki.tracking.people.settings import MethodSettings
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
 
@@ -32,9 +32,9 @@ def test_less_may_be_asked() -> None:
     assert lengths(0.45, least=-1.0) == [60]
 
 
-def two_and_one_between(straddling: float, settings: MethodSettings | None = None) -> int:
+def two_and_one_between(drop: bool) -> int:
     """Tracks of two who walk side by side, and of what is found half on either in every frame."""
-    tracker = people_tracker("flow", settings, scores=ProbabilityCost(), straddling=straddling)
+    tracker = people_tracker("flow", scores=ProbabilityCost(), drop_straddling=drop)
     for frame in range(60):
         left = frame + np.array([10.0, 30.0, 20.0])
         boxes = np.stack([left, np.full(3, 20.0), left + 21, np.full(3, 80.0)], axis=1)
@@ -45,20 +45,10 @@ def two_and_one_between(straddling: float, settings: MethodSettings | None = Non
 
 
 def test_nobody_stands_half_in_each_of_two_people() -> None:
-    assert two_and_one_between(0.8) == 2
-    assert two_and_one_between(0.0) == 3
-    # What is asked for goes before what the detector says.
-    assert two_and_one_between(0.0, MethodSettings(flow=FlowSettings(straddling=0.8))) == 2
-    assert two_and_one_between(0.8, MethodSettings(flow=FlowSettings(straddling=0.0))) == 3
-
-
-def test_what_straddles_is_known_at_the_end_alone() -> None:
-    asked = MethodSettings(flow=FlowSettings(straddling=0.8))
-    with pytest.raises(RequestError, match=r"`flow\.straddling` needs the whole video"):
-        people_tracker("flow", asked, delay=1.0)
-    people_tracker("flow", delay=1.0, straddling=0.8)
+    assert two_and_one_between(drop=True) == 2
+    assert two_and_one_between(drop=False) == 3
 
 
 def test_tracks_of_this_toolkits_detectors_may_straddle_and_given_ones_may_not() -> None:
-    assert straddling_of(Detector(shipped("detector_street"), threads=1)) == 0.8
-    assert straddling_of([Detections(np.empty((0, 4)), np.empty(0))]) == 0.0
+    assert straddles(Detector(shipped("detector_street"), threads=1))
+    assert not straddles([Detections(np.empty((0, 4)), np.empty(0))])

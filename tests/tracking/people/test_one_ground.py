@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.exported import open_detector
 from tsuiseki.tracking.features.ground_plane import GroundPlane
-from tsuiseki.tracking.features.networks.exported import open_detector
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.people.finding import PeopleInputs, ground_of
+from tsuiseki.tracking.people.inputs import PeopleInputs, ground_of
 from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.frame_range import FrameRange

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.affinity import Affinity
+from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.sort import Sort

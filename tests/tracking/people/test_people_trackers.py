@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.costs import ObservationCost, ProbabilityCost
-from tsuiseki.tracking.association.flow.flow_window import FlowCosts
+from tsuiseki.tracking.association.flow_window import FlowCosts
 from tsuiseki.tracking.people.bytetrack import ByteTrack
 from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.people.ocsort import OcSort
-from tsuiseki.tracking.people.record import run_tracker
 from tsuiseki.tracking.people.sort import Sort, SortSettings
-from tsuiseki.tracking.people.tracker import PeopleTracker
+from tsuiseki.tracking.people.tracker import PeopleTracker, run_tracker
 from tsuiseki.tracking.types import Detections, Track
 
 MAKERS: dict[str, Callable[[], PeopleTracker]] = {
@@ -288,7 +288,7 @@ def test_flow_believes_scores_that_are_probabilities() -> None:
     assert sorted(float(track.scores[0]) for track in believed) == [0.9, 0.95]
 
 
-@pytest.mark.parametrize("wrong", [{"decide_every": 0}, {"fill": -1.0}, {"most_undecided": 1.0}, {"straddling": 1.5}])
+@pytest.mark.parametrize("wrong", [{"decide_every": 0}, {"fill": -1.0}, {"most_undecided": 1.0}])
 def test_flow_settings_must_make_sense(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="expected"):
         FlowSettings(**wrong)  # type: ignore[arg-type]

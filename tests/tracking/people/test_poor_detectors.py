@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.recurrence import RateOfRight, Recurrence, found_again
+from tsuiseki.tracking.association.video_evidence import RateOfRight, Recurrence, found_again
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
 

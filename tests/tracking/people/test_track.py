@@ -14,7 +14,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.cli.commands import COMMANDS, Group
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.types import Detections, ImageArray
 from tsuiseki.tracking.video.source import open_source
@@ -191,7 +191,7 @@ class Interrupting(Detector):
 
 
 def interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tsuiseki.tracking.features.networks.exported.Detector", Interrupting)
+    monkeypatch.setattr("tsuiseki.tracking.features.exported.Detector", Interrupting)
 
 
 def test_ctrl_c_keeps_the_finished_frames_and_marks_them(

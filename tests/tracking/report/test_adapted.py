@@ -1,4 +1,4 @@
-"""The page of an adapted camera: every round in every table, what was not taken said, what changed in a new colour."""
+"""The page of an adapted camera: every round in the table, what changed in a new colour."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.report.adapted import HEADINGS, AdaptedReport, Compared, Tried, adapted_page
+from tsuiseki.tracking.report.adapted import HEADINGS, AdaptedReport, Compared, adapted_page
 from tsuiseki.tracking.types import Detections
 
 BOTH, LOST, NEW = [10.0, 10.0, 40.0, 90.0], [60.0, 10.0, 90.0, 90.0], [110.0, 10.0, 140.0, 90.0]
@@ -21,28 +21,16 @@ def report() -> AdaptedReport:
     before, after = (Detections(np.array(boxes), np.full(2, 0.9)) for boxes in ([BOTH, LOST], [BOTH, NEW]))
     picture = Compared("frame 7 of a<b", np.full((100, 160, 3), 128, np.uint8), before, after)
     rounds = [dict.fromkeys(HEADINGS, 0.25), dict.fromkeys(HEADINGS, 0.75)]
-    links = [
-        {"Appearance": None, "Link costs": None},
-        {"Appearance": Tried(0.9, 0.95, True), "Link costs": Tried(0.8, 0.7, False)},
-    ]
-    return AdaptedReport(["a<b"], rounds, 1, [picture], {"taken": [picture.image]}, 1, ["a note"], links)
+    return AdaptedReport(["a<b"], rounds, 1, [picture], {"taken": [picture.image]}, 1, ["a note"])
 
 
-def test_tables_hold_every_round_and_what_was_not_taken(report: AdaptedReport) -> None:
+def test_the_table_holds_every_round(report: AdaptedReport) -> None:
     page = adapted_page(report)
     tables = re.findall(r"<table>.*?</table>", page)
-    assert [table.count("<tr>") for table in tables] == [3, 3]
+    assert [table.count("<tr>") for table in tables] == [3]
     assert tables[0].count("0.250") == tables[0].count("0.750") == len(HEADINGS)
-    assert '<td class="best">0.900 → 0.950</td>' in tables[1]
-    assert '<td class="best">0.800 → 0.700, not taken</td>' in tables[1]
-    assert tables[1].count("<td>–</td>") == 2
+    assert '<td class="best">0.750</td>' in tables[0]
     assert "a<b" not in page
-
-
-def test_nothing_is_said_of_links_that_nobody_tried(report: AdaptedReport) -> None:
-    untried = [{"Appearance": None, "Link costs": None}] * 2
-    assert "What tells people apart" in adapted_page(report)
-    assert "What tells people apart" not in adapted_page(replace(report, links=untried))
 
 
 def test_what_only_one_finds_has_another_colour(report: AdaptedReport) -> None:

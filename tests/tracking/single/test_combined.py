@@ -8,9 +8,8 @@ import pytest
 from tests.tracking.single.moving_texture import clip, overlaps, run, walk
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.single.combined import Combined, Evidence
-from tsuiseki.tracking.single.combined_settings import CombinedSettings
+from tsuiseki.tracking.single.constants import CombinedSettings
 from tsuiseki.tracking.single.regularised import RegularisedTracker
-from tsuiseki.tracking.single.regularised_settings import RegularisedSettings
 
 
 def test_the_combined_tracker_without_doubt_is_its_filter():
@@ -39,20 +38,6 @@ def test_particles_take_the_combined_tracker_to_a_target_that_jumped():
     images, boxes = clip(path)
     assert overlaps(run(RegularisedTracker(), images, boxes[0]), boxes)[-1] == 0
     assert overlaps(run(Combined(CombinedSettings(reach=2)), images, boxes[0]), boxes)[-1] > 0.6
-
-
-def test_particles_with_sizes_find_a_target_that_came_back_larger():
-    """It jumps four of its widths and is a fifth larger there; the particles take its size, too."""
-    path = np.concatenate([np.tile([[50.0, 80.0]], (12, 1)), np.tile([[145.0, 80.0]], (4, 1))])
-    images, boxes = clip(path, sizes=[1.0] * 12 + [1.2] * 4)
-    sizes = {}
-    for spread in (0.0, 0.05):
-        settings = CombinedSettings(reach=2, renewed=0.0, size_spread=spread, filter=RegularisedSettings(sizes=1))
-        tracker = Combined(settings)
-        assert overlaps(run(tracker, images, boxes[0]), boxes)[-1] > 0.5
-        sizes[spread] = tracker.target.size
-    assert sizes[0.0] == 1.0
-    assert 1.1 < sizes[0.05] < 1.35
 
 
 def test_doubt_needs_both_witnesses():

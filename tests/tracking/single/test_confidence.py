@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.single.confidence import Confidence, Running
-from tsuiseki.tracking.single.kcf_particle_settings import ROBUST, THESIS
+from tsuiseki.tracking.single.constants import PRINTED, ROBUST
+from tsuiseki.tracking.single.observation_model import Confidence, RunningMean
 
 BOX = np.array([30, 20, 50, 40.0])
 
@@ -18,7 +18,7 @@ def picture(colour):
 
 
 def test_a_running_mean_is_plain_at_first():
-    running = Running(rate=0.25)
+    running = RunningMean(rate=0.25)
     for value in (4.0, 2.0, 3.0):
         running = running.add(value)
     assert running.mean == pytest.approx(3.0)
@@ -29,18 +29,18 @@ def test_a_running_mean_is_plain_at_first():
 
 
 def test_the_thesis_s_switch_is_a_threshold():
-    confidence = Confidence.start(THESIS, picture((200, 20, 20)), BOX)
+    confidence = Confidence.start(PRINTED, picture((200, 20, 20)), BOX)
     assert confidence.colour is None
     colour = confidence.colour_score(picture((30, 200, 30)), BOX)
-    assert confidence.doubts(THESIS, 0.2, colour)
-    assert not confidence.doubts(THESIS, 0.21, colour)
+    assert confidence.doubts(PRINTED, 0.2, colour)
+    assert not confidence.doubts(PRINTED, 0.21, colour)
 
 
 def test_a_response_below_the_usual_is_doubted():
     confidence = Confidence()
     for _ in range(5):
         confidence = confidence.learn(picture(0), BOX, 0.8, None)
-    settings = replace(THESIS, relative_switch=0.65)
+    settings = replace(PRINTED, relative_switch=0.65)
     assert confidence.doubts(settings, 0.51, None)
     assert not confidence.doubts(settings, 0.53, None)
 

@@ -6,7 +6,7 @@ import pytest
 from tests.tracking.single.moving_texture import SIZE, clip, overlaps, run, walk
 from tsuiseki.tracking.filters.correlation.kernelised_correlation import respond
 from tsuiseki.tracking.single import kcf
-from tsuiseki.tracking.single.kcf_tracker import KcfTracker
+from tsuiseki.tracking.single.kcf import KcfTracker
 
 
 @pytest.mark.parametrize("growth", [0.6, 1.7])

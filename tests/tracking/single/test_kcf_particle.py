@@ -7,44 +7,23 @@ import pytest
 
 from tests.tracking.single.moving_texture import clip, overlaps, run, walk
 from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.single.constants import PRINTED, ROBUST
+from tsuiseki.tracking.single.kcf import KcfTracker
 from tsuiseki.tracking.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
-from tsuiseki.tracking.single.kcf_tracker import KcfTracker
-from tsuiseki.tracking.single.observation_model import SearchView
-from tsuiseki.tracking.single.particles import dispersion
-from tsuiseki.tracking.single.response import ResponseMaps
 
 
-def test_presets_hold_the_thesis_s_constants():
-    assert (THESIS.switch, THESIS.plain_frames, THESIS.stored, THESIS.particles) == (0.2, 50, 20, 200)
-    assert (THESIS.divisor, THESIS.past_share) == (10 / 3, 0.5)
-    assert (THESIS.convergence, THESIS.response_share, THESIS.hypotheses) == (0.03, 0.3, 20)
-    assert THESIS.kcf.scale_step == 1.0
-    assert replace(THESIS, covariance="variances", response_scale="printed") == PRINTED
-    assert (PRINTED.covariance, PRINTED.response_scale, PRINTED.agreement) == ("variances", "printed", "covariance")
-    assert (THESIS.past, THESIS.colour, THESIS.reach, THESIS.spread, THESIS.sharpness) == ("uniform", 0, 0, 1, 1)
+def test_the_printed_preset_holds_the_thesis_s_constants():
+    assert (PRINTED.switch, PRINTED.plain_frames, PRINTED.stored, PRINTED.particles) == (0.2, 50, 20, 200)
+    assert (PRINTED.divisor, PRINTED.past_share) == (10 / 3, 0.5)
+    assert (PRINTED.convergence, PRINTED.response_share, PRINTED.hypotheses) == (0.03, 0.3, 20)
+    assert PRINTED.kcf.scale_step == 1.0
+    assert (PRINTED.past, PRINTED.colour, PRINTED.reach, PRINTED.spread, PRINTED.sharpness) == ("uniform", 0, 0, 1, 1)
 
 
-@pytest.mark.parametrize(("settings", "same"), [(THESIS, True), (PRINTED, False)])
-def test_the_level_of_all_responses_matters_only_as_printed(settings, same):
-    images, boxes = clip(walk(2))
-    tracker = KcfParticle(replace(settings, response_share=1.0))
-    tracker.start(images[0], boxes[0])
-    rng, centre = np.random.default_rng(0), tracker.target.centre
-    maps = rng.random((1, 1, 24, 24)).astype(np.float32)
-    particles = np.column_stack([rng.normal(centre, 3, (5, 2)), np.zeros(5)])
-    levels = [
-        SearchView(ResponseMaps(maps * k, centre[None], 4.0), images[0], np.empty((0, 4)), tracker.target.bank)
-        for k in (1.0, 0.25)
-    ]
-    high, low = (tracker._log_likelihood(particles, view) for view in levels)
-    assert np.allclose(high, low, atol=1e-3) is same
+WITHOUT_OBJECTS = replace(PRINTED, response_share=1.0)
 
 
-THESIS_WITHOUT_OBJECTS = replace(THESIS, response_share=1.0)
-
-
-@pytest.mark.parametrize("settings", [THESIS_WITHOUT_OBJECTS, ROBUST])
+@pytest.mark.parametrize("settings", [WITHOUT_OBJECTS, ROBUST])
 def test_a_confident_filter_tracks_as_kcf_does(settings):
     images, boxes = clip(walk(15))
     combined = KcfParticle(replace(settings, switch=-1.0, relative_switch=0.0, drift_switch=0.0))
@@ -54,7 +33,7 @@ def test_a_confident_filter_tracks_as_kcf_does(settings):
     assert combined.searched_frames == 0
 
 
-@pytest.mark.parametrize("settings", [THESIS_WITHOUT_OBJECTS, ROBUST])
+@pytest.mark.parametrize("settings", [WITHOUT_OBJECTS, ROBUST])
 def test_the_search_starts_when_the_target_is_hidden_and_finds_it_again(settings):
     images, boxes = clip(walk(40, 2.5), hidden=range(15, 19))
     tracker = KcfParticle(settings)
@@ -70,7 +49,7 @@ def test_the_search_starts_when_the_target_is_hidden_and_finds_it_again(settings
 
 def test_no_search_starts_in_the_frames_after_one():
     images, boxes = clip(np.tile([[100.0, 80.0]], (40, 1)))
-    tracker = KcfParticle(replace(THESIS_WITHOUT_OBJECTS, switch=10.0, convergence=1e9, plain_frames=8))
+    tracker = KcfParticle(replace(WITHOUT_OBJECTS, switch=10.0, convergence=1e9, plain_frames=8))
     searched = []
     tracker.start(images[0], boxes[0])
     for image in images[1:]:
@@ -80,32 +59,6 @@ def test_no_search_starts_in_the_frames_after_one():
     starts = np.flatnonzero(searched)
     assert len(starts) > 1
     assert (np.diff(starts) == 9).all()  # every search ends in its first frame, then 8 without
-
-
-def test_a_filter_that_is_confident_again_ends_the_search_where_the_confidence_is_looked_at_in_every_frame():
-    images, boxes = clip(walk(30), hidden=range(12, 15))
-    never_agree = replace(THESIS_WITHOUT_OBJECTS, convergence=0.0)
-    ends = []
-    for settings in (never_agree, replace(never_agree, decides_always=True)):
-        tracker = KcfParticle(settings)
-        seen = run(tracker, images, boxes[0])
-        ends.append((tracker.search is None, tracker.searched_frames))
-    (still, long), (over, short) = ends
-    assert not still
-    assert over
-    assert 0 < short < long
-    assert iou_pairs(seen[-1].box, boxes[-1]) > 0.5
-
-
-@pytest.mark.parametrize(("agreement", "spread"), [("pixels", 18.0), ("lengths", 9 / 7.2 + 9 / 10.8)])
-def test_c_of_the_agreement_is_lengths_or_square_pixels(agreement, spread):
-    """Two groups of particles 6 pixels apart in x and y: a variance of 9 in each."""
-    images, boxes = clip(walk(2), height=36, width=24)
-    tracker = KcfParticle(replace(THESIS, agreement=agreement))
-    tracker.start(images[0], boxes[0])
-    particles = np.array([[0.0, 0, 0], [6, 6, 0]])
-    found = dispersion(particles, np.array([0.5, 0.5]), tracker._agreement())
-    assert found == pytest.approx(spread)
 
 
 def test_a_target_that_does_not_come_back_is_lost():

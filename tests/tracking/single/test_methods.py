@@ -6,8 +6,8 @@ import pytest
 
 from tests.tracking.single.moving_texture import SIZE, clip, overlaps, run, walk
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.single.interface import follow_target
-from tsuiseki.tracking.single.methods import METHODS, make_tracker
+from tsuiseki.tracking.single.settings import METHODS, make_tracker
+from tsuiseki.tracking.single.tracker import follow_target
 from tsuiseki.tracking.types import Frame
 
 # Mean shift climbs on hues alone, which this noise shares between target and background.

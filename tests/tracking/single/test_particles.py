@@ -9,15 +9,14 @@ from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
     train,
     transform,
 )
-from tsuiseki.tracking.single.archive import Archive
+from tsuiseki.tracking.filters.motion.points import PlaneWalk
 from tsuiseki.tracking.single.particles import (
+    Archive,
     best_by_filter,
     densest,
     dispersion,
     draw_particles,
     jump_prior,
-    mean_by_filter,
-    random_walk,
     step_deviation,
 )
 
@@ -30,9 +29,8 @@ def draw(past_share, weights=(1.0, 3.0), count=20000, stored=2):
     return draw_particles(PEAKS, stored, np.array(weights), past_share, count, DEVIATION, rng)
 
 
-@pytest.mark.parametrize(("covariance", "expected"), [("variances", [3.0, 6.0]), ("deviations", [9.0, 36.0])])
-def test_the_divisor_divides_variances_or_deviations(covariance, expected):
-    np.testing.assert_allclose(step_deviation(np.array([30.0, 120.0]), 10 / 3, covariance), expected)
+def test_the_divisor_divides_variances():
+    np.testing.assert_allclose(step_deviation(np.array([30.0, 120.0]), 10 / 3), [3.0, 6.0])
 
 
 def test_particles_lie_about_their_maximum_with_the_covariance_of_the_motion():
@@ -58,7 +56,7 @@ def test_without_a_past_every_filter_is_a_hypothesis():
 
 def test_the_walk_keeps_filter_numbers():
     particles = draw(0.5)
-    moved = random_walk(DEVIATION)(particles, 1.0, np.random.default_rng(1))
+    moved = PlaneWalk(DEVIATION)(particles, 1.0, np.random.default_rng(1))
     assert (moved[:, 2] == particles[:, 2]).all()
     np.testing.assert_allclose((moved - particles)[:, :2].std(axis=0), DEVIATION, rtol=0.03)
 
@@ -92,15 +90,6 @@ def test_each_filter_learns_from_its_heaviest_particle():
     used, places = best_by_filter(particles, np.array([0.1, 0.4, 0.2, 0.3]))
     assert used.tolist() == [0, 4]
     assert places.tolist() == [[2, 2], [3, 3]]
-
-
-def test_each_filter_learns_at_the_mean_of_its_particles():
-    particles = np.array([[1, 1, 4], [2, 2, 0], [4, 7, 4], [5, 8, 0.0]])
-    used, places = mean_by_filter(particles, np.array([0.2, 0.0, 0.1, 0.7]))
-    assert used.tolist() == [0, 4]
-    np.testing.assert_allclose(places, [[5, 8], [2, 3]])
-    _, unseen = mean_by_filter(particles, np.zeros(4))
-    np.testing.assert_allclose(unseen, [[3.5, 5], [2.5, 4]])
 
 
 def test_the_archive_forgets_the_oldest_and_keeps_the_first_frame():

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.single.peaks import peak
-from tsuiseki.tracking.single.pixel_colour import PixelColour, coloured_area, shift_response, size_contrast
+from tsuiseki.tracking.single.colours import PixelColour, coloured_area, shift_response, size_contrast
+from tsuiseki.tracking.single.response import peak
 
 SIDE, WIDTH, HEIGHT = 104, 24, 40
 

@@ -5,9 +5,8 @@ import numpy as np
 
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.single.combined import Combined
-from tsuiseki.tracking.single.combined_settings import CombinedSettings
-from tsuiseki.tracking.single.recognised import Recognised
-from tsuiseki.tracking.single.recognition import RecognitionSettings
+from tsuiseki.tracking.single.constants import CombinedSettings
+from tsuiseki.tracking.single.recognised import Recognised, RecognitionSettings
 
 HEIGHT, WIDTH = 36, 24
 # A filter that never doubts: where it has lost the target only the network can say so.

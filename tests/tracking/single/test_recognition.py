@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.single.interface import TargetState
-from tsuiseki.tracking.single.recognised import Recognised
-from tsuiseki.tracking.single.recognition import RecognitionSettings
+from tsuiseki.tracking.single.recognised import Recognised, RecognitionSettings
+from tsuiseki.tracking.single.tracker import TargetState
 
 BOX = np.array([10.0, 10.0, 30.0, 50.0])
 EVERY = RecognitionSettings(every=1, looks=2, trusted=2, lost_looks=2)

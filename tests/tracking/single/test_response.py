@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.single.foreground_colour import ForegroundColour
+from tsuiseki.tracking.single.colours import ForegroundColour
 from tsuiseki.tracking.single.response import (
     SMALLEST_LIKELIHOOD,
     ResponseMaps,
-    SizedResponseMaps,
     log_likelihood,
     object_overlap,
 )
@@ -75,11 +74,3 @@ def test_climbing_ends_on_the_maximum_between_cells():
     np.testing.assert_allclose(maps.climb(np.array([105.0, 209.0]), 0), [109, 212], atol=0.1)
     far = np.array([100.0, 200.0])  # two cells away: one step uphill does not reach it
     assert np.abs(maps.climb(far, 0) - far).max() <= 1.5 * 4
-
-
-def test_a_place_is_read_at_the_nearest_size():
-    flat = [ResponseMaps(np.full((1, 1, 8, 8), v, np.float32), np.zeros((1, 2)), cell=4.0) for v in (1.0, 2.0, 3.0)]
-    sized = SizedResponseMaps(np.array([-0.1, 0.0, 0.1]), flat)
-    found = sized.at(np.zeros((4, 2)), np.zeros(4, np.int64), np.array([-0.5, -0.04, 0.04, 0.06]))
-    assert found.tolist() == [1.0, 2.0, 2.0, 3.0]
-    assert sized.middle is flat[1]

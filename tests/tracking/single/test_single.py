@@ -13,8 +13,8 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.calls import evaluate_target
 from tsuiseki.tracking.formats.single import read_boxes
-from tsuiseki.tracking.single.methods import make_tracker
-from tsuiseki.tracking.single.tracking import follow
+from tsuiseki.tracking.single.run import follow
+from tsuiseki.tracking.single.settings import make_tracker
 
 BOX = np.array([30, 40, 60, 80.0])
 

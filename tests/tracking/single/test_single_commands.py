@@ -10,7 +10,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.single import selection
-from tsuiseki.tracking.single.methods import METHODS
+from tsuiseki.tracking.single.settings import METHODS
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,10 @@ def test_one_interrupt_ends_the_wait_for_a_drawn_box(labelled, tmp_path, monkeyp
         (["--box", "20,20,0,20"], "expected a positive width and height"),
         (["--box", "0,0,300,20"], "expected a box that fits into the 140x100 image"),
         (["--box", "20,20,9,9", "--select"], "expected one of --box and --select"),
-        (["--box", "20,20,9,9", "--method", "kcf", "--past", "score"], "--past: expected with --method kcf-particle"),
+        (
+            ["--box", "20,20,9,9", "--method", "kcf", "--objectness", "x"],
+            "--objectness: expected with --method kcf-particle",
+        ),
         (
             ["--box", "20,20,9,9", "--method", "csk", "--scale", "true"],
             "--scale: expected with --method combined, regularised, kcf-particle or kcf",
@@ -162,7 +165,7 @@ def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tm
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--parts", "sweep"], "--parts: expected some of unseen, readings, status"),
+        (["--parts", "sweep"], "--parts: expected some of unseen, status"),
         (["--seeds", "0"], "--seeds: expected at least 1"),
         (["--data", "nowhere"], "expected a folder of sequences or a label file at nowhere"),
     ],
@@ -189,7 +192,7 @@ def test_objectness_is_learnt_from_folders_and_needs_enough_boxes(labelled, tmp_
         "--objectness",
         str(tmp_path / "m.json"),
         "--preset",
-        "thesis",
+        "printed",
         "--method",
         "kcf-particle",
     ]

@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 
+from tsuiseki.tracking.single.constants import RegularisedSettings
 from tsuiseki.tracking.single.regularised import RegularisedTracker
-from tsuiseki.tracking.single.regularised_settings import RegularisedSettings
 
 FRAMES = 40
 

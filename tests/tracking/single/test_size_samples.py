@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.single.size_samples import SizeLadder
+from tsuiseki.tracking.single.search_windows import SizeLadder
 
 LADDER = SizeLadder(np.array([30.0, 60.0]), np.array([16, 32]), 4, 1.03, 11)
 IMAGE = np.random.default_rng(0).integers(0, 256, (120, 160, 3), dtype=np.uint8)

@@ -71,10 +71,3 @@ def test_a_target_that_leaves_the_view_is_lost_and_one_that_comes_back_there_is_
         assert statuses[-8] == "lost"
         since = np.array(statuses[OUT + AWAY :]) == "tracking"
         assert (overlaps[OUT + AWAY :][since] > 0.6).all()
-
-
-def test_a_wider_search_finds_one_that_comes_back_by_the_other_side(left, tmp_path):
-    overlaps, statuses, _ = followed(left, tmp_path / "out", "--redetect")
-    assert set(statuses[OUT + 10 : OUT + AWAY]) == {"lost"}
-    assert set(statuses[-4:]) == {"tracking"}
-    assert overlaps[-4:].min() > 0.6

@@ -9,7 +9,7 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.cameras.volume import common_volume, in_sight
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.motion.motion_3d import Ballistic, ConstantVelocity
+from tsuiseki.tracking.filters.motion.space import Ballistic, ConstantVelocity3D
 from tsuiseki.tracking.sphere.sphere_run import check_lengths, check_start
 from tsuiseki.tracking.sphere.sphere_search import find_ball
 from tsuiseki.tracking.sphere.tracker import SphereTracker, TimedViews, with_velocities
@@ -186,7 +186,7 @@ def test_a_bouncing_ball_is_found_again_after_the_frames_of_its_bounce_are_lost(
     rng = np.random.default_rng(5)
     lost = range(bounce - 1, bounce + 3)
     away = {}
-    for name, model in (("ballistic", motion), ("level", ConstantVelocity(0.5))):
+    for name, model in (("ballistic", motion), ("level", ConstantVelocity3D(0.5))):
         tracker = SphereTracker(ContourLikelihood(CAMERAS[:2], RADIUS), model)
         now = tracker.start_at(path[0], 0.02, 500, 2, rng, times[0], speed=1.0)
         for k, time in enumerate(times):
@@ -204,7 +204,7 @@ def test_a_bouncing_ball_is_found_again_after_the_frames_of_its_bounce_are_lost(
 def test_a_camera_without_frames_for_long_does_not_count_as_seeing():
     rng = np.random.default_rng(0)
     # So wide a limit that the deviation alone would always call the position known.
-    tracker = SphereTracker(PointLikelihood(CAMERAS[:2], np.ones(2)), ConstantVelocity(0.1), largest_deviation=50.0)
+    tracker = SphereTracker(PointLikelihood(CAMERAS[:2], np.ones(2)), ConstantVelocity3D(0.1), largest_deviation=50.0)
     pixels = [camera.project(PATH[:1])[0][0] for camera in CAMERAS[:2]]
     state = tracker.start_at(PATH[0], 0.05, 300, 2, rng, 0.0)
     statuses = []

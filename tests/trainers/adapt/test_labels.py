@@ -12,10 +12,9 @@ from tests.trainers.adapt import street
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
-from tsuiseki.trainers.adapt.foreground import foreground_of
 from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, TWICE, UNSURE, label
 from tsuiseki.trainers.adapt.settings import LabelSettings
-from tsuiseki.trainers.adapt.watch import Watched, watch
+from tsuiseki.trainers.adapt.watch import Watched, foreground_of, watch
 
 NONE = Detections.empty()
 # So far to the right that the boxes touch: they are 14 wide.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,16 +16,13 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.trainers.adapt import rounds as module
-from tsuiseki.trainers.adapt.camera import Camera, open_camera
-from tsuiseki.trainers.adapt.find import Found, Models
-from tsuiseki.trainers.adapt.linking import LinkScores
-from tsuiseki.trainers.adapt.rounds import Adaptation, best_of, better, resumed, rounds
+from tsuiseki.trainers.adapt.find import Found
+from tsuiseki.trainers.adapt.rounds import Adaptation, best_of, better, file_state, resumed, rounds
 from tsuiseki.trainers.adapt.settings import AdaptSettings
-from tsuiseki.trainers.adapt.watch import Watched
+from tsuiseki.trainers.adapt.watch import Camera, Watched, open_camera
 
 START = Path("start.onnx")
 TEACHER: Any = Path("teacher.onnx")
-LINKS = LinkScores(0.8, 0.9, 0.7, 0.6, 0.7, 0.8)
 
 
 def seeing(people: int, jitter: float) -> Found:
@@ -42,11 +40,8 @@ def adaptation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[lis
     """Rounds whose detectors see what is given, one entry a round; nothing is trained."""
 
     def make(seen: list[Found]) -> Adaptation:
-        def find(_: Watched, models: Models, *__: object) -> Found:
-            number = (
-                0 if models.detector == START else int(Path(str(models.detector)).parent.name.removeprefix("round-"))
-            )
-            return seen[number]
+        def find(_: Watched, detector: Path, *__: object) -> Found:
+            return seen[0 if detector == START else int(detector.parent.name.removeprefix("round-"))]
 
         def export(*given: Any) -> None:
             given[4].write_bytes(b"model")
@@ -56,7 +51,6 @@ def adaptation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[lis
         monkeypatch.setattr(module, "size", (1, 1), raising=False)
         monkeypatch.setattr(module, "fine_tune", lambda *_: Path("checkpoint"))
         monkeypatch.setattr(module, "export_calibrated", export)
-        monkeypatch.setattr(module, "learn_links", lambda seen, models, *_: (seen, models, LINKS))
         settings = AdaptSettings(rounds=len(seen) - 1 or 1, pictures=30)
         source = tmp_path / "street"
         if not source.exists():
@@ -105,26 +99,14 @@ def test_a_round_competes_with_the_start_and_not_with_its_teacher(
         given = replace(adaptation([seeing(2, 0.0), seeing(2, 1.0)]), teacher=TEACHER)
         look = module.find
 
-        def find(watched: Watched, models: Models, *rest: Any, start: Found = start, look: Any = look) -> Found:
-            if models.detector == START:
-                return start
-            return look(watched, Models(START) if models.detector == TEACHER else models, *rest)
+        def find(watched: Watched, detector: Path, *rest: Any, start: Found = start, look: Any = look) -> Found:
+            return start if detector == START else look(watched, START if detector == TEACHER else detector, *rest)
 
         monkeypatch.setattr(module, "find", find)
         finished = list(rounds(replace(given, work=given.work / str(best))))
-        assert finished[0].models.detector == TEACHER
+        assert finished[0].detector == TEACHER
         assert finished[0].scores.agreement < 1 or not best
         assert best_of(finished).number == best
-
-
-def test_every_round_starts_from_the_given_appearance(
-    adaptation: Callable[[list[Found]], Adaptation], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    given = replace(adaptation([seeing(2, 3.0), seeing(2, 1.0), seeing(2, 0.0)]), appearance=Path("mine.onnx"))
-    opened, look = [], module.find
-    monkeypatch.setattr(module, "find", lambda *a: opened.append(a[1].appearance) or look(*a))
-    list(rounds(given))
-    assert opened == [Path("mine.onnx")] * 3
 
 
 def test_labels_of_a_round_teach_the_next(adaptation: Callable[[list[Found]], Adaptation]) -> None:
@@ -152,16 +134,11 @@ def test_finished_rounds_are_not_made_again(
     stopped.close()
     calls = []
     look = module.find
-    monkeypatch.setattr(module, "find", lambda *a: calls.append(a[1]) or look(*a))
-    again = list(rounds(given))
-    # What was better is used: that file is the round's own.
-    assert again[1].models.appearance == given.work / "round-1" / "appearance.onnx"
-    assert again[1].models.affinity == first[1].models.affinity
-    assert [replace(here, models=first[n].models) for n, here in enumerate(again[:2])] == first
-    assert [models.detector.parent.name for models in calls] == ["round-2"]
+    monkeypatch.setattr(module, "find", lambda *a: calls.append(a) or look(*a))
+    assert list(rounds(given))[:2] == first
+    assert [detector.parent.name for _, detector, *_ in calls] == ["round-2"]
     # What was learnt has other scores than the shipped costs know.
-    assert [str(models.affinity) for models in calls] == ["none"]
-    assert first[0].models.affinity is None
+    assert [str(affinity) for *_, affinity in calls] == ["none"]
 
 
 def test_nobody_is_refused(adaptation: Callable[[list[Found]], Adaptation]) -> None:
@@ -199,4 +176,19 @@ def test_a_moving_camera_has_no_empty_view(tmp_path: Path) -> None:
         [str(street.write_video(tmp_path / "street", pan=1))], EVERY_FRAME, tmp_path / "work", AdaptSettings()
     )
     assert isinstance(camera, Camera)
-    assert not camera.fixed
+    assert camera.foregrounds == (None,)
+
+
+def test_a_video_that_was_written_anew(tmp_path: Path) -> None:
+    folder = tmp_path / "sequence"
+    (folder / "img1").mkdir(parents=True)
+    picture = folder / "img1" / "1.jpg"
+    picture.write_bytes(b"one")
+    os.utime(picture, (100, 100))
+    first = file_state(str(folder))
+    assert first == file_state(str(folder)) == file_state(str(picture))
+    os.utime(picture, (200, 200))
+    assert file_state(str(folder)) != first
+    (folder / "img1" / "2.jpg").write_bytes(b"two")
+    assert file_state(str(folder))[:2] == [2, 6]
+    assert file_state("rtsp://camera") == [0, 0, 0]

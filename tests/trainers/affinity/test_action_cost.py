@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.action_cost import ActionCost
+from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.drone.observations import Observation
-from tsuiseki.tracking.drone.tracker import DroneSettings
+from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.motion.camera_trajectory import CameraStep
+from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.affinity.action_cost import LinkSamples, fit_action_cost, link_samples

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
-from tsuiseki.tracking.association.affinity import FEATURE_SETS, Affinity
 from tsuiseki.tracking.association.costs import PairFeatures
-from tsuiseki.tracking.association.gating import GateSettings
+from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, Affinity
+from tsuiseki.tracking.association.pairwise_flow import GateSettings
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence, write_sequence_info

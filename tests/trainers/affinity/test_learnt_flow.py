@@ -7,15 +7,14 @@ from pathlib import Path
 import pytest
 
 from tsuiseki.datamodules.labelled_images import read_image
-from tsuiseki.tracking.association.affinity import Affinity, FeatureSet
+from tsuiseki.tracking.association.learnt_costs import Affinity, FeatureSet
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
-from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.frame_log import shifted
-from tsuiseki.tracking.people.record import run_tracker
+from tsuiseki.tracking.people.tracker import run_tracker, shifted
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.affinity.affinity import AffinitySettings, fit_affinity
 from tsuiseki.trainers.affinity.affinity_data import AffinityVideo

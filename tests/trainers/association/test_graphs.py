@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.flow.evidence import JOIN_FEATURES
+from tsuiseki.tracking.association.evidence import JOIN_FEATURES
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.association.counts import Counts
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, Problem, cheapest
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph
-from tsuiseki.trainers.association.labelled_flow import window, windows
+from tsuiseki.trainers.association.labelled_flow import Counts, window, windows
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 
 FRAMES = 60

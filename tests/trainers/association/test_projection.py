@@ -11,8 +11,8 @@ import pytest
 import torch
 
 from tsuiseki.models.association import AppearanceProjection
-from tsuiseki.tracking.association.flow.cost_network import CostNetwork
-from tsuiseki.tracking.association.flow.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import Detections
@@ -21,7 +21,7 @@ from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fitted
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs, no_others
 from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
-from tsuiseki.trainers.association.training import AssociationTraining
+from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining
 from tsuiseki.trainers.experiments.end_to_end import crossing
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.export_association import TOLERANCE, export_association
@@ -53,7 +53,7 @@ def whole(graphs: Graphs) -> TrainingWindow:
 
 
 def test_the_distances_at_first_are_those_of_the_tracker(graphs: list[Graphs]) -> None:
-    module = AssociationTraining(projection=LENGTH)
+    module = AssociationTraining(appearance=AppearanceLearning(projection=LENGTH))
     module.standardise(graphs)
     batch = whole(graphs[0])
     with torch.no_grad():
@@ -74,7 +74,7 @@ def test_detections_without_features_are_left_as_they_are(graphs: list[Graphs]) 
     assert graph.features is not None
     unknown = replace(graph, features=np.full_like(graph.features, np.nan), links=graph.links.copy())
     unknown.links[:, KNOWN] = 0
-    module = AssociationTraining(projection=2)
+    module = AssociationTraining(appearance=AppearanceLearning(projection=2))
     module.standardise(graphs)
     costs = module.makers().costs(TrainingWindow(unknown, graphs[0].tracklets))
     np.testing.assert_allclose(costs.detach().numpy(), graph.costs, atol=1e-5)
@@ -86,7 +86,9 @@ def test_detections_without_features_are_left_as_they_are(graphs: list[Graphs]) 
 def test_it_learns_which_numbers_tell_people_apart(graphs: list[Graphs]) -> None:
     """On meetings not seen, what it compares lies nearer for one person and farther for two than what came."""
     torch.manual_seed(0)
-    module = AssociationTraining(projection=LENGTH, projection_rate=10.0, contrast=0.0, joins=0.0)
+    module = AssociationTraining(
+        appearance=AppearanceLearning(contrast=0.0, projection=LENGTH, projection_rate=10.0), joins=0.0
+    )
     for part in (module.network.links, module.network.detections):
         part.requires_grad_(False)
     module.standardise(graphs)
@@ -108,7 +110,7 @@ def test_it_learns_which_numbers_tell_people_apart(graphs: list[Graphs]) -> None
 
 
 def test_a_checkpoint_and_a_file_have_it(graphs: list[Graphs], tmp_path: Path) -> None:
-    module = AssociationTraining(projection=2)
+    module = AssociationTraining(appearance=AppearanceLearning(projection=2))
     module.standardise(graphs)
     torch.nn.init.normal_(module.network.links.linear.weight, std=0.1)
     trainer = lightning.Trainer(max_epochs=0, accelerator="cpu", logger=False, enable_progress_bar=False)
@@ -131,7 +133,7 @@ def test_a_checkpoint_and_a_file_have_it(graphs: list[Graphs], tmp_path: Path) -
 
 def test_the_tracker_compares_what_was_projected(graphs: list[Graphs], tmp_path: Path) -> None:
     """As if the features had come projected; and other tracks than from the features as they came."""
-    module = AssociationTraining(projection=1)
+    module = AssociationTraining(appearance=AppearanceLearning(projection=1))
     module.standardise(graphs)
     network, video = module.network.eval(), described(3)
     assert network.projection is not None
@@ -154,7 +156,7 @@ def test_the_tracker_compares_what_was_projected(graphs: list[Graphs], tmp_path:
 
 @pytest.mark.parametrize("length", [None, 4])
 def test_other_features_are_refused(graphs: list[Graphs], tmp_path: Path, length: int | None) -> None:
-    module = AssociationTraining(projection=2)
+    module = AssociationTraining(appearance=AppearanceLearning(projection=2))
     module.standardise(graphs)
     export_association(module.network, tmp_path / "a.onnx")
     changes, (box,) = CostNetwork(tmp_path / "a.onnx", threads=1), [np.array([[0, 0, 10.0, 20]])]
@@ -167,8 +169,8 @@ def test_other_features_are_refused(graphs: list[Graphs], tmp_path: Path, length
 
 def test_what_cannot_be_projected_is_said(graphs: list[Graphs]) -> None:
     plain = [sequence_graphs(crossing(0))]
-    with pytest.raises(RequestError, match=r"expected --data\.appearance ONNX with --model\.projection"):
-        AssociationTraining(projection=2).standardise(plain)
-    with pytest.raises(RequestError, match=r"expected --model\.projection up to 6, the length of a feature, got 7"):
-        AssociationTraining(projection=7).standardise(graphs)
+    with pytest.raises(RequestError, match=r"expected --data\.appearance ONNX with --model\.appearance\.projection"):
+        AssociationTraining(appearance=AppearanceLearning(projection=2)).standardise(plain)
+    with pytest.raises(RequestError, match=r"projection up to 6, the length of a feature, got 7"):
+        AssociationTraining(appearance=AppearanceLearning(projection=7)).standardise(graphs)
     assert AppearanceProjection(4, 2).matrix.shape == (2, 4)

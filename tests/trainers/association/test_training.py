@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.tracking.association.flow.cost_network import CostNetwork
-from tsuiseki.tracking.association.flow.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.data import AssociationData, EveryWindow, RandomWindows, TrainingWindow
+from tsuiseki.trainers.association.flow_loss import FlowLoss, FlowLossName
 from tsuiseki.trainers.association.training import PLANNED, PLANNED_STEPS, AssociationTraining
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.export_association import TOLERANCE, export_trained
@@ -63,7 +64,7 @@ def options(walk: Path, out: Path, *more: str) -> list[str]:
 @pytest.fixture(scope="module")
 def trained(walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("association") / "out"
-    fit_association(options(walk, out, "--model.hidden=4", "--model.warmup_steps=1"))
+    fit_association(options(walk, out, "--model.optimisation.warmup_steps=1"))
     return out
 
 
@@ -96,7 +97,7 @@ def test_logs_and_exports(trained: Path) -> None:
 
 def test_the_same_seed_gives_the_same_weights(trained: Path, walk: Path, tmp_path: Path) -> None:
     """In processes, too."""
-    words = options(walk, tmp_path / "again", "--model.hidden=4", "--model.warmup_steps=1", "--model.processes=2")
+    words = options(walk, tmp_path / "again", "--model.optimisation.warmup_steps=1", "--model.processes=2")
     fit_association(words)
     one, other = weights(trained / "checkpoints/last.ckpt"), weights(tmp_path / "again/checkpoints/last.ckpt")
     assert all(torch.equal(one[name], other[name]) for name in one)
@@ -105,7 +106,7 @@ def test_the_same_seed_gives_the_same_weights(trained: Path, walk: Path, tmp_pat
 def test_goes_on_where_it_was(trained: Path, walk: Path) -> None:
     before = weights(trained / "checkpoints/last.ckpt")["links.mean"]
     last = f"--ckpt_path={trained / 'checkpoints/last.ckpt'}"
-    fit_association(options(walk, trained, "--model.hidden=4", "--trainer.max_epochs=3", last))
+    fit_association(options(walk, trained, "--trainer.max_epochs=3", last))
     assert len(column(trained, "train/objective", version=1)) == 1
     torch.testing.assert_close(weights(trained / "checkpoints/last.ckpt")["links.mean"], before)
     # A training that had ended goes on at the rate it ended with.
@@ -119,21 +120,24 @@ def test_tracks_with_what_was_learnt(trained: Path, walk: Path, tmp_path: Path) 
     assert (tmp_path / "out" / "tracks.txt").read_text()
 
 
-def test_starts_from_a_network(trained: Path) -> None:
+def test_starts_from_a_network(trained: Path, tmp_path: Path) -> None:
     checkpoint = trained / "checkpoints" / "best.ckpt"
-    started = AssociationTraining(hidden=4, start=checkpoint)
+    started = AssociationTraining(start=checkpoint)
     torch.testing.assert_close(started.network.links.mean, weights(checkpoint)["links.mean"])
-    with pytest.raises(RequestError, match="expected a network of the same features and hidden, with links"):
-        AssociationTraining(hidden=7, start=checkpoint)
+    held = torch.load(checkpoint, weights_only=True)
+    held["state_dict"]["network.links.mean"] = torch.zeros(3)
+    torch.save(held, tmp_path / "fewer.ckpt")
+    with pytest.raises(RequestError, match="expected a network of the same features, with links"):
+        AssociationTraining(start=tmp_path / "fewer.ckpt")
     with pytest.raises(RequestError, match="expected a checkpoint to start from"):
         AssociationTraining(start=trained / "nothing.ckpt")
 
 
 @pytest.mark.parametrize("loss", ["fenchel_young", "hinge", "both"])
-def test_the_gradient_of_a_step_reaches_all_that_makes_costs(walk: Path, loss: str) -> None:
+def test_the_gradient_of_a_step_reaches_all_that_makes_costs(walk: Path, loss: FlowLossName) -> None:
     data = AssociationData([walk], seconds=1.0, windows=2)
     data.setup("fit")
-    module = AssociationTraining(loss=loss, joins=1.0, pairwise=0.1, epsilon=3.0)  # type: ignore[arg-type]
+    module = AssociationTraining(loss=FlowLoss(loss, 3.0), joins=1.0)
     module.standardise(data.learnt)
     module.log = lambda *_, **__: None  # type: ignore[method-assign]
     for index in range(2):
@@ -300,8 +304,8 @@ def test_labels_of_half_of_the_people_look_foreign(
 
 def test_how_far_changes_are_trusted_is_as_asked_and_not_as_it_was(trained: Path) -> None:
     checkpoint = trained / "checkpoints" / "best.ckpt"
-    assert AssociationTraining(hidden=4).network.detections.trust.tolist() == [0.5, 1, 1]
-    started = AssociationTraining(hidden=4, trust=1.0, start=checkpoint)
+    assert AssociationTraining().network.detections.trust.tolist() == [0.5, 1, 1]
+    started = AssociationTraining(trust=1.0, start=checkpoint)
     assert started.network.detections.trust.tolist() == [1, 1, 1]
     loaded = AssociationTraining.load_from_checkpoint(checkpoint, trust=0.25, weights_only=True)
     assert loaded.network.detections.trust.tolist() == [0.25, 1, 1]
@@ -314,16 +318,6 @@ def test_labels_of_other_classes_are_named(tmp_path: Path) -> None:
     (folder / "gt" / "gt.txt").write_text(labels)
     with pytest.raises(RequestError, match="cars"):
         AssociationData([folder]).setup("fit")
-
-
-def test_broken_tracks_are_learnt_from_and_not_held_back(walk: Path) -> None:
-    data = AssociationData([walk], broken=2)
-    data.setup("fit")
-    assert [len(one.broken) for one in data.learnt] == [2]
-    assert [len(one.broken) for one in data.held] == [0]
-    assert any(one.labelled[3 * len(one) :].any() for one in data.learnt[0].broken)
-    with pytest.raises(RequestError, match=r"expected --data\.broken from 0, got -1"):
-        AssociationData([walk], broken=-1)
 
 
 def test_a_wrong_setting_is_one_line(capsys: pytest.CaptureFixture[str], walk: Path, tmp_path: Path) -> None:

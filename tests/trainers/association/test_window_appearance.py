@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.tracking.association.flow.evidence import LINK_FEATURES
-from tsuiseki.tracking.association.flow.link_cost import LinkCost
+from tsuiseki.tracking.association.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.data import AssociationData, EveryWindow
-from tsuiseki.trainers.association.losses_beside import contrast_within
-from tsuiseki.trainers.association.training import AssociationTraining
-from tsuiseki.trainers.association.window_appearance import averaged, distances, repriced
-from tsuiseki.trainers.exporting.export_appearance import export_appearance
-from tsuiseki.trainers.exporting.model_file import ModelFile
+from tsuiseki.trainers.association.flow_loss import FlowLoss
+from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining
+from tsuiseki.trainers.association.window_appearance import averaged, contrast_within, distances, repriced
+from tsuiseki.trainers.exporting.export import ModelFile
+from tsuiseki.trainers.exporting.export_crops import export_appearance
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.fit import fit_association
 
@@ -82,10 +82,10 @@ def test_the_distances_are_those_of_the_tracker(street: Path, siamese: tuple[Pat
     checkpoint, exported = siamese[which], siamese[1]
     data = AssociationData([street], appearance=exported, seconds=10.0, held_back=0.01)
     data.setup("fit")
-    module = AssociationTraining(appearance=checkpoint)
+    module = AssociationTraining(appearance=AppearanceLearning(checkpoint))
     batch = EveryWindow(data.learnt, 10.0, data.images)[0]
     with torch.no_grad():
-        seen = module.makers().seen(batch)
+        seen = module.makers().outputs(batch)
         assert seen.features is not None
         assert batch.crops is not None
         found = distances(seen.features, batch.crops.averages, batch.detections).numpy()
@@ -109,7 +109,7 @@ def test_gradients_reach_the_siamese_network(street: Path, siamese: tuple[Path, 
     checkpoint, exported = siamese
     data = AssociationData([street], appearance=exported)
     data.setup("fit")
-    module = AssociationTraining(appearance=checkpoint, contrast=0.0, epsilon=3.0)
+    module = AssociationTraining(appearance=AppearanceLearning(checkpoint, contrast=0.0), loss=FlowLoss(epsilon=3.0))
     module.standardise(data.learnt)
     objective, _ = module.losses(EveryWindow(data.learnt, 2.0, data.images)[0], module.loss, np.random.default_rng(0))
     objective.backward()
@@ -132,16 +132,16 @@ def test_the_own_loss_needs_two_people_seen_twice(street: Path) -> None:
 def test_one_without_the_other_is_refused(street: Path, siamese: tuple[Path, Path]) -> None:
     data = AssociationData([street])
     data.setup("fit")
-    module = AssociationTraining(appearance=siamese[0])
-    with pytest.raises(RequestError, match=r"--model\.appearance FILE and --data\.appearance ONNX together"):
+    module = AssociationTraining(appearance=AppearanceLearning(siamese[0]))
+    with pytest.raises(RequestError, match=r"--model\.appearance\.file FILE and --data\.appearance ONNX together"):
         module.losses(EveryWindow(data.learnt, 2.0)[0], module.loss, np.random.default_rng(0))
 
 
 def test_trains_and_exports_both(street: Path, siamese: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
-    words = [f"--data.train=[{street}]", f"--data.appearance={siamese[1]}", f"--model.appearance={siamese[0]}",
+    words = [f"--data.train=[{street}]", f"--data.appearance={siamese[1]}", f"--model.appearance.file={siamese[0]}",
              "--data.windows=2", "--data.seconds=1", "--trainer.max_epochs=1", "--trainer.accelerator=cpu",
-             "--trainer.num_sanity_val_steps=0", "--model.warmup_steps=1", "--model.epsilon=3",
+             "--trainer.num_sanity_val_steps=0", "--model.optimisation.warmup_steps=1", "--model.loss.epsilon=3",
              f"--out={out}"]  # fmt: skip
     fit_association(words)
     assert (out / "association.onnx").is_file()

@@ -11,18 +11,21 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.tracking.association.flow.evidence import DETECTION_FEATURES
+from tsuiseki.tracking.association.evidence import DETECTION_FEATURES
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.trainers.association import window_detector
 from tsuiseki.trainers.association.data import AssociationData, EveryWindow, TrainingWindow
+from tsuiseki.trainers.association.flow_loss import FlowLoss
 from tsuiseki.trainers.association.starting import detector_of
-from tsuiseki.trainers.association.training import AssociationTraining
+from tsuiseki.trainers.association.training import AssociationTraining, HeadsLearning
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, frames_of, own_loss, rescored, score_logits
+from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.exporting.export_detector import export_detector
-from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.detector import DetectorTraining
 from tsuiseki.trainers.networks.fit import fit_association
+from tsuiseki.trainers.networks.modules import normalised
 
 # A whole network is exported for them.
 pytestmark = pytest.mark.thesis_size
@@ -87,9 +90,9 @@ def batch(street: Path, detector: tuple[Path, Path]) -> TrainingWindow:
 @pytest.mark.parametrize("which", [0, 1], ids=["checkpoint", "exported"])
 def test_the_scores_are_those_of_the_detections(batch: TrainingWindow, detector: tuple[Path, Path], which: int) -> None:
     """So training starts from the tracker's own costs, from a checkpoint as from the file."""
-    module = AssociationTraining(detector=detector[which])
+    module = AssociationTraining(detector=HeadsLearning(detector[which]))
     with torch.no_grad():
-        heads = module.makers().seen(batch).heads
+        heads = module.makers().outputs(batch).heads
         assert heads is not None
         assert batch.frames is not None
         assert batch.detections.origin is not None
@@ -115,16 +118,17 @@ def test_surer_detections_are_cheaper(batch: TrainingWindow) -> None:
     torch.testing.assert_close(changed[:, others], rows[:, others])
 
 
-def test_the_gradient_is_that_of_finite_differences(batch: TrainingWindow, detector: tuple[Path, Path]) -> None:
+def test_the_gradient_is_that_of_finite_differences(
+    batch: TrainingWindow, detector: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With one perturbation the loss is a straight line near by, so differences know its slope but for rounding."""
     torch.manual_seed(1)
     module = AssociationTraining(
-        loss="fenchel_young", detector=detector[0], detection=0.0, joins=0.0, epsilon=0.7
+        loss=FlowLoss("fenchel_young", 0.7), detector=HeadsLearning(detector[0], weight=0.0), joins=0.0
     ).double()
     assert module.detector is not None
     module._tensor = lambda values: torch.as_tensor(values, dtype=torch.float64)  # type: ignore[method-assign]
-    in_double = module.detector.normalised
-    module.detector.normalised = lambda images: in_double(images).double()  # type: ignore[method-assign]
+    monkeypatch.setattr(window_detector, "normalised", lambda *given: normalised(*given).double())
     torch.nn.init.normal_(module.network.detections.linear.weight, std=0.1)
     module.train()
 
@@ -148,7 +152,7 @@ def test_the_gradient_is_that_of_finite_differences(batch: TrainingWindow, detec
 
 
 def test_the_trunk_is_asked_once_an_image(batch: TrainingWindow, detector: tuple[Path, Path]) -> None:
-    module, trunk = AssociationTraining(detector=detector[0]).detector, FrozenTrunk(most=3)
+    module, trunk = AssociationTraining(detector=HeadsLearning(detector[0])).detector, FrozenTrunk(most=3)
     assert module is not None
     assert batch.frames is not None
     images = batch.frames.batch.images[:3]
@@ -166,7 +170,7 @@ def test_the_trunk_is_asked_once_an_image(batch: TrainingWindow, detector: tuple
 
 
 def test_only_the_heads_learn(batch: TrainingWindow, detector: tuple[Path, Path]) -> None:
-    module = AssociationTraining(detector=detector[0], epsilon=3.0)
+    module = AssociationTraining(detector=HeadsLearning(detector[0]), loss=FlowLoss(epsilon=3.0))
     assert module.detector is not None
     objective, others = module.losses(batch, module.loss, np.random.default_rng(0))
     (objective + others).backward()
@@ -180,13 +184,13 @@ def test_only_the_heads_learn(batch: TrainingWindow, detector: tuple[Path, Path]
 
 
 def test_the_own_loss_falls_on_its_own_steps(batch: TrainingWindow, detector: tuple[Path, Path]) -> None:
-    module = AssociationTraining(detector=detector[0])
+    module = AssociationTraining(detector=HeadsLearning(detector[0]))
     assert module.detector is not None
     assert batch.frames is not None
     optimiser = torch.optim.Adam([p for p in module.detector.parameters() if p.requires_grad], lr=1e-2)
     losses = []
     for _ in range(8):
-        heads = module.makers().seen(batch).heads
+        heads = module.makers().outputs(batch).heads
         assert heads is not None
         loss = own_loss(module.detector, heads, batch.frames)
         optimiser.zero_grad()
@@ -199,11 +203,11 @@ def test_the_own_loss_falls_on_its_own_steps(batch: TrainingWindow, detector: tu
 def test_what_does_not_go_together_is_refused(
     street: Path, batch: TrainingWindow, detector: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    together = r"--model\.detector FILE, --data\.detector ONNX and --data\.heads true together"
+    together = r"--model\.detector\.file FILE, --data\.detector ONNX and --data\.heads true together"
     with pytest.raises(RequestError, match=together):
         AssociationTraining().losses(batch, AssociationTraining().loss, np.random.default_rng(0))
     with pytest.raises(RequestError, match=together):
-        AssociationTraining(detector=detector[0]).makers().seen(replace(batch, frames=None))
+        AssociationTraining(detector=HeadsLearning(detector[0])).makers().outputs(replace(batch, frames=None))
     with pytest.raises(RequestError, match=r"expected --data\.detector ONNX with --data\.heads"):
         AssociationData([street], heads=True)
     with pytest.raises(RequestError, match="expected detections of --data"):
@@ -216,10 +220,11 @@ def test_what_does_not_go_together_is_refused(
 
 def test_trains_and_exports(street: Path, detector: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
-    words = [f"--data.train=[{street}]", f"--data.detector={detector[1]}", f"--model.detector={detector[1]}",
+    words = [f"--data.train=[{street}]", f"--data.detector={detector[1]}", f"--model.detector.file={detector[1]}",
              "--data.heads=true", "--data.score_threshold=0", "--data.windows=2", "--data.seconds=1",
              "--data.held_back=0.2", "--trainer.accelerator=cpu", "--trainer.num_sanity_val_steps=0",
-             "--model.warmup_steps=1", "--model.detector_rate=1", "--model.epsilon=3", f"--out={out}"]  # fmt: skip
+             "--model.optimisation.warmup_steps=1", "--model.detector.rate=1", "--model.loss.epsilon=3",
+             f"--out={out}"]  # fmt: skip
     fit_association([*words, "--trainer.max_epochs=1"])
     image = np.random.default_rng(0).integers(0, 255, (SIZE["height"], SIZE["width"], 3)).astype(np.uint8)
     before, after = (Detector(path, 0.0).detect([image])[0] for path in (detector[1], out / "detector.onnx"))

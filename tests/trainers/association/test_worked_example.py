@@ -1,4 +1,4 @@
-"""The worked example of docs/end-to-end.md: two people in two frames, whom the tracker swaps."""
+"""The worked example of docs/methods/end-to-end.md: two people in two frames, whom the tracker swaps."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_fenchel_young() -> None:
 
     A share of a thousand pairs deviates by 0.015, and by less where the two of a pair differ: four of that are allowed.
     """
-    value, gradient = loss_and_gradient(FlowLoss(epsilon=1.0, pairs=1000))
+    value, gradient = loss_and_gradient(FlowLoss("fenchel_young", pairs=1000))
     np.testing.assert_allclose(value, 1.27, atol=0.1)
     np.testing.assert_allclose(gradient[12:], [0.655, 0.655, -0.655, -0.655], atol=0.06)
     assert abs(gradient[:4]).max() < 0.05

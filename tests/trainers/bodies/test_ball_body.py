@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, ball_frames
+from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, plan_balls
 from tsuiseki.tracking.bodies.ball import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
-from tsuiseki.tracking.filters.motion.body_motion import Noise, RandomWalk
+from tsuiseki.tracking.filters.motion.bodies import Noise, RandomWalk
 from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.trainers.bodies.motion import learn_motion
 
@@ -22,7 +22,8 @@ class BallClip:
     """Exact states ``(T, 4)``, silhouettes and edges of one ball."""
 
     def __init__(self, seed):
-        frames = list(ball_frames(BouncingBallSettings(frames=150, frame_rate=30.0), seed))
+        clip = plan_balls(BouncingBallSettings(frames=150, frame_rate=30.0), seed)
+        frames = [clip.draw_frame(number) for number in range(150)]
         self.states = np.stack([frame.states[0] for frame in frames])
         self.silhouettes = np.stack([frame.silhouettes for frame in frames])
         self.edges = [EdgeImage.of(frame.image, EXTRACTION) for frame in frames]

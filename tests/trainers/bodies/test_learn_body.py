@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_frames, write_goldfish
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.body_starts import wide_noise
 from tsuiseki.tracking.bodies.choice import parse_body
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, contour_distance
@@ -14,7 +15,7 @@ from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTrack
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import parse_colour
-from tsuiseki.tracking.filters.motion.body_motion import RandomWalk
+from tsuiseki.tracking.filters.motion.bodies import RandomWalk
 from tsuiseki.tracking.formats.body_states import read_states
 from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.trainers.bodies.body import area_centroids, evenly_sampled, learn_body, line_up
@@ -25,7 +26,7 @@ SETTINGS = GoldfishSettings(frames=60, fish=3, size_spread=0.0)
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
-    return write_goldfish(tmp_path_factory.mktemp("clips") / "clip", SETTINGS, seed=5)
+    return write_clip(tmp_path_factory.mktemp("clips") / "clip", plan_goldfish(SETTINGS, 5))
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +84,8 @@ def test_it_fits_fish_it_has_not_seen(fit):
     """Searched over bend and heading, the learnt body lies within 5 pixels of the edges of another clip's fish."""
     rng = np.random.default_rng(2)
     extraction = Extraction(parse_colour("orange"))
-    frames = list(goldfish_frames(GoldfishSettings(frames=20, fish=1, pebbles=0, glints=0.0), seed=77))[::5]
+    drawn = plan_goldfish(GoldfishSettings(frames=20, fish=1, pebbles=0, glints=0.0), seed=77)
+    frames = [drawn.draw_frame(number) for number in range(0, 20, 5)]
     for frame in frames:
         edges = EdgeImage.of(frame.image, extraction)
         states = np.tile([*frame.states[0, :3], 0.0], (20000, 1))
@@ -95,7 +97,8 @@ def test_it_fits_fish_it_has_not_seen(fit):
 
 def test_the_tracker_follows_a_body_that_nobody_drew(fit):
     """On the fish of another clip, and of the size that was learnt."""
-    frames = list(goldfish_frames(GoldfishSettings(frames=40, fish=1, size_spread=0.0), seed=78))
+    drawn = plan_goldfish(GoldfishSettings(frames=40, fish=1, size_spread=0.0), seed=78)
+    frames = [drawn.draw_frame(number) for number in range(40)]
     extraction = Extraction(parse_colour("orange"))
     tracker = DeformableTracker(fit.body, RandomWalk(wide_noise(fit.body)), extraction, DeformableSettings(2000))
     for index, frame in enumerate(frames):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.motion.body_motion import BodyFixedVelocity, Noise, draw
-from tsuiseki.tracking.filters.motion.learnt_motion import read_motion, write_motion
+from tsuiseki.tracking.filters.motion.bodies import BodyFixedVelocity, Noise
+from tsuiseki.tracking.filters.motion.learnt import read_motion, write_motion
 from tsuiseki.trainers.bodies.motion import learn_motion, track_steps
 
 FIELDS, ANGLES = ("a", "b", "theta", "phi"), (2, 3)
@@ -28,7 +28,7 @@ def wandering(frames=4000, seed=0, mean=MEAN, gain=None):
     particles = motion.start(np.array([[300.0, 200.0, 3.0, 0.1]]), rng)
     states = [particles[0, :4]]
     for _ in range(frames - 1):
-        particles = draw(motion, particles, rng)
+        particles = motion(particles, 1, rng)
         states.append(particles[0, :4])
     return np.array(states)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.drone.tracker import DRONE_FLOW
+from tsuiseki.tracking.drone.settings import DRONE_FLOW
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.experiments import end_to_end_pictures

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,13 +16,12 @@ from torch import Tensor, nn
 from torchvision.models.detection.ssdlite import ssdlite320_mobilenet_v3_large
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.features.networks.exported import Detector
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard, OnnxModel
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.trainers.exporting import export
-from tsuiseki.trainers.exporting.export import export_onnx
+from tsuiseki.trainers.exporting.export import ModelFile, export_onnx
 from tsuiseki.trainers.exporting.export_detector import OUTPUTS, RawHeads, blend_weights, export_detector
-from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.detector import DetectorTraining, detections
 
 CARD = ModelCard("appearance", "tiny", input_height=8, input_width=8, feature_length=6)
@@ -78,8 +78,8 @@ def test_nothing_of_this_machine_is_in_the_file(tmp_path: Path) -> None:
 
 def test_a_difference_to_torch_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def wrong(convert: Callable[..., onnx.ModelProto]) -> Callable[..., onnx.ModelProto]:
-        def converted(module: nn.Module, example: Tensor, name: str, outputs: list[str]) -> onnx.ModelProto:
-            model = convert(module, example, name, outputs)
+        def converted(*given: Any) -> onnx.ModelProto:
+            model = convert(*given)
             for weight in model.graph.initializer:
                 if weight.dims == [64, 3, 3, 3]:
                     values = onnx.numpy_helper.to_array(weight) * np.float32(1.05)
@@ -88,7 +88,7 @@ def test_a_difference_to_torch_leaves_no_file(tmp_path: Path, monkeypatch: pytes
 
         return converted
 
-    monkeypatch.setattr(export, "_convert", wrong(export._convert))
+    monkeypatch.setattr(export, "convert_module", wrong(export.convert_module))
     with pytest.raises(RunError, match=r"features differs from torch by 0\.0.*not exported"):
         export_onnx(Tiny(), CARD, tmp_path / "tiny.onnx", EXAMPLE, ["features"])
     assert list(tmp_path.iterdir()) == []
@@ -178,16 +178,16 @@ def test_an_exported_detector_is_exported_again_for_another_input(tmp_path: Path
     for layer in network.modules():
         if isinstance(layer, nn.Conv2d) and layer.bias is not None:
             nn.init.normal_(layer.bias, std=0.1)
-    card = replace(network.card, settings=network.card.settings | {"score_calibration": [2.0, 0.5]})
+    card = replace(network.card, settings=network.card.settings | {"score_calibration": [2.0, 0.5], "straddling": 0.6})
     export_onnx(RawHeads(network.network, (2.0, 0.5)), card, small, torch.zeros(2, 3, 64, 64), OUTPUTS)
-    export_detector(ModelFile(out=large), small, height=128, width=192, box_voting=0.6)
+    export_detector(ModelFile(out=large), small, height=128, width=192)
     before, after = (OnnxModel(path, "detector", threads=1) for path in (small, large))
     assert (after.card.input_height, after.card.input_width) == (128, 192)
     # The calibration is in the weights now.
     assert "score_calibration" not in after.card.settings
     again = tmp_path / "again.onnx"
     export_detector(ModelFile(out=again), large, height=64, width=64)
-    assert OnnxModel(again, "detector", threads=1).card.settings["box_voting"] == 0.6
+    assert OnnxModel(again, "detector", threads=1).card.settings["straddling"] == 0.6
     images = torch.randn(1, 3, 64, 64).numpy()
     logits, offsets, anchors = before.run(images)
     calibrated, codes, places = OnnxModel(again, "detector", threads=1).run(images)
@@ -247,12 +247,6 @@ def test_checkpoint_or_weights_but_not_both(tmp_path: Path) -> None:
     for checkpoint, weights in ((None, None), (tmp_path / "x.ckpt", "coco")):
         with pytest.raises(RequestError, match="either one of `checkpoint` and `weights`"):
             export_detector(ModelFile(out=tmp_path / "x.onnx"), checkpoint, weights)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("share", [0.0, -0.5, 1.5])
-def test_an_overlap_of_votes_is_a_share(tmp_path: Path, share: float) -> None:
-    with pytest.raises(RequestError, match=r"`box-voting`: expected an overlap in \(0, 1\]"):
-        export_detector(ModelFile(out=tmp_path / "x.onnx"), tmp_path / "y.onnx", box_voting=share)
 
 
 def test_coco_without_a_connection(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

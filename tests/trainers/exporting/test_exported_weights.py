@@ -20,8 +20,8 @@ SIZE = (64, 96)
 ANCHORS = [[(9.0, 22.0)], [(25.0, 64.0)], [(52.0, 132.0)]]
 
 
-def network(fine=False):
-    return people_detector(build_trunk("mobilenet_v3_small"), SIZE, ANCHORS, 24, fine)
+def network():
+    return people_detector(build_trunk("mobilenet_v3_small"), SIZE, ANCHORS, 24)
 
 
 @pytest.mark.thesis_size
@@ -37,7 +37,7 @@ def test_the_network_computes_what_the_file_does_before_and_after_its_normalisat
         RawHeads(trained.eval(), (2.0, 0.5)), card, path, images[:2], ("logits", "offsets", "anchors"), float16=False
     )
     logits, offsets, _ = OnnxModel(path, "detector").run(images.numpy())
-    again = network(fine=True)
+    again = network()
     take_over(again, path)
     restore_normalisations(again, images)
     for mode in (again.eval(), again.train()):
@@ -52,13 +52,15 @@ def test_the_network_computes_what_the_file_does_before_and_after_its_normalisat
 
 def test_the_layout_is_read_from_the_file():
     layout = layout_of(shipped("detector_street"))
-    assert (layout.trunk, layout.size, layout.fine) == ("mobilenet_v3_small", (480, 640), False)
+    assert (layout.trunk, layout.size) == ("mobilenet_v3_small", (480, 640))
     assert [len(level) for level in layout.anchors] == [3, 2, 3]
     assert layout.anchors[0][0] == (9.0, 22.0)
     assert layout.window(0.5) == (256, 320)
 
 
 def test_other_files_are_refused(tmp_path):
+    with pytest.raises(RequestError, match="got one with a map of stride 4"):
+        layout_of(shipped("detector_ceiling"))
     with pytest.raises(RequestError, match="expected a detector"):
         layout_of(shipped("appearance_people"))
     (tmp_path / "no.onnx").write_bytes(b"no")

@@ -6,6 +6,7 @@ import itertools
 import json
 import signal
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Literal
 
 import cv2
@@ -17,12 +18,12 @@ import yaml
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.exporting.export_detector import export_detector
-from tsuiseki.trainers.exporting.model_file import ModelFile
 from tsuiseki.trainers.networks.detector import DetectorTraining, detections
 from tsuiseki.trainers.networks.detector_network import detector_card
 from tsuiseki.trainers.networks.fit import EpochLines, fit_detector
-from tsuiseki.trainers.networks.schedule import warmup_cosine
+from tsuiseki.trainers.networks.modules import Optimisation, warmup_cosine
 
 
 def sequence(folder: Path, frames: int = 6) -> Path:
@@ -52,7 +53,7 @@ def config(tmp_path: Path) -> Path:
             "width": 64,
             "anchors": [[[12, 28]], [[20, 50]], [[30, 60]]],
             "channels": 16,
-            "warmup_steps": 1,
+            "optimisation": {"warmup_steps": 1},
         },
         "data": {"train": [source], "val": [source], "batch_size": 3, "examples_per_epoch": 6, "workers": 0},
     }
@@ -74,7 +75,7 @@ def test_a_training_that_began_from_an_exported_file_goes_on_with_its_own_normal
         str(out),
         "--model.start",
         str(exported),
-        "--model.learning_rate",
+        "--model.optimisation.learning_rate",
         "1e-9",
     ]
     fit_detector(words)
@@ -165,7 +166,14 @@ def test_a_missing_configuration_is_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_person_is_learnt(config: Path, tmp_path: Path) -> None:
-    changes = ["--trainer.max_epochs", "4", "--data.examples_per_epoch", "90", "--model.learning_rate", "0.004"]
+    changes = [
+        "--trainer.max_epochs",
+        "4",
+        "--data.examples_per_epoch",
+        "90",
+        "--model.optimisation.learning_rate",
+        "0.004",
+    ]
     calm = "{scale: [0.9, 1.1], rotation: 0, shear: 0, colour: 0, grey: 0, blur: 0, noise: 0, compression: 0, holes: 0}"
     fit_detector(["--config", str(config), *changes, "--data.augmentation", calm])
     rows = (tmp_path / "out" / "metrics" / "version_0" / "metrics.csv").read_text().splitlines()
@@ -203,19 +211,22 @@ def test_normalisation_is_that_of_the_card() -> None:
 
 @pytest.mark.parametrize("optimiser", ["adamw", "sgd"])
 @pytest.mark.parametrize("rate", [0.0, 0.25, 1.0])
-def test_features_learn_at_their_own_rate(rate: float, optimiser: Literal["adamw", "sgd"]) -> None:
+def test_features_learn_at_their_own_rate(
+    rate: float, optimiser: Literal["adamw", "sgd"], monkeypatch: pytest.MonkeyPatch
+) -> None:
     module = DetectorTraining(
         trunk="mobilenet_v3_small",
         height=64,
         width=64,
         anchors=[[(12, 28)], [(20, 50)], [(30, 60)]],
         channels=16,
-        optimiser=optimiser,
-        learning_rate=0.01,
+        optimisation=Optimisation(learning_rate=0.01, optimiser=optimiser),
         features_rate=rate,
     )
-    groups = module._optimiser().param_groups
-    rates = {id(p): group["lr"] for group in groups for p in group["params"]}
+    monkeypatch.setattr(DetectorTraining, "trainer", SimpleNamespace(estimated_stepping_batches=10))
+    groups = module.configure_optimizers()["optimizer"].param_groups  # type: ignore[index]
+    # At the end of the warm-up.
+    rates = {id(p): group["initial_lr"] for group in groups for p in group["params"]}
     network = module.network
     heads = [*network.class_heads.parameters(), *network.box_heads.parameters()]
     assert len(rates) == len(list(network.parameters()))

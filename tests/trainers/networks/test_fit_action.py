@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import csv
-import re
-import shutil
 from importlib import resources
 from pathlib import Path
 
@@ -18,9 +16,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.onnx import OnnxModel
-from tsuiseki.trainers.exporting.export import load_module
-from tsuiseki.trainers.exporting.export_action import export_action, labelled_crops, quantise
-from tsuiseki.trainers.exporting.model_file import ModelFiles
+from tsuiseki.trainers.exporting.export import ModelFiles, load_module
+from tsuiseki.trainers.exporting.export_crops import export_action
 from tsuiseki.trainers.networks.action import ActionTraining
 from tsuiseki.trainers.networks.fit import Task, TaskCLI, fit_action
 
@@ -40,7 +37,8 @@ def options(clips: Path, folder: Path, *more: str) -> list[str]:
         },
         "trainer": {"accelerator": "cpu", "max_epochs": 4, "use_distributed_sampler": "false"},
         "model": {
-            "trunk": "mobilenet_v3_small", "size": 32, "warmup_steps": 5, "learning_rate": 0.003, "dropout": 0.2,
+            "trunk": "mobilenet_v3_small", "size": 32, "dropout": 0.2,
+            "optimisation": "{warmup_steps: 5, learning_rate: 0.003}",
             "streams": "[rgb_local,flow_global]", "flow": "dis_fast",
         },
     }  # fmt: skip
@@ -62,7 +60,7 @@ def exported(trained: Path) -> list[Path]:
     done = export_action(
         ModelFiles(out=trained / "action.onnx", training_data="coloured boxes"), trained / "out/checkpoints/last.ckpt"
     )
-    return [stream.path for stream in done]
+    return list(done)
 
 
 @pytest.mark.thesis_size
@@ -105,36 +103,13 @@ def test_exported_streams_say_what_the_trained_ones_say(
 
 
 def crops_of(recogniser: ActionRecogniser, images: list[np.ndarray], boxes: np.ndarray) -> dict[str, np.ndarray]:  # type: ignore[type-arg]
-    from tsuiseki.tracking.features.action_inputs import crop_squares, square_boxes
+    from tsuiseki.tracking.features.action import crop_squares, square_boxes
 
     pictures = {True: recogniser.flow(images), False: images[-1]}
     return {
         one.stream: crop_squares(pictures[one.is_flow], square_boxes(boxes, one.scale), one.size)
         for one in recogniser.inputs
     }
-
-
-@pytest.mark.thesis_size
-def test_int8_says_what_it_costs(
-    exported: list[Path], trained: Path, acting_clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    module = load_module(ActionTraining, trained / "out/checkpoints/last.ckpt")
-    # A clip in which everybody is out of view all the time adds nothing.
-    shutil.copytree(acting_clips / "validation/validation-0", tmp_path / "empty")
-    information = tmp_path / "empty/seqinfo.ini"
-    information.write_text(re.sub(r"(?m)^name=.*$", "name=empty", information.read_text()))
-    labels = tmp_path / "empty/gt/actions.txt"
-    labels.write_text(re.sub(r"^(\d+(?: \d+){5}) 0", r"\1 1", labels.read_text(), flags=re.MULTILINE))
-    crops = labelled_crops([acting_clips / "validation", tmp_path / "empty"], module)
-    assert "left out, since nobody is labelled there: empty" in capsys.readouterr().err
-    with pytest.raises(RequestError, match="expected labelled people with a frame before in the calibration clips"):
-        labelled_crops([tmp_path / "empty"], module)
-    before, after = quantise(exported[0], tmp_path / "small.onnx", crops, "rgb_local")
-    card = OnnxModel(tmp_path / "small.onnx", "action").card
-    assert (card.settings["map_float32"], card.settings["map_int8"]) == (round(before, 4), round(after, 4))
-    assert ActionRecogniser([tmp_path / "small.onnx"], threads=1).streams == ("rgb_local",)
-    # Weights take a quarter of the room; the graph around them is the same.
-    assert (tmp_path / "small.onnx").stat().st_size < 0.45 * exported[0].stat().st_size
 
 
 @pytest.mark.thesis_size
@@ -153,11 +128,11 @@ def test_streams_that_do_not_belong_together_are_refused(exported: list[Path], t
 @pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
 @pytest.mark.parametrize(
     ("name", "trunk", "size"),
-    [("action_drone", 576, 64), ("action_resnet18", 512, 112), ("action_resnet101", 2048, 224)],
+    [("action_drone", 576, 64), ("action_resnet101", 2048, 224)],
 )
 def test_configurations_build_what_they_say(name: str, trunk: int, size: int, tmp_path: Path) -> None:
     config = Path(str(resources.files("tsuiseki.configs"))) / f"{name}.yaml"
-    links = ("streams", "size", "enlargement", "flow_limit", "stack", "flow", "compensate")
+    links = ("streams", "size", "flow", "compensate")
     small = ["--model.streams=[rgb_local,flow_global]"]
     words = ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu", *small]
     words += ["--model.weights", "null", "--trainer.precision", "32"]

@@ -16,10 +16,9 @@ from tsuiseki.datamodules.appearance_data import AppearanceData
 from tsuiseki.models import appearance
 from tsuiseki.models.backbones import Trunk
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.networks.exported import Appearance, crop_boxes
-from tsuiseki.trainers.exporting.export import load_module
-from tsuiseki.trainers.exporting.export_appearance import export_appearance
-from tsuiseki.trainers.exporting.model_file import ModelFile
+from tsuiseki.tracking.features.exported import Appearance, crop_boxes
+from tsuiseki.trainers.exporting.export import ModelFile, load_module
+from tsuiseki.trainers.exporting.export_crops import export_appearance
 from tsuiseki.trainers.networks.appearance import AppearanceTraining
 from tsuiseki.trainers.networks.fit import Task, TaskCLI, fit_appearance
 
@@ -36,7 +35,7 @@ def options(folder: Path, *more: str) -> list[str]:
         "batches": 25,
     }
     trainer = {"accelerator": "cpu", "max_epochs": 4, "use_distributed_sampler": "false", "num_sanity_val_steps": 0}
-    model = {"height": 64, "width": 32, "feature_length": 32, "warmup_steps": 10}
+    model = {"height": 64, "width": 32, "feature_length": 32, "optimisation.warmup_steps": 10}
     groups = {"data": data, "trainer": trainer, "model": model}
     return [f"--{g}.{k}={v}" for g, values in groups.items() for k, v in values.items()] + list(more)
 
@@ -95,7 +94,7 @@ def test_exported_network_describes_as_the_trained_one(trained: Path, tmp_path: 
 
 
 @pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
-@pytest.mark.parametrize("name", ["appearance_scenes", "appearance_mot", "appearance_wideresnet"])
+@pytest.mark.parametrize("name", ["appearance_scenes", "appearance_mot", "appearance_mars"])
 def test_configurations_build_what_they_say(name: str, tmp_path: Path) -> None:
     config = Path(str(resources.files("tsuiseki.configs"))) / f"{name}.yaml"
     task = Task("appearance", AppearanceTraining, AppearanceData, "val/map", ("height", "width"))

@@ -14,7 +14,7 @@ def detector(words: Sequence[str]) -> None:
     from tsuiseki.tracking.cli.parser import call
 
     with needs_train_extra():
-        from tsuiseki.trainers.networks.anchors import anchors_for
+        from tsuiseki.trainers.networks.detector_labels import anchors_for
         from tsuiseki.trainers.networks.fit import fit_detector
     if PROPOSE in words:
         print(call(f"tsuiseki train detector {PROPOSE}", anchors_for, [word for word in words if word != PROPOSE]))

@@ -3,6 +3,8 @@
 Particles stand in contiguous *groups* (the particles of one track, one cluster or one birth place). A group and a
 measurement are a pair when the measurement lies within the sensor's gate of the group's bounding box, so the cost
 follows the pairs that matter and not particles times measurements.
+
+Marginal probabilities of a one-to-one association by loopy belief propagation (Williams and Lau, 2014).
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor
+from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 
@@ -127,3 +129,41 @@ def draw_by_measurement(
     copies = np.diff(row * count + places, prepend=0).astype(np.int64)
     drawn[seen] = np.repeat(pairs.particle[order], copies).reshape(len(seen), count)
     return drawn
+
+
+SMALLEST = 1e-100
+"""Stands for a weight of zero, so that a certain association does not divide by zero."""
+
+
+def association_marginals(
+    detected: FloatArray, missed: FloatArray, unclaimed: FloatArray, tolerance: float = 1e-4, iterations: int = 200
+) -> tuple[FloatArray, FloatArray]:
+    """Probability of each pair when every target has at most one measurement and every measurement at most one target.
+
+    The joint weight of an association is the product of ``detected`` over its pairs, ``missed`` over the targets
+    without a measurement and ``unclaimed`` over the measurements without a target. The result is exact where the pairs
+    of positive weight form no loop.
+
+    Args:
+        detected: ``(T, M)`` weights >= 0.
+        missed: ``(T,)`` weights >= 0.
+        unclaimed: ``(M,)`` weights >= 0.
+        tolerance: largest relative change of a message at the end.
+        iterations: limit.
+
+    Returns:
+        ``(T, M)`` probabilities of the pairs and ``(T,)`` of no measurement; each row sums to one together with it.
+    """
+    missed, unclaimed = np.maximum(missed, SMALLEST), np.maximum(unclaimed, SMALLEST)
+    back = np.broadcast_to(1.0 / unclaimed, detected.shape)
+    for _ in range(iterations):
+        claim = detected * back
+        forth = detected / (missed[:, None] + claim.sum(axis=1, keepdims=True) - claim + SMALLEST)
+        new = 1.0 / (unclaimed + forth.sum(axis=0) - forth).clip(SMALLEST)
+        change = np.max(np.abs(np.log(new / back)), initial=0.0)
+        back = new
+        if change <= tolerance:
+            break
+    claim = detected * back
+    total = missed + claim.sum(axis=1)
+    return claim / total[:, None], missed / total

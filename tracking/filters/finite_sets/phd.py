@@ -14,18 +14,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.filters.base import Births, Proposal, TargetEstimates
-from tsuiseki.tracking.filters.finite_sets.labelled_particles import (
+from tsuiseki.tracking.filters.finite_sets.clusters import (
+    Clusters,
+    Extraction,
+    PhdState,
+    by_measurements,
     cluster_sizes,
     cluster_starts,
     first_particles,
     joined,
 )
+from tsuiseki.tracking.filters.finite_sets.models import PointModel, check_measurements
 from tsuiseki.tracking.filters.finite_sets.pairs import Pairs, find_pairs
 from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
-from tsuiseki.tracking.filters.finite_sets.phd_state import Clusters, Extraction, PhdState, by_measurements
-from tsuiseki.tracking.filters.finite_sets.point_models import PointModel, check_measurements
-from tsuiseki.tracking.filters.particles.resampling import Resampler, systematic
-from tsuiseki.tracking.filters.particles.weights import logarithms
+from tsuiseki.tracking.filters.particles.resampling import Resampler, logarithms, systematic
 from tsuiseki.tracking.types import FloatArray
 
 

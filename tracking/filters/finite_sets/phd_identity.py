@@ -23,14 +23,17 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.filters.base import TargetEstimates
-from tsuiseki.tracking.filters.finite_sets.labelled_particles import (
+from tsuiseki.tracking.filters.finite_sets.clusters import (
+    REPORTED,
+    Clusters,
+    Memory,
+    PhdState,
     cluster_moments,
     cluster_sizes,
     cluster_starts,
     rows,
 )
-from tsuiseki.tracking.filters.finite_sets.phd_state import REPORTED, Clusters, Memory, PhdState
-from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor, PointModel
+from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, PointModel
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 MOST_SPREAD = 20

@@ -14,8 +14,14 @@ from typing import Generic
 import numpy as np
 
 from tsuiseki.tracking.filters.base import LogLikelihood, Observation, Proposal
-from tsuiseki.tracking.filters.particles.resampling import Resampler, systematic
-from tsuiseki.tracking.filters.particles.weights import effective_sample_size, log_sum, normalise, probabilities
+from tsuiseki.tracking.filters.particles.resampling import (
+    Resampler,
+    effective_sample_size,
+    log_sum,
+    normalise,
+    probabilities,
+    systematic,
+)
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 

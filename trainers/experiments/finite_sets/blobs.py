@@ -11,10 +11,10 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, as_ground_truth, blob_frames
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, as_ground_truth, plan_blobs
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange
-from tsuiseki.tracking.filters.image_regions.region_births import PatchBirths
+from tsuiseki.tracking.filters.finite_sets.region_births import PatchBirths
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.points.blob_tracker import BlobSettings, BlobTracker
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, Track
@@ -86,7 +86,7 @@ def run_clip(scene: BlobSceneSettings, method: str, seed: int, particles: int) -
     colour, settings = NAMED_COLOURS[scene.colour], BlobSettings(particles=particles)
     tracker = METHODS[method](colour, settings)
     boxes = []
-    for index, (image, there) in enumerate(blob_frames(scene, seed)):
+    for index, ((image,), there) in enumerate(plan_blobs(scene, seed).frames()):
         tracker.update(Frame(index, index / scene.frame_rate, image))
         boxes.append(there)
     truth = as_ground_truth(_half_in_view(np.stack(boxes), scene))

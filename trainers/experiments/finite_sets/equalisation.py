@@ -14,13 +14,22 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, blob_frames, plan_blobs
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, plan_blobs
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
-from tsuiseki.tracking.filters.image_regions.region_births import AnywhereBirths
-from tsuiseki.tracking.filters.image_regions.region_likelihoods import EachAlone, RegionLikelihood, WithoutOthers
-from tsuiseki.tracking.filters.image_regions.region_phd import RegionPhdFilter
-from tsuiseki.tracking.filters.image_regions.region_states import boxes_of, second_order
-from tsuiseki.tracking.filters.image_regions.region_updates import Equalised, Update, as_printed, average, calibrated
+from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths
+from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
+    EachAlone,
+    Equalised,
+    RegionLikelihood,
+    Update,
+    WithoutOthers,
+    as_printed,
+    average,
+    boxes_of,
+    calibrated,
+)
+from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.motion.points import SteppingBox
 from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.plots import plot_particles
@@ -99,12 +108,10 @@ def run_arm(name: str, settings: BlobSceneSettings, seed: int, density: int, con
     born = max(round(density * condition.births), 1) if condition.births else 0
     births = AnywhereBirths(condition.births, born, size=(32.0, 32.0))
     fixed = 0 if name == "calibrated" else density * settings.objects
-    chosen = RegionPhdFilter(
-        second_order((1.5, 1.5), (0.5, 0.5)), births, likelihood, update, density, fixed, condition.survival
-    )
+    chosen = RegionPhdFilter(SteppingBox(1.5, 0.5), births, likelihood, update, density, fixed, condition.survival)
     counts, expected = [], []
     state = None
-    for image, boxes in blob_frames(settings, seed):
+    for (image,), boxes in plan_blobs(settings, seed).frames():
         if state is None:
             size = (float(settings.width), float(settings.height))
             state = chosen.init(*_start(boxes, density, condition.beside, size, rng))
@@ -142,7 +149,7 @@ def reproduce(
         for name, seed in bench.watch.over(jobs, "clips", len(jobs))
     }
     runs = {name: [done[name, seed] for seed in range(seeds)] for name in ARMS}
-    purity = [plan_blobs(settings, np.random.default_rng(seed)).purity for seed in range(seeds)]
+    purity = [plan_blobs(settings, seed).paths.purity for seed in range(seeds)]
     order = [np.argsort(one) for one in purity]
     means = {
         name: np.mean([arm.particles[:, rank] for arm, rank in zip(arms, order, strict=True)], axis=0)
@@ -180,7 +187,7 @@ def _held(bench: Bench, settings: BlobSceneSettings, seeds: int, density: int) -
     ends: dict[tuple[str, str], list[float]] = {}
     for condition, name, seed in bench.watch.over(jobs, "clips of other conditions", len(jobs)):
         arm = bench.store.recall(run_arm, name, settings, seed, density, CONDITIONS[condition])
-        rank = np.argsort(plan_blobs(settings, np.random.default_rng(seed)).purity)
+        rank = np.argsort(plan_blobs(settings, seed).paths.purity)
         late = arm.particles[len(arm.particles) // 2 :, rank]
         shares.setdefault((condition, name), []).append((late >= LEAST * density).mean(axis=0))
         ends.setdefault((condition, name), []).append(float(arm.expected[-1]))

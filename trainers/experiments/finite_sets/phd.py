@@ -13,9 +13,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.people.record import run_tracker
 from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.people.tracker import PeopleTracker
+from tsuiseki.tracking.people.tracker import PeopleTracker, run_tracker
 from tsuiseki.tracking.points.tracker import PointSettings, PointTracker
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.finite_sets.plots import plot_ospa, plot_scaling

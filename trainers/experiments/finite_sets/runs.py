@@ -11,10 +11,10 @@ import numpy as np
 
 from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
 from tsuiseki.tracking.filters.base import Filter, Running, SetInfo
+from tsuiseki.tracking.filters.finite_sets.clusters import by_clusters, by_measurements
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
 from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
-from tsuiseki.tracking.filters.finite_sets.phd_state import by_clusters, by_measurements
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.finite_sets.scenarios import (
     PointScenario,

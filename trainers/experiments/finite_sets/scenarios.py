@@ -13,16 +13,15 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.points import PointTracks
 from tsuiseki.tracking.filters.base import Births
-from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths, MixtureBirths, moving_from
-from tsuiseki.tracking.filters.finite_sets.point_models import (
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
+from tsuiseki.tracking.filters.finite_sets.models import (
     GaussianSensor,
     PointModel,
     bearing_range,
     cartesian,
-    constant_velocity,
-    coordinated_turn,
     from_bearing_range,
 )
+from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn
 from tsuiseki.tracking.types import FloatArray
 
 REQUIRED = ("kind", "T", "K", "P_S", "P_D", "region", "clutter_rates", "runs", "sigma_v")
@@ -136,9 +135,9 @@ def anywhere_births(settings: dict[str, Any], expected: float, count: int) -> Me
     volume = float(np.prod([high - low for low, high in settings["region"]]))
     speed = float(settings.get("birth_speed", 15.0))
     if settings["kind"] == "linear":
-        complete, columns = moving_from(lambda places: places, speed), 4
+        complete, columns = newborn(lambda places: places, 2, speed), 4
     else:
-        complete, columns = moving_from(from_bearing_range, speed, turn=0.05), 5
+        complete, columns = newborn(from_bearing_range, 2, speed, turn=0.05), 5
     return MeasurementBirths(expected / volume, scenario_sensor(settings), complete, columns, count)
 
 

@@ -20,7 +20,7 @@ import cv2
 
 from tsuiseki.datamodules.scenes.room_clip import CAMERAS, Room
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.fisheye.looking import DETECTORS, CeilingLook
+from tsuiseki.tracking.fisheye.unrolled import DETECTORS, CeilingLook
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, at_least_one
 from tsuiseki.trainers.experiments.fisheye.measures import (

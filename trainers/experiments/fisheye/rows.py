@@ -9,28 +9,20 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tsuiseki.tracking.association.costs import HandSetCost
-from tsuiseki.tracking.association.gating import GateSettings
-from tsuiseki.tracking.association.rows import rows_of
+from tsuiseki.tracking.association.detection_tables import rows_of
+from tsuiseki.tracking.association.pairwise_flow import GateSettings, HandSetCost, PairwiseCosts, pairwise_tracks
 from tsuiseki.tracking.evaluation.multi import PeopleScores, SequencePair, evaluate_sequences
 from tsuiseki.tracking.filters.kalman import BoxMotion
-from tsuiseki.tracking.fisheye.pairwise_flow import PairwiseCosts, pairwise_tracks
-from tsuiseki.tracking.fisheye.tracker import (
-    DEFAULT_FLOW,
-    FisheyeSettings,
-    FisheyeTracker,
-    FloorFlowSettings,
-    flow_on_floor,
-)
+from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings
+from tsuiseki.tracking.fisheye.tracker import FisheyeTracker, flow_on_floor
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
-from tsuiseki.tracking.people.flow_output import long_tracks
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
-from tsuiseki.tracking.people.record import run_tracker
 from tsuiseki.tracking.people.sort import Sort, SortSettings
+from tsuiseki.tracking.people.tracker import run_tracker
+from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.types import FloatArray, Track
-from tsuiseki.tracking.types.floor import FloorDetections
-from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.trainers.experiments.fisheye.observations import Observed, restricted
 
 # Seconds that all rows keep a track without a detection, and that a new one needs detections in a row.

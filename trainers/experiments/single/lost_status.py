@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.single.combined_settings import CombinedSettings, redetecting
+from tsuiseki.tracking.single.constants import ROBUST, CombinedSettings
 from tsuiseki.tracking.single.kcf import KcfSettings
-from tsuiseki.tracking.single.kcf_particle_settings import ROBUST
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.experiment import Outcome, Table
@@ -47,7 +46,6 @@ class Watched:
 TRACKERS: Mapping[str, Watched] = {
     "KCF": Watched(KcfSettings()),
     "combined": Watched(CombinedSettings()),
-    "combined, --redetect": Watched(redetecting(CombinedSettings())),
     "combined, --recognise": Watched(CombinedSettings(), shipped("appearance_people")),
     "kcf-particle, robust": Watched(ROBUST),
 }

@@ -9,21 +9,21 @@ from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.single import find_single_sequences, read_published
+from tsuiseki.tracking.single.constants import PRINTED, ROBUST
 from tsuiseki.tracking.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one, png
-from tsuiseki.trainers.experiments.single import comparison, lost_status, other_witnesses, plots, readings, unseen
+from tsuiseki.trainers.experiments.single import comparison, lost_status, other_witnesses, plots, unseen
 from tsuiseki.trainers.experiments.single.comparison import GAINS, SWEEPS, Repeated, Sweep
 from tsuiseki.trainers.experiments.single.runs import Clip, generated_clips, load
 from tsuiseki.trainers.experiments.single.search_intervals import Intervals, intervals, one_pass
 
-PARTS = ("unseen", "readings", "status", "witnesses", "sweeps", "comparison", "additions", "intervals", "pictures")
+PARTS = ("unseen", "status", "witnesses", "sweeps", "comparison", "additions", "intervals", "pictures")
 PUBLISHED = ("CSK", "VTS", "Struck", "MIL", "TLD", "SCM")
 # Areas of Fig. 3.9 that the text gives, percent.
-PAPER = {"KCF, fixed size": "38.38", "combined, thesis": "40.64", "combined, printed": "40.64"}
+PAPER = {"KCF, fixed size": "38.38", "combined, printed": "40.64"}
 BY_ATTRIBUTE = ("KCF, fixed size", "combined, printed", "KCF, scale search", "combined, robust")
-SEARCHES = {"printed": PRINTED, "thesis": THESIS, "robust": ROBUST}
+SEARCHES = {"printed": PRINTED, "robust": ROBUST}
 
 
 def reproduce(
@@ -45,11 +45,10 @@ def reproduce(
         data: folders of sequences (OTB, VOT, UAV123), separated by commas; by default four generated chases.
         attributes: OTB's list of attributes; only sequences in it are used.
         published: folder of tracker_benchmark results (NAME/scores_tb50/ALL.json) to name beside.
-        parts: unseen (the gain over KCF where no setting was chosen), readings (what the text of the thesis can mean,
-            over KCF), status (whether `lost` is true), witnesses (rules by other witnesses of a loss, on
-            generated chases), sweeps (Figs. 3.6-3.8, Table 3.4), comparison
-            (Figs. 3.9, 3.11, and by sequence), additions (kcf-particle's `robust` without one of them at a time),
-            intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
+        parts: unseen (the gain over KCF where no setting was chosen), status (whether `lost` is
+            true), witnesses (rules by other witnesses of a loss, on generated chases), sweeps (Figs. 3.6-3.8, Table
+            3.4), comparison (Figs. 3.9, 3.11, and by sequence), additions (kcf-particle's `robust` without one
+            of them at a time), intervals (Fig. 3.10), pictures (like Fig. 3.12), separated by commas.
         seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
         sweep_seeds: likewise for the sweeps, which are most of the work.
         contrib: the Python of an environment that has opencv-contrib-python-headless: `unseen` gets rows of its CSRT.
@@ -69,8 +68,6 @@ def reproduce(
     found: list[Outcome] = []
     if "unseen" in parts:
         found.append(unseen.unseen(bench.store, clips, range(seeds), contrib))
-    if "readings" in parts:
-        found.append(readings.readings(bench.store, clips, range(seeds)))
     if "status" in parts:
         found.append(lost_status.lost_status(bench.store, clips, range(seeds)))
     if "witnesses" in parts:
@@ -112,8 +109,6 @@ def _jobs(
     store, jobs = bench.store, list[Callable[[], object]]()
     if "unseen" in parts and len(clips) > 1:
         jobs += unseen.passes(store, clips, range(seeds), contrib)
-    if "readings" in parts:
-        jobs += comparison.passes(store, clips, [readings.BASE, *readings.READINGS.values()], range(seeds))
     if "status" in parts:
         jobs += lost_status.passes(store, clips, range(seeds))
     if "witnesses" in parts:

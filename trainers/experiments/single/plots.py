@@ -62,7 +62,7 @@ def plot_comparison(results: Mapping[str, Repeated]) -> Figure:
 
 def plot_attributes(values: Mapping[str, Mapping[str, float]]) -> Figure:
     """Fig. 3.11: KCF and the combined tracker by attribute."""
-    shown = ("KCF, fixed size", "combined, thesis", "KCF, scale search", "combined, robust")
+    shown = ("KCF, fixed size", "combined, printed", "KCF, scale search", "combined, robust")
     figure = Figure(figsize=(8.5, 3.4), dpi=DPI, layout="constrained")
     axes = figure.subplots()
     for n, name in enumerate(shown):

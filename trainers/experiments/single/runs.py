@@ -13,19 +13,16 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.single_clip import render_chase
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
-from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.single.combined import Combined
-from tsuiseki.tracking.single.combined_settings import CombinedSettings
-from tsuiseki.tracking.single.interface import SingleTracker
-from tsuiseki.tracking.single.kcf import KcfSettings
+from tsuiseki.tracking.single.constants import CombinedSettings, KcfParticleSettings, RegularisedSettings
+from tsuiseki.tracking.single.kcf import KcfSettings, KcfTracker
 from tsuiseki.tracking.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.single.kcf_particle_settings import KcfParticleSettings
-from tsuiseki.tracking.single.kcf_tracker import KcfTracker
-from tsuiseki.tracking.single.methods import SingleMethod, make_tracker
 from tsuiseki.tracking.single.recognised import Recognised
 from tsuiseki.tracking.single.regularised import RegularisedTracker
-from tsuiseki.tracking.single.regularised_settings import RegularisedSettings
+from tsuiseki.tracking.single.settings import SingleMethod, make_tracker
+from tsuiseki.tracking.single.tracker import SingleTracker
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.trainers.experiments.single.contrib import Contrib, follow_with_contrib

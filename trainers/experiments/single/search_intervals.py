@@ -9,8 +9,8 @@ import numpy as np
 
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.single import kcf
+from tsuiseki.tracking.single.constants import KcfParticleSettings
 from tsuiseki.tracking.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.single.kcf_particle_settings import KcfParticleSettings
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.trainers.experiments.single.runs import Clip
 from tsuiseki.trainers.experiments.store import Store

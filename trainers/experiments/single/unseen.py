@@ -14,9 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.single import kcf
-from tsuiseki.tracking.single.combined_settings import CombinedSettings
-from tsuiseki.tracking.single.kcf_particle_settings import PRINTED, ROBUST, THESIS
-from tsuiseki.tracking.single.regularised_settings import RegularisedSettings
+from tsuiseki.tracking.single.constants import PRINTED, ROBUST, CombinedSettings, RegularisedSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.experiment import Outcome, Table
 from tsuiseki.trainers.experiments.single import comparison
@@ -69,7 +67,7 @@ def groups(contrib: Path | None = None) -> tuple[Group, ...]:
         ),
         Group(
             "fixed size", kcf.THESIS,
-            {**csrt_fixed, "kcf-particle, printed": PRINTED, "kcf-particle, thesis": THESIS,
+            {**csrt_fixed, "kcf-particle, printed": PRINTED,
              "kcf-particle, robust": replace(ROBUST, kcf=kcf.THESIS), "filter alone": RegularisedSettings(sizes=1),
              "combined as shipped": _combined(sizes=1)}, fixed,
         ),

@@ -12,12 +12,11 @@ from statistics import median
 
 import numpy as np
 
-from tsuiseki.tracking.features.networks.exported import Appearance
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.single.combined import Combined
 from tsuiseki.tracking.single.matching import colour_bins
-from tsuiseki.tracking.single.recognised import Recognised
-from tsuiseki.tracking.single.recognition import Describe, RecognitionSettings
+from tsuiseki.tracking.single.recognised import Describe, Recognised, RecognitionSettings
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments.single.runs import Clip, generated_clip
 

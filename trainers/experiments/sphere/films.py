@@ -13,17 +13,15 @@ from functools import partial
 import numpy as np
 
 from tsuiseki.datamodules.scenes.sphere_clip import (
-    BallScene,
     CarriedBallSettings,
-    backgrounds,
+    SphereClip,
     covered_image,
-    film,
-    make_scene,
+    plan_sphere,
 )
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.volume import common_volume
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
-from tsuiseki.tracking.filters.particles.views import Covering
+from tsuiseki.tracking.filters.particles.stages import Covering
 from tsuiseki.tracking.sphere.sphere_search import find_ball
 from tsuiseki.tracking.sphere.tracker import (
     START_SPEED,
@@ -67,11 +65,11 @@ def run_film(
         rows: configurations; all of one kind of film.
         watch: is told how far it is.
     """
-    scene = make_scene(settings, seed)
-    empty = backgrounds(scene, seed)
+    scene = plan_sphere(settings, seed)
+    empty = scene.backgrounds()
     runs = [_Run(row, scene, empty, seed) for row in rows]
     rng = np.random.default_rng((seed, 3))
-    for index, images in enumerate(watch.over(film(scene, seed), f"film {seed}", settings.frames)):
+    for index, (images, _) in enumerate(watch.over(scene.frames(), f"film {seed}", settings.frames)):
         board = covered_image(scene, 0, rng) if any(index in run.hidden for run in runs) else None
         for run in runs:
             run.see(index, images, board)
@@ -81,7 +79,7 @@ def run_film(
 class _Run:
     """One configuration on its way through a film."""
 
-    def __init__(self, row: Configuration, scene: BallScene, empty: Sequence[ImageArray], seed: int) -> None:
+    def __init__(self, row: Configuration, scene: SphereClip, empty: Sequence[ImageArray], seed: int) -> None:
         wrong = np.random.default_rng((seed, 5))
         cameras = [turned(camera, row.camera_error, wrong) for camera in scene.cameras[: row.cameras]]
         radius = scene.settings.radius * (1 + row.radius_error)

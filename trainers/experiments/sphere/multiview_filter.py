@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tsuiseki.tracking.cameras.moving_target import TimedCamera
-from tsuiseki.tracking.filters.motion.motion_3d import Manoeuvring
-from tsuiseki.tracking.filters.particles.views import Covering
-from tsuiseki.tracking.filters.particles.weights import weighted_covariance, weighted_mean
-from tsuiseki.tracking.filters.smoothing import smooth
+from tsuiseki.tracking.filters.kalman import smooth
+from tsuiseki.tracking.filters.motion.space import Manoeuvring
+from tsuiseki.tracking.filters.particles.resampling import weighted_covariance, weighted_mean
+from tsuiseki.tracking.filters.particles.stages import Covering
 from tsuiseki.tracking.sphere.tracker import OPEN, TRUST, SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.sphere.views import PointLikelihood
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
@@ -73,7 +73,7 @@ class Course:
         points = np.full((len(self.times), 3), np.nan)
         for number in range(int(self.stretch.max()) + 1):
             part = self.stretch == number
-            means, _ = smooth(self.times[part], self.means[part], self.covariances[part], self.motion.linear, lag)
+            means, _ = smooth(self.times[part], self.means[part], self.covariances[part], self.motion, lag)
             points[part] = means[:, :3]
         return points
 

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from matplotlib.figure import Figure
 
-from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, backgrounds, film, make_scene
+from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, plan_sphere
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one
 from tsuiseki.trainers.experiments.intervals import interval
@@ -124,10 +124,10 @@ def _plots(results: Results, frames: int, seed: int) -> dict[str, Figure]:
     groups = {row.group for row in results}
     plots: dict[str, Figure] = {}
     if "section 3" in groups:
-        scene = make_scene(CarriedBallSettings(frames=frames), seed)
+        scene = plan_sphere(CarriedBallSettings(frames=frames), seed)
         frame = min(PAPER_FRAME, frames) - 1
-        images = next(islice(film(scene, seed), frame, None))
-        plots["pictures"] = pictures_figure(images, backgrounds(scene, seed), frame + 1)
+        images, _ = next(islice(scene.frames(), frame, None))
+        plots["pictures"] = pictures_figure(images, scene.backgrounds(), frame + 1)
         plots["paths"] = paths_figure(results, scene.truth, seed)
     if groups.issuperset(VARIED):
         plots["errors"] = errors_figure(results)

@@ -14,7 +14,7 @@ from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
     train,
     transform,
 )
-from tsuiseki.tracking.single.peaks import local_maxima, maxima_of_each, peak, signed_shift
+from tsuiseki.tracking.single.response import local_maxima, maxima_of_each, peak, signed_shift
 
 SHAPE = (6, 8)
 

@@ -11,7 +11,7 @@ from tsuiseki.tracking.filters.correlation.regularised_correlation import (
     learn,
     respond,
 )
-from tsuiseki.tracking.single.peaks import peak
+from tsuiseki.tracking.single.response import peak
 
 SHAPE = (10, 12)
 WANTED = gaussian_labels(SHAPE, 1.0)

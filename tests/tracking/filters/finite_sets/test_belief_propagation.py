@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.finite_sets.belief_propagation import association_marginals
+from tsuiseki.tracking.filters.finite_sets.pairs import association_marginals
 
 
 def exact(detected, missed, unclaimed):

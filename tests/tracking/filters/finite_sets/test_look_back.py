@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter, LabelledState
-from tsuiseki.tracking.filters.finite_sets.look_back import LookBack, TrackParticles, likely
-from tsuiseki.tracking.filters.finite_sets.point_births import NoBirths
-from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor, PointModel, cartesian, constant_velocity
+from tsuiseki.tracking.filters.finite_sets.births import NoBirths
+from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import (
+    LabelledMultiBernoulliFilter,
+    LabelledState,
+    LookBack,
+    TrackParticles,
+    likely,
+)
+from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, PointModel, cartesian
+from tsuiseki.tracking.filters.motion.points import constant_velocity
 from tsuiseki.tracking.types import FloatArray
 
 SENSOR = GaussianSensor(cartesian, np.array([10.0, 10.0]))

@@ -9,25 +9,24 @@ import pytest
 
 from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
 from tsuiseki.tracking.filters.base import Running
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, NoBirths, newborn
+from tsuiseki.tracking.filters.finite_sets.clusters import by_clusters, by_measurements
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
-from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
-from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
-from tsuiseki.tracking.filters.finite_sets.phd_state import by_clusters, by_measurements
-from tsuiseki.tracking.filters.finite_sets.point_births import MeasurementBirths, MixtureBirths, NoBirths, moving_from
-from tsuiseki.tracking.filters.finite_sets.point_models import (
+from tsuiseki.tracking.filters.finite_sets.models import (
     GaussianSensor,
     PointModel,
     bearing_range,
     cartesian,
-    constant_velocity,
-    coordinated_turn,
     from_bearing_range,
 )
+from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
+from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
+from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn
 
 SENSOR = GaussianSensor(cartesian, np.array([10.0, 10.0]))
 REGION = 1000.0
 PLACES = MixtureBirths(np.full(2, 0.05), np.array([[0.0, 0, 0, 0], [300, 0, 300, 0]]), np.full(4, 10.0), 500)
-ANYWHERE = MeasurementBirths(0.1 / REGION**2, SENSOR, moving_from(lambda places: places, 10.0), 4, 100)
+ANYWHERE = MeasurementBirths(0.1 / REGION**2, SENSOR, newborn(lambda places: places, 2, 10.0), 4, 100)
 
 
 def model(clutter=5.0, detection=0.95, survival=0.99):
@@ -226,7 +225,7 @@ def test_birth_weights_sum_to_the_expected_births():
     assert np.exp(PLACES.draw(np.empty((0, 2)), rng).log_weights).sum() == pytest.approx(0.1)
     # Around one measurement the uniform intensity over the proposal has its mass within the gate: about the area of
     # the particles' cells; the mean of 1/q over q is the area where q > 0.
-    many = MeasurementBirths(1e-4, SENSOR, moving_from(lambda places: places, 10.0), 4, 20_000)
+    many = MeasurementBirths(1e-4, SENSOR, newborn(lambda places: places, 2, 10.0), 4, 20_000)
     born = many.draw(np.array([[0.0, 0.0]]), rng)
     inside = np.hypot(born.particles[:, 0], born.particles[:, 2]) < 20.0
     assert np.exp(born.log_weights[inside]).sum() == pytest.approx(1e-4 * np.pi * 400, rel=0.05)

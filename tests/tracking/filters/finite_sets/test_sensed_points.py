@@ -3,27 +3,15 @@
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.filters.finite_sets.births import newborn
+from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, linear_sensor, polar_sensor
 from tsuiseki.tracking.filters.finite_sets.pairs import find_pairs
-from tsuiseki.tracking.filters.finite_sets.point_models import GaussianSensor, constant_velocity
-from tsuiseki.tracking.filters.finite_sets.sensed_points import (
-    linear_sensor,
-    newborn,
-    polar_sensor,
-    straight,
-    taking_turns,
-    turning,
-)
-
-
-def test_in_two_dimensions_straight_is_the_motion_of_the_point_models():
-    states = np.random.default_rng(0).standard_normal((50, 4))
-    ours, theirs = (f(states, 0.7, np.random.default_rng(1)) for f in (straight(3.0, 2), constant_velocity(3.0)))
-    np.testing.assert_allclose(ours, theirs)
+from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn, taking_turns
 
 
 def test_a_turn_keeps_the_speed_and_goes_straight_on_along_z():
     state = np.array([[0.0, 3.0, 0.0, 4.0, 1.0, 2.0, 0.3]])
-    moved = turning(0.0, 0.0, 3)(state, 2.0, np.random.default_rng(0))
+    moved = coordinated_turn(0.0, 0.0, 3)(state, 2.0, np.random.default_rng(0))
     assert np.hypot(moved[0, 1], moved[0, 3]) == pytest.approx(5.0)
     assert np.arctan2(moved[0, 3], moved[0, 1]) - np.arctan2(4, 3) == pytest.approx(0.6)
     np.testing.assert_allclose(moved[0, 4:], [5.0, 2.0, 0.3])
@@ -42,7 +30,7 @@ def test_polar_measurements_lead_back_to_the_place(dimensions):
 
 
 def test_motions_take_turns_as_a_markov_chain():
-    still, fast = straight(0.0, 2), straight(10.0, 2)
+    still, fast = constant_velocity(0.0), constant_velocity(10.0)
     move = taking_turns([still, fast], rate=0.5)
     particles = np.zeros((20000, 5))
     moved = move(particles, 1.0, np.random.default_rng(3))

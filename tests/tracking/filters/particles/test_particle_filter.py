@@ -8,8 +8,14 @@ from scipy.stats import multivariate_normal, norm
 
 from tsuiseki.tracking.filters.base import bootstrap
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
-from tsuiseki.tracking.filters.particles.resampling import multinomial, residual, stratified, systematic
-from tsuiseki.tracking.filters.particles.weights import weighted_covariance, weighted_mean
+from tsuiseki.tracking.filters.particles.resampling import (
+    multinomial,
+    residual,
+    stratified,
+    systematic,
+    weighted_covariance,
+    weighted_mean,
+)
 
 TRANSITION = np.array([[1.0, 1.0], [0.0, 1.0]])
 MEASURED = np.array([[1.0, 0.0]])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.particles.tempering import bearable_share, drawn_and_spread
-from tsuiseki.tracking.filters.particles.weights import effective_sample_size, normalise, probabilities
+from tsuiseki.tracking.filters.particles.resampling import effective_sample_size, normalise, probabilities
+from tsuiseki.tracking.filters.particles.stages import bearable_share, drawn_and_spread
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])

@@ -6,7 +6,7 @@ import pytest
 from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
 from tsuiseki.tracking.evaluation.single import evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence
-from tsuiseki.tracking.single.regularised_settings import RegularisedSettings
+from tsuiseki.tracking.single.constants import RegularisedSettings
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.single import lost_status
 from tsuiseki.trainers.experiments.single.lost_status import LostCounts, Watched, count_losses, watch

@@ -6,15 +6,15 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
 from tsuiseki.tracking.formats.single import SingleSequence
+from tsuiseki.tracking.single.constants import PRINTED
 from tsuiseki.tracking.single.kcf_particle import KcfParticle
-from tsuiseki.tracking.single.kcf_particle_settings import THESIS
 from tsuiseki.trainers.experiments.single.comparison import SWEEPS, by_attribute, repeat
 from tsuiseki.trainers.experiments.single.plots import plot_intervals, search_pictures
 from tsuiseki.trainers.experiments.single.runs import Clip
 from tsuiseki.trainers.experiments.single.search_intervals import Intervals, intervals
 from tsuiseki.trainers.experiments.store import Store
 
-ALWAYS = replace(THESIS, response_share=1.0, switch=10.0, plain_frames=3, hypotheses=3, particles=30, convergence=1e9)
+ALWAYS = replace(PRINTED, response_share=1.0, switch=10.0, plain_frames=3, hypotheses=3, particles=30, convergence=1e9)
 
 
 def tiny_clip():

@@ -5,9 +5,8 @@ import pytest
 
 from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
 from tsuiseki.tracking.formats.single import SingleSequence
-from tsuiseki.tracking.single.combined_settings import CombinedSettings
+from tsuiseki.tracking.single.constants import CombinedSettings, RegularisedSettings
 from tsuiseki.tracking.single.kcf import KcfSettings
-from tsuiseki.tracking.single.regularised_settings import RegularisedSettings
 from tsuiseki.trainers.experiments.single import unseen
 from tsuiseki.trainers.experiments.single.runs import Clip
 from tsuiseki.trainers.experiments.store import Store

@@ -1,0 +1,235 @@
+"""The manual holds what it promises: its length, its links, the names in it, and the lines to type."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.types import Frame, Targets
+from tsuiseki.tracking.video.source import LiveSource, open_source
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+DOCS = REPOSITORY / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+EVERY_PAGE = [*PAGES, REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md"]
+LONGEST = {"README.md": 600, "docs/what-did-not-help.md": 1500}
+LONGEST_METHOD, LONGEST_MANUAL, LONGEST_SENTENCE, LONGEST_CHANGELOG = 700, 28_000, 25, 40
+TUTORIALS = sorted(page for page in (DOCS / "tutorials").glob("*.md") if page.name != "index.md")
+# They train, or follow many particles, for more than five seconds.
+SLOW = {"train-a-detector.md", "a-camera-over-a-floor.md", "animals.md"}
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(REPOSITORY).as_posix()
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+each_page = pytest.mark.parametrize("page", EVERY_PAGE, ids=name_of)
+
+
+# ---- Length and language
+
+
+def test_the_manual_is_short() -> None:
+    words = {name_of(page): len(text_of(page).split()) for page in EVERY_PAGE}
+    assert sum(words.values()) <= LONGEST_MANUAL
+    assert [name for name, most in LONGEST.items() if words[name] > most] == []
+    assert [name for name, count in words.items() if "/methods/" in name and count > LONGEST_METHOD] == []
+    assert len(text_of(REPOSITORY / "CHANGELOG.md").splitlines()) <= LONGEST_CHANGELOG
+
+
+@each_page
+def test_sentences_are_short(page: Path) -> None:
+    prose = FENCE.sub("", text_of(page))
+    prose = re.sub(r"^(?: {4}|\||#|:::).*$", "\n", prose, flags=re.MULTILINE)
+    prose = re.sub(r"\]\([^)]*\)", "]", prose)
+    sentences = re.split(r"(?<=[.:!?;])\s+|\n\n|\n *(?:\*|-|\d\.) ", prose)
+    lengths = {sentence: sum(bool(re.search(r"\w", word)) for word in sentence.split()) for sentence in sentences}
+    assert [sentence for sentence, words in lengths.items() if words > LONGEST_SENTENCE] == []
+
+
+# ---- Links and names
+
+
+@each_page
+def test_what_a_page_links_to_exists(page: Path) -> None:
+    for name in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", FENCE.sub("", text_of(page))):
+        assert "://" in name or (page.parent / name).exists(), name
+
+
+def test_every_page_and_picture_is_used() -> None:
+    used = {
+        (page.parent / name).resolve() for page in EVERY_PAGE for name in re.findall(r"\]\(([^)#]+)", text_of(page))
+    }
+    assert [path.name for path in (DOCS / "images").iterdir() if path.resolve() not in used] == []
+    names = yaml.safe_load(text_of(REPOSITORY / "mkdocs.yml"))["nav"]
+    assert sorted(flat(names)) == [page.relative_to(DOCS).as_posix() for page in PAGES]
+
+
+def flat(entry: Any) -> list[str]:
+    """The file names in a navigation."""
+    if isinstance(entry, str):
+        return [entry]
+    parts = entry.values() if isinstance(entry, dict) else entry
+    return [name for part in parts for name in flat(part)]
+
+
+@each_page
+def test_files_that_a_page_names_exist(page: Path) -> None:
+    text = text_of(page)
+    named = re.findall(
+        r"(?<![\w/.-])((?:configs|benchmarks|tracking|trainers|models|datamodules|tests)/[\w./]*)(?=`)", text
+    )
+    named += re.findall(r"\b((?:configs|benchmarks)/[\w./]+\.(?:yaml|py))", text)
+    named += [module.replace(".", "/") + ".py" for module in re.findall(r"python -m (benchmarks(?:\.\w+)+)", text)]
+    assert [name for name in named if not (REPOSITORY / name).exists()] == []
+
+
+def test_the_reference_shows_every_public_name() -> None:
+    import tsuiseki
+
+    shown = [name for page in PAGES for name in re.findall(r"^::: tsuiseki\.(\w+)$", text_of(page), re.MULTILINE)]
+    assert sorted(shown) == sorted(set(tsuiseki.__all__) - {"__version__"})
+
+
+# ---- Commands
+
+
+def commands_in(text: str) -> Iterator[str]:
+    """Everything in ``text`` that begins with ``tsuiseki`` and could be typed."""
+    joined = text.replace("\\\n", " ")
+    yield from re.findall(r"^\s*(tsuiseki [^\n#]*)", joined, re.MULTILINE)
+    yield from re.findall(r"`(tsuiseki [^`]*)`", re.sub(r"```.*?```", "", joined, flags=re.DOTALL))
+
+
+def printed(words: list[str]) -> str:
+    """What ``tsuiseki`` with these words prints; it has to end well."""
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output), contextlib.suppress(SystemExit):
+        assert main(words) == 0, words
+    return output.getvalue()
+
+
+@cache
+def help_of(command: tuple[str, ...]) -> frozenset[str]:
+    """The options of ``command``; none for an unknown one."""
+    text = printed([*command, "--help"])
+    if "--help-all" in text:
+        text += printed([*command, "--help-all"])
+    return frozenset(option.replace("_", "-") for option in re.findall(r"(?<![\w-])--[a-zA-Z][\w.-]*", text))
+
+
+def command_and_options(line: str) -> tuple[tuple[str, ...], list[str]]:
+    words = line.split()[1:]
+    command: list[str] = []
+    while words and len(command) < 2 and re.fullmatch(r"[a-z][a-z-]*", words[0]):
+        command.append(words.pop(0))
+    options = [re.split(r"[=,]", word)[0] for word in words if re.match(r"--[a-z]", word)]
+    return tuple(command), [option.replace("_", "-") for option in options]
+
+
+LINES = sorted({(name_of(page), line.strip()) for page in EVERY_PAGE for line in commands_in(text_of(page))})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command", sorted({command_and_options(line)[0] for _, line in LINES} - {()}), ids=lambda command: " ".join(command)
+)
+def test_commands_that_pages_name_exist_with_their_options(command: tuple[str, ...]) -> None:
+    for page, line in LINES:
+        named, options = command_and_options(line)
+        if named == command:
+            assert set(options) <= help_of(command), f"{page}: {line}"
+
+
+# ---- Lines that run
+
+
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(page, marks=pytest.mark.slow if page.name in SLOW else ()) for page in TUTORIALS],
+    ids=lambda page: page.stem,
+)
+def test_a_tutorial_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    names: dict[str, Any] = {}
+    for language, block in FENCE.findall(text_of(page)):
+        if language == "sh":
+            subprocess.run(["bash", "-euo", "pipefail", "-c", block], check=True, timeout=240)
+        elif language == "python":
+            exec(compile(block, f"{page.name}", "exec"), names)
+
+
+# A folder of pictures may be called as a video is.
+CLIPS = """
+street --frames 12 --seed 100 --out street.mp4
+blobs --frames 8 --width 320 --height 240 --objects 3 --seed 1 --out balls.mp4
+goldfish --frames 4 --count 1 --seed 4 --out fish
+drone --frames 6 --width 320 --height 240 --people 3 --seed 3 --out flight
+sphere --frames 3 --out ball
+"""
+
+
+@pytest.fixture(scope="module")
+def clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the pages name: street.mp4, balls.mp4, fish, flight, ball."""
+    folder = tmp_path_factory.mktemp("clips")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for line in CLIPS.split("\n")[1:-1]:
+            assert main(["simulate", *line.split()]) == 0
+    return folder
+
+
+@pytest.fixture
+def webcam(clips: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A webcam that shows six frames of the street and is unplugged."""
+    images = [frame.image for frame in open_source(clips / "street.mp4").frames()][:6]
+
+    def frames(_: Any) -> Iterator[Frame]:
+        yield from (Frame(number, number / 25, image) for number, image in enumerate(images))
+
+    def opened(address: int | str, name: str, wanted: Any) -> LiveSource:
+        return LiveSource(address, name, 25.0, wanted)
+
+    monkeypatch.setattr(LiveSource, "open", staticmethod(opened))
+    monkeypatch.setattr(LiveSource, "frames", frames)
+
+
+@pytest.mark.usefixtures("webcam")
+@pytest.mark.parametrize("name", ["README.md", "docs/how-to/python.md"])
+def test_the_python_lines_run(
+    name: str, clips: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(clips)
+    names: dict[str, Any] = {}
+    for language, block in FENCE.findall(text_of(REPOSITORY / name)):
+        if language == "python":
+            exec(compile(textwrap.dedent(block), name, "exec"), names)
+    assert len(names["tracks"]) > 0
+    assert isinstance(names["people"], Targets)
+    assert "tracking" in capsys.readouterr().out
+
+
+def test_the_readme_shows_people_in_ten_lines() -> None:
+    blocks = [block for language, block in FENCE.findall(text_of(REPOSITORY / "README.md")) if language == "python"]
+    lines = [line for block in blocks for line in block.splitlines() if line]
+    assert 0 < len(lines) <= 10

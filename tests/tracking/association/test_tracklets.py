@@ -1,0 +1,42 @@
+"""Tracklets as decisions of the flow come in, and how they are joined."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsuiseki.tracking.association.tracklets import Chained, Tracklets, cheapest_matching
+
+
+def _chained(numbers: list[int], follower: list[int], features: np.ndarray | None = None) -> Chained:
+    return Chained(np.array(numbers), np.array(follower), features)
+
+
+def test_chains_in_parts_are_the_chains_at_once() -> None:
+    looks = np.eye(8)[[0, 1, 0, 2, 1, 3, 0, 4]]
+    numbers, follower = [0, 1, 2, 4, 5, 6, 7], [2, 4, 6, 7, -1, -1, -1]
+    whole, parts = Tracklets(), Tracklets()
+    whole.add(_chained(numbers, follower, looks[numbers]))
+    for part in ([0, 1], [2], [4, 5, 6], [7]):
+        parts.add(_chained(part, [follower[numbers.index(n)] for n in part], looks[part]))
+    assert whole.labels(8).tolist() == [0, 1, 0, -1, 1, 2, 0, 1]
+    assert parts.labels(8).tolist() == whole.labels(8).tolist()
+    a, b = parts.appearance(), whole.appearance()
+    assert a is not None
+    assert b is not None
+    np.testing.assert_allclose(a, b)
+    np.testing.assert_allclose(b[1], (looks[1] + looks[4] + looks[7]) / np.sqrt(5))
+
+
+def test_the_cheapest_matching_is_that_of_all_matchings() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        table = rng.normal(0, 1, (4, 3))
+        best = min(
+            sum(min(table[i, j], 0) for i, j in zip(rows, range(3), strict=True))
+            for rows in np.array(np.meshgrid(*[range(4)] * 3)).reshape(3, -1).T
+            if len(set(rows.tolist())) == 3
+        )
+        i, j = np.nonzero(np.ones_like(table))
+        before, after = cheapest_matching(i, j, table[i, j])
+        assert len(set(before.tolist())) == len(before)
+        np.testing.assert_allclose(table[before, after].sum(), best)

@@ -1,0 +1,127 @@
+"""Optical flow against pairs whose flow is known."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from tsuiseki.datamodules.scenes.flow_pairs import end_point_error, random_flow_pair
+from tsuiseki.tracking.features.optical_flow import (
+    FLOW_METHODS,
+    TvL1Settings,
+    _gradient,
+    _Level,
+    dis_flow,
+    optical_flow,
+    region_pixels,
+    tv_l1,
+)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return random_flow_pair(np.random.default_rng(5), (224, 160), motion=6, people=2)
+
+
+@pytest.mark.parametrize("name", FLOW_METHODS)
+def test_every_method_finds_the_flow(pair, name):
+    still = float(np.linalg.norm(pair.flow, axis=2)[pair.inside].mean())
+    assert end_point_error(optical_flow(pair.first, pair.second, FLOW_METHODS[name]), pair) < 0.25 * still
+
+
+def test_tv_l1_is_finer_than_what_it_starts_from(pair):
+    start = optical_flow(pair.first, pair.second, dis_flow)
+    refined = optical_flow(pair.first, pair.second, lambda a, b: tv_l1(a, b, start=start))
+    assert end_point_error(refined, pair) < end_point_error(start, pair)
+
+
+def test_a_shift_by_whole_pixels_is_found_to_a_fiftieth():
+    rng = np.random.default_rng(1)
+    pair = random_flow_pair(rng, (160, 120), motion=0, people=0, noise=0)
+    shifted = np.roll(pair.first, (2, -3), axis=(0, 1))
+    flow = optical_flow(pair.first, shifted, tv_l1)[20:-20, 20:-20]
+    np.testing.assert_allclose(flow.reshape(-1, 2).mean(axis=0), [-3, 2], atol=0.02)
+
+
+def test_slopes_are_exact_for_polynomials_of_degree_four():
+    x, y = np.meshgrid(np.arange(12.0), np.arange(9.0))
+    image = 1e-3 * (x**4 - 5 * x**2 * y + y**3)
+    expected = 1e-3 * np.stack([4 * x**3 - 10 * x * y, -5 * x**2 + 3 * y**2])
+    np.testing.assert_allclose(
+        _gradient(image.astype(np.float32))[:, 2:-2, 2:-2], expected[:, 2:-2, 2:-2], rtol=1e-4, atol=1e-4
+    )
+
+
+def test_the_auxiliary_flow_minimises_its_pointwise_energy(pair):
+    """No flow nearby has a smaller (u - v)^2 / 2 theta + lambda |rho(v)|."""
+    settings = TvL1Settings(attachment=0.3, tightness=0.25)
+    rng = np.random.default_rng(3)
+    first, second = (
+        cv2.cvtColor(i[:24, :32], cv2.COLOR_RGB2GRAY).astype(np.float32) for i in (pair.first, pair.second)
+    )
+    level = _Level(first, second, settings)
+    constant, inverse = level._warp(rng.normal(0, 1, (2, 24, 32)).astype(np.float32))
+    flow = rng.normal(0, 2, (2, 24, 32)).astype(np.float32)
+    level._threshold(flow, constant, inverse)
+
+    def energy(v):
+        residual = constant + (level.slope * v).sum(axis=0)
+        return ((flow - v) ** 2).sum(axis=0) / (2 * settings.tightness) + settings.attachment * np.abs(residual)
+
+    least = energy(level.auxiliary)
+    for _ in range(200):
+        elsewhere = level.auxiliary + rng.normal(0, 10 ** rng.uniform(-3, 1), (2, 24, 32)).astype(np.float32)
+        # Energies reach some hundreds; float32 keeps seven digits of them.
+        assert (energy(elsewhere) >= least - 1e-4 * (1 + least)).all()
+
+
+def test_the_dual_comes_to_the_denoised_flow():
+    """Total variation moves each side of a step by theta over its length (Strong and Chan 2003)."""
+    theta, length = 0.5, 20
+    level = _Level(*(np.zeros((3, 2 * length), dtype=np.float32),) * 2, TvL1Settings(tightness=theta))
+    step = np.zeros((2, 3, 2 * length), dtype=np.float32)
+    step[:, :, length:] = 1
+    level.auxiliary[:] = step
+    flow = step.copy()
+    for _ in range(4000):
+        level._smooth(flow)
+    np.testing.assert_allclose(flow[:, :, :length], theta / length, atol=1e-3)
+    np.testing.assert_allclose(flow[:, :, length:], 1 - theta / length, atol=1e-3)
+
+
+def test_equal_images_do_not_move(pair):
+    for method in (tv_l1, dis_flow):
+        assert np.abs(optical_flow(pair.first, pair.first, method)).max() < 0.05
+    # Farneback's windows run into the border.
+    assert np.abs(optical_flow(pair.first, pair.first, FLOW_METHODS["farneback"])).max() < 0.3
+
+
+def test_a_region_is_as_the_whole_there(pair):
+    box = np.array([60.2, 40, 121.5, 99])
+    whole = optical_flow(pair.first, pair.second, tv_l1)
+    part = optical_flow(pair.first, pair.second, tv_l1, box)
+    x1, y1, x2, y2 = region_pixels(box, 224, 160)
+    assert part.shape == (y2 - y1, x2 - x1, 2)
+    assert np.linalg.norm(part - whole[y1:y2, x1:x2], axis=2).mean() < 0.2
+
+
+@pytest.mark.parametrize("box", [[0, 0, 3, 2], [220, 158, 400, 300]])
+def test_small_and_cut_off_regions_have_a_flow(pair, box):
+    for method in FLOW_METHODS.values():
+        flow = optical_flow(pair.first, pair.second, method, np.array(box, dtype=float))
+        assert flow.size
+        assert np.isfinite(flow).all()
+
+
+def test_regions_outside_and_unlike_images_are_refused(pair):
+    with pytest.raises(ValueError, match="expected a region in an image of 224x160"):
+        optical_flow(pair.first, pair.second, dis_flow, np.array([300.0, 0, 310, 9]))
+    with pytest.raises(ValueError, match="expected two images of one shape"):
+        optical_flow(pair.first, pair.second[:-1])
+
+
+@pytest.mark.parametrize("change", [{"step": 0.5}, {"scale": 1.0}, {"warps": 0}, {"median": 4}, {"attachment": 0}])
+def test_settings_out_of_range_are_refused(change):
+    with pytest.raises(ValueError, match="expected"):
+        TvL1Settings(**change)

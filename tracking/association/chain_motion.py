@@ -1,0 +1,320 @@
+"""Place and motion along chains of detections: a Kalman filter from either side, over all chains at once.
+
+The state of a chain is (x, y, log width, log height) and its velocity; each coordinate moves by itself with a velocity
+that changes at random (white acceleration). With r the deviation of a measurement, v that of the velocity at the start
+and q the strength of the acceleration, a step of τ seconds is
+
+    P ← F P Fᵀ + q² [[τ³/3, τ²/2], [τ²/2, τ]],    F = [[1, τ], [0, 1]],
+
+and a chain begins with P = diag(r², v²). Places are in heights of the box: a gain depends on ratios of variances only,
+so the means stay in pixels. x and y have the same noise, so three covariances stand for the four coordinates.
+
+Long chains are cut into blocks that are filtered side by side. Each block starts a little earlier than it counts, by
+when the filter has forgotten how it started.
+
+What is known of detections along the tracks that they belong to, and what of it a new solution changes.
+
+What the past of its track says at a detection depends on the last ones before it, what the future says on the next ones
+after it. From one solution to the next most tracks stay as they are, so filters run again only near what has changed,
+and only links with an end there need another price.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.association.detection_tables import DetectionTable, Measurements
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+# Which covariance belongs to x, y, log width and log height.
+GROUPS = np.array([0, 0, 1, 2])
+# After 48 detections nothing is left of how the filter began that could move a cost.
+BLOCK, RUN_UP = 64, 48
+
+
+@dataclass(frozen=True)
+class MotionNoise:
+    """Noise of the filter, for places, log widths and log heights.
+
+    Attributes:
+        measurement: r, heights of the box and logarithms, for a sure box that nothing hides.
+        acceleration: q, of the same a second and the root of a second.
+        velocity: v, of the same a second.
+        unsure: how much further off a box of probability 0 is than one of probability 1, in r.
+        hidden: how much further off a box is that is quite hidden.
+    """
+
+    measurement: tuple[float, float, float] = (0.03, 0.14, 0.05)
+    acceleration: tuple[float, float, float] = (0.246, 0.49, 0.099)
+    velocity: tuple[float, float, float] = (0.75, 0.15, 0.11)
+    unsure: float = 1.5
+    hidden: float = 0.75
+
+    def __post_init__(self) -> None:
+        if min(*self.measurement, *self.acceleration, *self.velocity) <= 0 or min(self.unsure, self.hidden) < 0:
+            raise ValueError("expected measurement, acceleration and velocity above 0, unsure and hidden from 0")
+
+
+@dataclass(frozen=True)
+class Beliefs:
+    """What is known at N detections.
+
+    Attributes:
+        place: ``(N, 4)`` x, y in pixels, log width, log height.
+        velocity: ``(N, 4)`` of the same, a second, as time runs.
+        covariance: ``(N, 3, 3)``: for places, log widths and log heights the variance of the place, the covariance of
+            place and velocity, and the variance of the velocity.
+    """
+
+    place: FloatArray
+    velocity: FloatArray
+    covariance: FloatArray
+
+    def select(self, which: BoolArray | IntArray) -> Beliefs:
+        """At the detections of a mask or of indices."""
+        return Beliefs(self.place[which], self.velocity[which], self.covariance[which])
+
+    def replaced(self, which: IntArray, other: Beliefs) -> Beliefs:
+        """These, with others at ``(K,)`` indices."""
+        both = Beliefs(self.place.copy(), self.velocity.copy(), self.covariance.copy())
+        both.place[which], both.velocity[which], both.covariance[which] = other.place, other.velocity, other.covariance
+        return both
+
+
+def joined_beliefs(one: Beliefs, other: Beliefs) -> Beliefs:
+    """What is known at some detections, then at others."""
+    return Beliefs(
+        np.concatenate([one.place, other.place]),
+        np.concatenate([one.velocity, other.velocity]),
+        np.concatenate([one.covariance, other.covariance]),
+    )
+
+
+def beliefs_alone(measured: Measurements, noise: MotionNoise) -> Beliefs:
+    """What single detections say: their place, and P = diag(r², v²)."""
+    count = len(measured.times)
+    covariance = np.zeros((count, 3, 3))
+    covariance[:, :, 0] = np.square(noise.measurement) * np.square(measured.noise)[:, None]
+    covariance[:, :, 2] = np.square(noise.velocity)
+    return Beliefs(measured.places, np.zeros((count, 4)), covariance)
+
+
+def beliefs_along(labels: IntArray, measured: Measurements, noise: MotionNoise) -> tuple[Beliefs, Beliefs]:
+    """What the past of its chain says at each detection, itself included, and what its future says.
+
+    Args:
+        labels: ``(N,)`` number of the chain from 0 on; a detection of -1 is a chain by itself.
+        measured: the detections, in the order of time.
+        noise: of the filter.
+    """
+    count = len(labels)
+    own = np.where(labels < 0, labels.max(initial=-1) + 1 + np.arange(count), labels)
+    order = np.argsort(own, kind="stable")
+    change = own[order[1:]] != own[order[:-1]]
+    ends = np.ones(count, dtype=np.bool_)
+    ends[:-1] = change
+    starts = np.ones(count, dtype=np.bool_)
+    starts[1:] = change
+    both = np.concatenate([order, order[::-1]])
+    place, velocity, covariance = _filtered(np.concatenate([starts, ends[::-1]]), both, measured, noise)
+    past, future = slice(0, count), slice(count, 2 * count)
+    return (
+        _scattered(place[:, past], velocity[:, past], covariance[..., past], order, 1.0),
+        _scattered(place[:, future], velocity[:, future], covariance[..., future], order[::-1], -1.0),
+    )
+
+
+def _scattered(
+    place: FloatArray, velocity: FloatArray, covariance: FloatArray, order: IntArray, direction: float
+) -> Beliefs:
+    """The beliefs in the order of the detections, with time running forwards."""
+    count = len(order)
+    beliefs = Beliefs(np.empty((count, 4)), np.empty((count, 4)), np.empty((count, 3, 3)))
+    beliefs.place[order], beliefs.velocity[order] = place.T, direction * velocity.T
+    beliefs.covariance[order] = covariance.transpose(2, 1, 0)
+    beliefs.covariance[:, :, 1] *= direction
+    return beliefs
+
+
+def _filtered(
+    starts: BoolArray, order: IntArray, measured: Measurements, noise: MotionNoise
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The filter along chains that follow each other in ``order`` and begin where ``starts`` says.
+
+    The second half of ``order`` is filtered against the time. Blocks come last, so that they lie together in memory.
+
+    Returns:
+        ``(4, 2N)`` places, ``(4, 2N)`` velocities, ``(3, 3, 2N)`` covariances (a, b, c of each group).
+    """
+    count = len(order) // 2
+    blocks = -(-count // BLOCK)
+    at = np.arange(BLOCK + RUN_UP)[:, None] + np.tile(np.arange(blocks) * BLOCK - RUN_UP, 2)
+    offset = np.repeat([0, count], blocks)
+    inside, now = (at >= 0) & (at < count), at.clip(0, max(count - 1, 0)) + offset
+    fresh = starts[now] | (at <= 0)
+    fresh[0] = True
+    direction = np.repeat([1.0, -1.0], count)
+    times, wander = direction * measured.times[order], direction * measured.wander[order]
+    tau = np.diff(times[now], axis=0, prepend=0.0)
+    camera = np.diff(wander[now], axis=0, prepend=0.0).clip(min=0)
+    r2, q2, v2 = (np.square(values)[:, None] for values in (noise.measurement, noise.acceleration, noise.velocity))
+    places, spread = np.ascontiguousarray(measured.places[order].T), np.square(measured.noise[order])
+    place, velocity, covariance = np.zeros((4, 2 * count)), np.zeros((4, 2 * count)), np.zeros((3, 3, 2 * count))
+    x, v = np.zeros((4, 2 * blocks)), np.zeros((4, 2 * blocks))
+    a, b, c = np.zeros((3, 2 * blocks)), np.zeros((3, 2 * blocks)), np.zeros((3, 2 * blocks))
+    for step in range(BLOCK + RUN_UP):
+        rows, t, new = now[step], tau[step], fresh[step]
+        # Prediction.
+        x = x + v * t
+        a = a + 2 * b * t + c * t**2 + q2 * (t * t * t) / 3
+        a[0] += camera[step]
+        b = b + c * t + q2 * t**2 / 2
+        c = c + q2 * t
+        # Update by the measurement.
+        r, z = r2 * spread[rows], places[:, rows]
+        gain_x, gain_v = a / (a + r), b / (a + r)
+        off = z - x
+        x = np.where(new, z, x + gain_x[GROUPS] * off)
+        v = np.where(new, 0, v + gain_v[GROUPS] * off)
+        c = np.where(new, v2, c - gain_v * b)
+        b = np.where(new, 0, b - gain_x * b)
+        a = np.where(new, r, a - gain_x * a)
+        if step >= RUN_UP:
+            kept = inside[step]
+            rows = rows[kept]
+            place[:, rows], velocity[:, rows] = x[:, kept], v[:, kept]
+            covariance[:, :, rows] = np.stack([a, b, c])[:, :, kept]
+    return place, velocity, covariance
+
+
+@dataclass(frozen=True)
+class Along:
+    """What is known at N detections.
+
+    Attributes:
+        follower: ``(N,)`` number of what follows each on its track, -1 for nothing.
+        past: what the past of its track says at each detection.
+        future: likewise of the future.
+        ending: ``(N,)`` whether links over long gaps were looked for from there.
+        beginning: ``(N,)`` whether they were looked for to there.
+    """
+
+    follower: IntArray
+    past: Beliefs
+    future: Beliefs
+    ending: BoolArray
+    beginning: BoolArray
+
+    @classmethod
+    def alone(cls, table: DetectionTable, motion: MotionNoise) -> Along:
+        """Of detections of which each is a track by itself."""
+        never = np.zeros(len(table), dtype=np.bool_)
+        past, future = (beliefs_alone(table.measured, motion) for _ in range(2))
+        return cls(np.full(len(table), -1), past, future, never, never)
+
+    def select(self, which: BoolArray) -> Along:
+        """Of the detections at a mask."""
+        return Along(
+            self.follower[which],
+            self.past.select(which),
+            self.future.select(which),
+            self.ending[which],
+            self.beginning[which],
+        )
+
+    def and_then(self, other: Along) -> Along:
+        """Of these and of further detections."""
+        return Along(
+            np.append(self.follower, other.follower),
+            joined_beliefs(self.past, other.past),
+            joined_beliefs(self.future, other.future),
+            np.append(self.ending, other.ending),
+            np.append(self.beginning, other.beginning),
+        )
+
+
+@dataclass(frozen=True)
+class Changed:
+    """Where something is known anew.
+
+    Attributes:
+        past: ``(N,)`` whether the past of its track has changed at each detection.
+        future: ``(N,)`` likewise the future.
+    """
+
+    past: BoolArray
+    future: BoolArray
+
+
+def followed(
+    known: Along, table: DetectionTable, labels: IntArray, follower: IntArray, motion: MotionNoise, reach: int
+) -> tuple[Along, Changed]:
+    """What is known along other tracks.
+
+    Args:
+        known: what was known along the tracks before.
+        table: the detections.
+        labels: ``(N,)`` track of each now, -1 for none.
+        follower: ``(N,)`` number of what follows each now, -1 for nothing.
+        motion: noise of the filter.
+        reach: detections of its track by which something is known of a detection; see `RUN_UP`.
+    """
+    own = np.where(labels < 0, int(labels.max(initial=-1)) + 1 + np.arange(len(table)), labels)
+    order = np.argsort(own, kind="stable")
+    stretch = Stretches.of(own[order])
+    before, after = table.rows(known.follower), table.rows(follower)
+    past = stretch.any_within((_came_from(before) != _came_from(after))[order], reach, 0)
+    future = stretch.any_within((before != after)[order], 0, reach)
+    needed = stretch.any_within(past, 0, RUN_UP) | stretch.any_within(future, RUN_UP, 0)
+    changed = Changed(np.empty(len(table), np.bool_), np.empty(len(table), np.bool_))
+    changed.past[order], changed.future[order] = past, future
+    # A part of a track that lies apart from its other parts is filtered by itself.
+    part = np.cumsum(np.diff(stretch.first, prepend=-1).astype(np.bool_) | (needed & ~np.roll(needed, 1)))
+    label = np.empty(len(table), dtype=np.int64)
+    label[order] = part
+    again = np.sort(order[needed])
+    behind, ahead = beliefs_along(label[again], table.measured.select(again), motion)
+    now = Along(
+        follower.copy(),
+        known.past.replaced(again[changed.past[again]], behind.select(changed.past[again])),
+        known.future.replaced(again[changed.future[again]], ahead.select(changed.future[again])),
+        known.ending,
+        known.beginning,
+    )
+    return now, changed
+
+
+def _came_from(after: IntArray) -> IntArray:
+    """``(N,)`` index of what comes before each detection, -1 for nothing."""
+    before = np.full(len(after), -1)
+    linked = np.flatnonzero(after >= 0)
+    before[after[linked]] = linked
+    return before
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """Rows of which those of one track follow each other.
+
+    Attributes:
+        first: ``(N,)`` first row of the track of each.
+        last: ``(N,)`` last row of it.
+    """
+
+    first: IntArray
+    last: IntArray
+
+    @classmethod
+    def of(cls, track: IntArray) -> Stretches:
+        """For ``(N,)`` numbers from 0 on, the same ones side by side."""
+        starts = np.flatnonzero(np.diff(track, prepend=-1))
+        length = np.diff(np.append(starts, len(track)))
+        return cls(np.repeat(starts, length), np.repeat(starts + length - 1, length))
+
+    def any_within(self, flags: BoolArray, before: int, after: int) -> BoolArray:
+        """``(N,)`` whether a flag is set from so many rows before each to so many after it, in its track."""
+        row, total = np.arange(len(flags)), np.append(0, np.cumsum(flags))
+        first, last = np.maximum(row - before, self.first), np.minimum(row + after, self.last)
+        return np.asarray(total[last + 1] > total[first])

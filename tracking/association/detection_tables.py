@@ -1,0 +1,207 @@
+"""Detections of several frames as tables: as they are given, and as the flow compares them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class DetectionRows:
+    """Detections of several frames, as they are given.
+
+    Attributes:
+        numbers: ``(N,)`` increasing, counted over the whole video.
+        frames: ``(N,)``.
+        boxes: ``(N, 4)`` pixels.
+        scores: ``(N,)``, NaN where no detector gave one.
+        features: ``(N, D)`` of unit length, NaN where not known; None where nothing was described.
+        actions: ``(N, A)`` probabilities of actions; None where nothing recognised them.
+    """
+
+    numbers: IntArray
+    frames: IntArray
+    boxes: FloatArray
+    scores: FloatArray
+    features: FloatArray | None
+    actions: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def select(self, which: BoolArray | IntArray) -> DetectionRows:
+        """The rows at a mask or at indices."""
+        return DetectionRows(
+            self.numbers[which],
+            self.frames[which],
+            self.boxes[which],
+            self.scores[which],
+            _chosen(self.features, which),
+            _chosen(self.actions, which),
+        )
+
+
+def rows_of(detections: Sequence[Detections], first_frame: int, first_number: int) -> DetectionRows:
+    """The detections of consecutive frames, at least one.
+
+    Raises:
+        ValueError: features are of different lengths, or there are actions for some frames only.
+    """
+    lengths = [len(found) for found in detections]
+    boxes = np.concatenate([found.boxes for found in detections])
+    return DetectionRows(
+        first_number + np.arange(len(boxes)),
+        first_frame + np.repeat(np.arange(len(detections)), lengths),
+        boxes,
+        np.concatenate([found.scores for found in detections]),
+        _features_of(detections),
+        _actions_of(detections),
+    )
+
+
+def _actions_of(detections: Sequence[Detections]) -> FloatArray | None:
+    """Actions one below the other."""
+    given = [found.actions for found in detections if found.actions is not None]
+    if given and any(found.actions is None and len(found) for found in detections):
+        raise ValueError("expected action features for all frames or for none")
+    return np.concatenate(given) if given else None
+
+
+def _features_of(detections: Sequence[Detections]) -> FloatArray | None:
+    """Features one below the other, NaN for those that are not known."""
+    known = {found.features.shape[1] for found in detections if found.features is not None and len(found.features)}
+    if not known:
+        return None
+    if len(known) > 1:
+        raise ValueError(f"expected features of one length, got lengths {sorted(known)}")
+    shapes = [(len(found), *known) for found in detections]
+    return np.concatenate(
+        [
+            np.full(shape, np.nan) if found.features is None else found.features.reshape(shape)
+            for found, shape in zip(detections, shapes, strict=True)
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """N detections as the filter along chains takes them.
+
+    Attributes:
+        times: ``(N,)`` seconds.
+        places: ``(N, 4)`` x, y in pixels, log width, log height.
+        noise: ``(N,)`` by how much the measurement deviates more than r.
+        wander: ``(N,)`` variance of a place that the camera's motion has added up to, squared heights.
+    """
+
+    times: FloatArray
+    places: FloatArray
+    noise: FloatArray
+    wander: FloatArray
+
+    def select(self, which: BoolArray | IntArray) -> Measurements:
+        """Those at a mask or at indices."""
+        return Measurements(self.times[which], self.places[which], self.noise[which], self.wander[which])
+
+
+@dataclass(frozen=True)
+class DetectionTable:
+    """The detections of a window of the flow, in the order of their frames.
+
+    Attributes:
+        numbers: ``(N,)`` increasing, counted over the whole video.
+        frames: ``(N,)``.
+        image: ``(N, 4)`` boxes where the image shows them, pixels.
+        boxes: ``(N, 4)`` boxes as if the camera stood still, pixels.
+        measured: the same as the filter takes them.
+        features: ``(N, D)`` of unit length, NaN where not known; None where nothing was described.
+        frame_rate: frames a second.
+        size: width and height of the image; None where not known.
+        actions: ``(N, A)`` probabilities of actions; None where nothing recognised them.
+    """
+
+    numbers: IntArray
+    frames: IntArray
+    image: FloatArray
+    boxes: FloatArray
+    measured: Measurements
+    features: FloatArray | None
+    frame_rate: float
+    size: tuple[int, int] | None
+    actions: FloatArray | None = None
+
+    @classmethod
+    def empty(cls, frame_rate: float, size: tuple[int, int] | None) -> DetectionTable:
+        """A table of no detection."""
+        none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
+        measured = Measurements(nothing, np.empty((0, 4)), nothing, nothing)
+        return cls(none, none, np.empty((0, 4)), np.empty((0, 4)), measured, None, frame_rate, size)
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def rows(self, numbers: IntArray) -> IntArray:
+        """``(K,)`` indices of the detections of ``(K,)`` numbers, -1 for those that are not here."""
+        return rows_of_numbers(self.numbers, numbers)
+
+    def select(self, which: BoolArray | IntArray) -> DetectionTable:
+        """The detections at a mask or at indices."""
+        return replace(
+            self,
+            numbers=self.numbers[which],
+            frames=self.frames[which],
+            image=self.image[which],
+            boxes=self.boxes[which],
+            measured=self.measured.select(which),
+            features=_chosen(self.features, which),
+            actions=_chosen(self.actions, which),
+        )
+
+    def and_then(self, other: DetectionTable) -> DetectionTable:
+        """These detections, and after them those of another table."""
+        measured = Measurements(
+            np.append(self.measured.times, other.measured.times),
+            np.concatenate([self.measured.places, other.measured.places]),
+            np.append(self.measured.noise, other.measured.noise),
+            np.append(self.measured.wander, other.measured.wander),
+        )
+        counts = len(self), len(other)
+        return replace(
+            self,
+            numbers=np.append(self.numbers, other.numbers),
+            frames=np.append(self.frames, other.frames),
+            image=np.concatenate([self.image, other.image]),
+            boxes=np.concatenate([self.boxes, other.boxes]),
+            measured=measured,
+            features=_stacked(counts, self.features, other.features),
+            actions=_stacked(counts, self.actions, other.actions),
+        )
+
+
+def rows_of_numbers(known: IntArray, numbers: IntArray) -> IntArray:
+    """``(K,)`` indices of ``(K,)`` numbers in ``(N,)`` increasing ones, -1 for those that are not there."""
+    if len(known) == 0:
+        return np.full(len(numbers), -1)
+    # Numbers of a window are nearly without gaps, and looking up is faster than searching. The last place stands for
+    # numbers that are not there.
+    first, last = int(known[0]), int(known[-1])
+    places = np.full(last - first + 2, -1)
+    places[known - first] = np.arange(len(known))
+    return np.asarray(places[np.where((numbers >= first) & (numbers <= last), numbers - first, -1)])
+
+
+def _chosen(rows: FloatArray | None, which: BoolArray | IntArray) -> FloatArray | None:
+    return None if rows is None else rows[which]
+
+
+def _stacked(counts: tuple[int, int], first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
+    """Rows of two tables, one after the other, NaN where one has none; None where neither has any."""
+    width = next((rows.shape[1] for rows in (first, second) if rows is not None), None)
+    if width is None:
+        return None
+    pairs = zip(counts, (first, second), strict=True)
+    return np.concatenate([np.full((count, width), np.nan) if rows is None else rows for count, rows in pairs])

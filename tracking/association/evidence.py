@@ -1,0 +1,199 @@
+"""What is known of detections, of links and of joins where they are priced: the features of learnt costs.
+
+The cost by default is one of the features, so a network that adds nothing leaves the tracker as it is. All features are
+of the order of 1 to 10 and bounded; lengths are in heights of the box, times in seconds.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsuiseki.tracking.association.chain_motion import Beliefs, MotionNoise
+from tsuiseki.tracking.association.detection_tables import DetectionTable
+from tsuiseki.tracking.association.link_pricing import LinkParts
+from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
+from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+DETECTION_FEATURES = (
+    "cost", "logit", "noise", "size", "aspect", "left", "right", "top", "bottom", "overlap_before", "overlap_after",
+    "overlap_now", "neighbours", "interval", "since_start",
+)  # fmt: skip
+LINK_FEATURES = (
+    "cost", "mismatch", "seconds", "gap", "hidden", "appearance", "appearance_known", "noise_tail", "noise_head",
+    "ahead_x", "ahead_y", "back_x", "back_y", "width", "height", "overlap", "known_past", "known_future", "speed",
+    "turn", "above_tail", "above_head", "interval", "action", "action_known",
+)  # fmt: skip
+JOIN_FEATURES = (*LINK_FEATURES, "detections_before", "detections_after", "seconds_before", "seconds_after")
+FARTHEST, DEAREST = 2.0, 12.0
+
+
+def detection_evidence(table: DetectionTable, cost: FloatArray, logit: FloatArray) -> FloatArray:
+    """``(N, 15)`` features of N detections: `DETECTION_FEATURES`.
+
+    Args:
+        table: the detections.
+        cost: ``(N,)`` c_obsv by default.
+        logit: ``(N,)`` of the probability that each is right.
+    """
+    count = len(table)
+    if count == 0:
+        return np.empty((0, len(DETECTION_FEATURES)))
+    size = sizes(table.image)
+    log_height = np.log(size[:, 1])
+    before, after = _overlaps(table, 1)
+    now, neighbours = _overlaps_now(table)
+    ones = np.ones(count)
+    columns = {
+        "cost": cost,
+        "logit": logit,
+        "noise": table.measured.noise,
+        "size": log_height - np.median(log_height),
+        "aspect": np.log(size[:, 0]) - log_height,
+        **_borders(table, size[:, 1]),
+        "overlap_before": before,
+        "overlap_after": after,
+        "overlap_now": now,
+        "neighbours": np.log1p(neighbours),
+        "interval": np.log(30 / table.frame_rate) * ones,
+        "since_start": np.minimum(table.frames / table.frame_rate, 1.0),
+    }
+    return np.stack([columns[name] for name in DETECTION_FEATURES], axis=1)
+
+
+def link_evidence(table: DetectionTable, parts: LinkParts, motion: MotionNoise) -> FloatArray:
+    """``(P, 25)`` features of P links: `LINK_FEATURES`.
+
+    Args:
+        table: the detections.
+        parts: the links and what their costs are made of.
+        motion: noise of the filter.
+    """
+    if len(parts.i) == 0:
+        return np.empty((0, len(LINK_FEATURES)))
+    i, j = parts.i, parts.j
+    ahead, back, speed, turn = _errors(parts, motion)
+    change = table.measured.places[j, 2:] - table.measured.places[i, 2:]
+    known, acting = ~np.isnan(parts.distance), ~np.isnan(parts.action)
+    columns = {
+        "cost": parts.cost.clip(-DEAREST, 2 * DEAREST),
+        "mismatch": parts.mismatch.clip(-DEAREST, 2 * DEAREST),
+        "seconds": parts.seconds,
+        "gap": np.log(np.maximum(parts.seconds * table.frame_rate, 1.0)),
+        "hidden": parts.hidden,
+        "appearance": np.where(known, parts.distance, 0.25),
+        "appearance_known": known.astype(np.float64),
+        "noise_tail": table.measured.noise[i],
+        "noise_head": table.measured.noise[j],
+        "ahead_x": ahead[:, 0],
+        "ahead_y": ahead[:, 1],
+        "back_x": back[:, 0],
+        "back_y": back[:, 1],
+        "width": change[:, 0].clip(-1, 1),
+        "height": change[:, 1].clip(-1, 1),
+        "overlap": iou_pairs(table.boxes[i], table.boxes[j]),
+        "known_past": np.log(parts.past.covariance[i, 0, 2]),
+        "known_future": np.log(parts.future.covariance[j, 0, 2]),
+        "speed": np.log1p(speed),
+        "turn": np.log1p(turn),
+        "above_tail": _above_rivals(parts.cost, i, len(table)),
+        "above_head": _above_rivals(parts.cost, j, len(table)),
+        "interval": np.full(len(i), np.log(30 / table.frame_rate)),
+        "action": np.where(acting, parts.action, 0.0).clip(-DEAREST, DEAREST),
+        "action_known": acting.astype(np.float64),
+    }
+    return np.stack([columns[name] for name in LINK_FEATURES], axis=1)
+
+
+def join_evidence(
+    table: DetectionTable,
+    parts: LinkParts,
+    motion: MotionNoise,
+    counts: tuple[IntArray, IntArray],
+    spans: tuple[IntArray, IntArray],
+) -> FloatArray:
+    """``(P, 29)`` features of P joins of tracklets: `JOIN_FEATURES`.
+
+    Args:
+        table: the detections.
+        parts: the last detections of the earlier and the first ones of the later tracklets.
+        motion: noise of the filter.
+        counts: ``(P,)`` detections of the earlier and of the later tracklets.
+        spans: ``(P,)`` frames from their first to their last one.
+    """
+    more = [np.log(counts[0]), np.log(counts[1]), *(np.log1p(span / table.frame_rate) for span in spans)]
+    return np.concatenate([link_evidence(table, parts, motion), np.stack(more, axis=1)], axis=1)
+
+
+def _errors(parts: LinkParts, motion: MotionNoise) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """By how much the past misses the later detection, and the future the earlier one, in deviations, as logarithms.
+
+    Also the speed and its change, heights a second.
+    """
+    i, j, seconds = parts.i, parts.j, parts.seconds[:, None]
+    side = np.exp((parts.past.place[i, 3] + parts.future.place[j, 3]) / 2)[:, None]
+    off = (parts.future.place[j, :2] - parts.past.place[i, :2]) / side
+    before, after = parts.past.velocity[i, :2] / side, parts.future.velocity[j, :2] / side
+    ahead = np.abs(off - before * seconds) / _deviation(parts.past, i, parts.seconds, 1.0, motion)
+    back = np.abs(off - after * seconds) / _deviation(parts.future, j, parts.seconds, -1.0, motion)
+    speed = (np.linalg.norm(before, axis=1) + np.linalg.norm(after, axis=1)) / 2
+    return np.log1p(ahead), np.log1p(back), speed, np.linalg.norm(after - before, axis=1)
+
+
+def _deviation(
+    beliefs: Beliefs, which: IntArray, seconds: FloatArray, direction: float, motion: MotionNoise
+) -> FloatArray:
+    """``(P, 1)`` deviation of a predicted place, heights."""
+    a, b, c = beliefs.covariance[which, 0].T
+    variance = a + 2 * direction * b * seconds + c * seconds**2 + motion.acceleration[0] ** 2 * seconds**3 / 3
+    return np.asarray(np.sqrt(variance + motion.measurement[0] ** 2)[:, None])
+
+
+def _above_rivals(cost: FloatArray, end: IntArray, count: int) -> FloatArray:
+    """``(P,)`` by how much each link costs more than the cheapest other one at the same end, within bounds."""
+    order = np.lexsort([cost, end])
+    ends, ordered = end[order], cost[order]
+    first = np.searchsorted(ends, np.arange(count))
+    cheapest, second = np.full(count, np.inf), np.full(count, np.inf)
+    there = first < np.searchsorted(ends, np.arange(count), side="right")
+    cheapest[there] = ordered[first[there]]
+    follows = np.append(ends[1:] == ends[:-1], False)
+    starts = first[there]
+    second[ends[starts]] = np.where(follows[starts], ordered[np.minimum(starts + 1, len(ordered) - 1)], np.inf)
+    best = np.zeros(len(cost), dtype=np.bool_)
+    best[order[starts]] = True
+    return np.asarray((cost - np.where(best, second[end], cheapest[end])).clip(-DEAREST, DEAREST))
+
+
+def _borders(table: DetectionTable, height: FloatArray) -> dict[str, FloatArray]:
+    """How far each box lies from the image's borders, heights; far where the size of the image is not known."""
+    if table.size is None:
+        return {name: np.full(len(table), FARTHEST) for name in ("left", "right", "top", "bottom")}
+    width, tall = table.size
+    x1, y1, x2, y2 = table.image.T
+    away = {"left": x1, "right": width - x2, "top": y1, "bottom": tall - y2}
+    return {name: (value / height).clip(-1.0, FARTHEST) for name, value in away.items()}
+
+
+def _overlaps(table: DetectionTable, gap: int) -> tuple[FloatArray, FloatArray]:
+    """``(N,)`` largest intersection over union with a box of the frame before, and of the frame after."""
+    every, centre = np.arange(len(table)), centres(table.boxes)
+    i, j = near_pairs(table.frames, centre, sizes(table.boxes), gap, every, every)
+    overlap = iou_pairs(table.boxes[i], table.boxes[j])
+    before, after = np.zeros(len(table)), np.zeros(len(table))
+    np.maximum.at(after, i, overlap)
+    np.maximum.at(before, j, overlap)
+    return before, after
+
+
+def _overlaps_now(table: DetectionTable) -> tuple[FloatArray, FloatArray]:
+    """``(N,)`` largest intersection over union with another box of the frame, and how many overlap."""
+    every = np.arange(len(table))
+    i, j = near_pairs(table.frames, centres(table.image), sizes(table.image), 0, every, every)
+    other: BoolArray = i != j
+    i, j = i[other], j[other]
+    overlap = iou_pairs(table.image[i], table.image[j])
+    most = np.zeros(len(table))
+    np.maximum.at(most, i, overlap)
+    np.maximum.at(most, j, overlap)
+    return most, np.bincount(i[overlap > 0], minlength=len(table)).astype(np.float64)

@@ -1,1 +1,0 @@
-"""Tracks as a minimum-cost flow through the links of detections."""

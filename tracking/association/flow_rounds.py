@@ -1,0 +1,291 @@
+"""The links between detections of a window as one table.
+
+Links of a flow network that are priced again along the tracks found, in turn with the flow.
+
+Two detections have a place each, and no velocity. Along the track that each belongs to there is one: so the flow is
+solved, a Kalman filter runs along its tracks from both sides, and all links are priced again by what the two sides say
+(see `link_cost`). This is the thesis's alternation of tracks and features (5.3) with motion for action. Prices go only
+part of the way to their new values, since two explanations that are about as good would otherwise take turns.
+
+Links over long gaps are needed only where a track ends or begins. In every round they are looked for near the ends of
+the tracks found.
+
+Prices before any track is known, where they are too high.
+
+Where targets move fast, frames are few or boxes inexact, what the velocity of two detections alone is worth exceeds
+what they are. Then first prices make no track, no track tells the velocity, and no round mends it. That is so where
+most detections are right and most of those are left out all the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tsuiseki.tracking.association.chain_motion import Along, Changed
+from tsuiseki.tracking.association.costs import window_means
+from tsuiseki.tracking.association.detection_tables import DetectionTable
+from tsuiseki.tracking.association.link_cost import MOST_WORTH, LinkCost
+from tsuiseki.tracking.association.link_pricing import Pricing, priced
+from tsuiseki.tracking.association.nearby import (
+    BOXES_AT_ONCE,
+    Pairs,
+    Strips,
+    centres,
+    gaps,
+    joined,
+    near_places,
+    sizes,
+)
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Links:
+    """Links between detections of a window.
+
+    Attributes:
+        tail: ``(P,)`` numbers of the earlier detections.
+        head: ``(P,)`` of the later ones.
+        cost: ``(P,)``.
+        price: ``(P,)`` what they cost along the tracks last found, which the cost nears; NaN for links that have been
+            priced as pairs only.
+        hidden: ``(P,)`` share of the person hidden in the middle of the gap, which no round changes.
+    """
+
+    tail: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    head: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    cost: FloatArray = field(default_factory=lambda: np.empty(0))
+    price: FloatArray = field(default_factory=lambda: np.empty(0))
+    hidden: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def select(self, which: BoolArray | IntArray) -> Links:
+        """The links at a mask or at indices."""
+        return Links(self.tail[which], self.head[which], self.cost[which], self.price[which], self.hidden[which])
+
+
+def joined_links(one: Links, other: Links) -> Links:
+    """The links of two tables, one after the other."""
+    if len(one.tail) == 0 or len(other.tail) == 0:
+        return one if len(other.tail) == 0 else other
+    return Links(
+        np.append(one.tail, other.tail),
+        np.append(one.head, other.head),
+        np.append(one.cost, other.cost),
+        np.append(one.price, other.price),
+        np.append(one.hidden, other.hidden),
+    )
+
+
+@dataclass(frozen=True)
+class RoundSettings:
+    """Which links of detections there are, and how often they are priced.
+
+    Attributes:
+        window: longest gap of a link, seconds.
+        near: gaps up to this many seconds are linked everywhere, longer ones only near the ends of tracks.
+        ends: seconds from the end of a track that count as near it.
+        rounds: how often links are priced again; 0 keeps the prices of pairs.
+        keep: share of the old price in the new one.
+        dearest: links that cost more are left out; above entry + exit, for they may become cheaper.
+        averaged: seconds over which features are averaged along tracks.
+    """
+
+    window: float = 1.3
+    near: float = 0.6
+    ends: float = 0.3
+    rounds: int = 5
+    keep: float = 0.5
+    dearest: float = 14.0
+    averaged: float = 0.7
+
+    def __post_init__(self) -> None:
+        if not (self.near > 0 and self.window > 0 and self.ends >= 0 and self.rounds >= 0 and 0 <= self.keep < 1):
+            raise ValueError("expected window and near above 0, ends and rounds from 0 and keep in [0, 1)")
+
+
+def candidates(
+    table: DetectionTable, tails: IntArray, heads: IntArray, shortest: int, longest: int, cost: LinkCost
+) -> Pairs:
+    """``(P,)`` indices of the detections of all plausible links over ``shortest`` to ``longest`` frames."""
+    if len(tails) == 0 or len(heads) == 0:
+        return joined([])
+    x, y = centres(table.boxes).T.copy()
+    # In the order of their places, so that what is looked up lies together.
+    tails = tails[np.lexsort((x[tails], table.frames[tails]))]
+    side = sizes(table.boxes).max(axis=1)
+    furthest = _reach(table, tails, side[tails], np.array([longest]), cost)[:, 0].max()
+    strips = Strips.of(table.frames, x, heads, tails, float(furthest))
+    log_height = table.measured.places[:, 3].copy()
+    pairs: list[Pairs] = []
+    count = len(tails)
+    for start in range(0, count * (longest - shortest + 1), BOXES_AT_ONCE):
+        which = np.arange(start, min(start + BOXES_AT_ONCE, count * (longest - shortest + 1)))
+        tail, gap = tails[which % count], shortest + which // count
+        reach = _reach(table, tail, side[tail], gap, cost)
+        i, j = near_places(strips, x, y, tail, table.frames[tail] + gap, reach[:, 0], reach[:, 1])
+        alike = np.flatnonzero(np.abs(log_height[j] - log_height[i]) < cost.size)
+        pairs.append((i[alike], j[alike]))
+    return joined(pairs)
+
+
+def _reach(table: DetectionTable, tails: IntArray, side: FloatArray, gap: IntArray, cost: LinkCost) -> FloatArray:
+    """``(T, 2)`` largest differences of centres, pixels, for T boxes of ``(T,)`` longer sides.
+
+    The gaps, one for all or ``(T,)``, are in frames. Reaches grow by how far the camera's motion over them may be off.
+    """
+    reach = cost.limits(side, gap / table.frame_rate)
+    wander = table.measured.wander
+    if wander[-1] > wander[0]:
+        later = wander[np.searchsorted(table.frames, gap + table.frames[tails], side="right") - 1]
+        doubt = np.sqrt(np.maximum(later - wander[tails], 0))
+        reach += (side * cost.doubt * doubt)[:, None]
+    return reach
+
+
+def near_ends(table: DetectionTable, labels: IntArray, seconds: float) -> tuple[IntArray, IntArray]:
+    """Detections near the last, and near the first detection of their tracks; those of no track are near both."""
+    frames = gaps(seconds, table.frame_rate)
+    count = int(labels.max(initial=-1)) + 1
+    first, last = np.full(count + 1, np.iinfo(np.int64).max // 4), np.full(count + 1, -1)
+    np.minimum.at(first, labels, table.frames)
+    np.maximum.at(last, labels, table.frames)
+    alone = labels < 0
+    ending = alone | (last[labels] - table.frames <= frames)
+    beginning = alone | (table.frames - first[labels] <= frames)
+    return np.flatnonzero(ending), np.flatnonzero(beginning)
+
+
+def mean_features(
+    table: DetectionTable, labels: IntArray, features: FloatArray, seconds: float
+) -> tuple[FloatArray, FloatArray]:
+    """``(N, D)`` mean features over the last seconds of each detection's track, and over the next: eq. 5.3 one-sided.
+
+    Args:
+        table: the detections.
+        labels: ``(N,)`` track of each, -1 for none, which keeps its own features.
+        features: ``(N, D)``, NaN where not known.
+        seconds: length of the windows.
+
+    Returns:
+        Both of unit length, NaN where nothing is known.
+    """
+    known = np.asarray(~np.isnan(features).any(axis=1))
+    counted = np.concatenate([np.where(known[:, None], features, 0), known[:, None]], axis=1)
+    reach = gaps(seconds, table.frame_rate)
+    both = []
+    for window in ((reach, 0), (0, reach)):
+        mean = window_means(table.frames, labels, counted, table.frames, labels, window)
+        length = np.linalg.norm(mean[:, :-1], axis=1, keepdims=True)
+        both.append(np.divide(mean[:, :-1], length, out=np.full_like(features, np.nan), where=length > 0))
+    return both[0], both[1]
+
+
+def repriced(
+    links: Links,
+    table: DetectionTable,
+    labels: IntArray,
+    known: Along,
+    changed: Changed,
+    settings: RoundSettings,
+    free: BoolArray,
+    by: Pricing,
+) -> tuple[Links, Along]:
+    """The links with those that the ends of the tracks ask for, at the prices of what is known along the tracks.
+
+    Only links are priced of which an end is known anew, unless learnt changes compare links with each other.
+
+    Args:
+        links: as they were.
+        table: the detections.
+        labels: ``(N,)`` track of each detection, -1 for none.
+        known: what is known along the tracks.
+        changed: where that is new.
+        settings: which links there are.
+        free: ``(N,)`` detections that are not decided yet.
+        by: what links are priced by.
+
+    Returns:
+        The links, and what is known, with the ends from and to which links were looked for.
+    """
+    means = None if table.features is None else mean_features(table, labels, table.features, settings.averaged)
+    tail, head = table.rows(links.tail), table.rows(links.head)
+    again = changed.past[tail] | changed.future[head] | np.isnan(links.price)
+    if by.change is not None:
+        again[:] = True
+    ending, beginning = (_mask(ends, len(table)) & free for ends in near_ends(table, labels, settings.ends))
+    fresh = ending & (changed.past | ~known.ending), beginning & (changed.future | ~known.beginning)
+    more = _fresh_candidates(table, (ending, beginning), fresh, settings, by.cost)
+    more = _without(more, tail, head, len(table))
+    i, j = np.append(tail[again], more[0]), np.append(head[again], more[1])
+    hidden = np.append(links.hidden[again], np.full(len(more[0]), np.nan))
+    kept, price, hidden = priced(
+        table, (i, j), (known.past, known.future), by, means=means, hidden=hidden, labels=labels
+    )
+    old = links.select(~again)
+    old.cost[:] += (1 - settings.keep) * (old.price - old.cost)
+    # Prices of pairs are no prices along tracks, and new links have none.
+    before = np.append(np.where(np.isnan(links.price[again]), np.nan, links.cost[again]), np.full(len(more[0]), np.nan))
+    before = before[kept]
+    near = price + np.where(np.isnan(before), 0.0, settings.keep * (before - price))
+    new = Links(table.numbers[i[kept]], table.numbers[j[kept]], near, price, hidden)
+    return joined_links(old, new), replace(known, ending=ending, beginning=beginning)
+
+
+def _fresh_candidates(
+    table: DetectionTable,
+    ends: tuple[BoolArray, BoolArray],
+    fresh: tuple[BoolArray, BoolArray],
+    settings: RoundSettings,
+    cost: LinkCost,
+) -> Pairs:
+    """Links over all gaps from and to ends of tracks, of which one end at least is fresh."""
+    longest = gaps(settings.window, table.frame_rate)
+    tails, heads = np.flatnonzero(fresh[0]), np.flatnonzero(ends[1])
+    one = candidates(table, tails, heads, 1, longest, cost)
+    tails, heads = np.flatnonzero(ends[0] & ~fresh[0]), np.flatnonzero(fresh[1])
+    return joined([one, candidates(table, tails, heads, 1, longest, cost)])
+
+
+def _without(pairs: Pairs, tails: IntArray, heads: IntArray, count: int) -> Pairs:
+    """The pairs that are not among others of ``count`` detections."""
+    asked = _mask(pairs[0], count)[tails] & _mask(pairs[1], count)[heads]
+    new = ~np.isin(pairs[0] * count + pairs[1], tails[asked] * count + heads[asked])
+    return pairs[0][new], pairs[1][new]
+
+
+def _mask(which: IntArray, count: int) -> BoolArray:
+    mask = np.zeros(count, dtype=np.bool_)
+    mask[which] = True
+    return mask
+
+
+# A detection counts as right from this probability on; most are if these many and this share of all are; they are left
+# out if no more than that share of them is in tracks.
+RIGHT, FEWEST, MOST, USED = 0.7, 10, 2 / 3, 0.6
+
+
+@dataclass(frozen=True)
+class Believed:
+    """U detections as the video would have them if those that it does not bear out were missed by chance.
+
+    Attributes:
+        probability: ``(U,)`` of being right.
+        change: ``(U,)`` of the cost of using them, then.
+    """
+
+    probability: FloatArray
+    change: FloatArray
+
+    def left_out(self, used: BoolArray) -> bool:
+        """Whether most are right, and most of those are left out, of which ``(U,)`` are in tracks."""
+        right = self.probability >= RIGHT
+        return bool(right.sum() >= FEWEST and right.mean() >= MOST and used[right].mean() <= USED)
+
+
+def with_known_velocity(links: Links, cost: LinkCost, frame_rate: float) -> Links:
+    """Links, of which those without a price along tracks are priced as with `LinkCost.settled` = 1."""
+    less = (1 - cost.settled) * cost.room(1 / frame_rate)
+    known = np.maximum(links.cost - less, -MOST_WORTH)
+    return replace(links, cost=np.where(np.isnan(links.price), known, links.cost))

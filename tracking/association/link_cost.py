@@ -1,0 +1,360 @@
+"""How ill two chains of detections go together: the logarithm of Student's t density, over all coordinates.
+
+With e = (difference of place, difference of velocity) in one coordinate, Σ = [[a, b], [b, c]] its covariance, D = |Σ|,
+
+    ½ log(D / 4 r² v²) + (ν + 2)/2 · log(1 + (c e₁² − 2 b e₁ e₂ + a e₂²) / (D ν)).
+
+What belongs to one detection is laid out by columns once, so that pairs only look it up; the logarithms of the
+coordinates are one of a product.
+
+Which detections or ends of chains can be the same person, and what it costs to link them.
+
+A link from i to j compares what the past of i's chain predicts at j with what the future of j's chain says there. With
+e the difference of place and velocity in one coordinate and Σ its covariance, the cost is
+
+    Σ_coordinates [ ½ log(|Σ| / 4 r² v²) + (ν + 2)/2 · log(1 + eᵀ Σ⁻¹ e / ν) ]
+    + miss · (τ − one frame) · (1 − covering · hidden)
+
+the negative logarithm of Student's t density over its value between two chains of one detection each that agree, plus
+what it costs that nobody detected the person in between: less where a nearer box hides the place, or the image ends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from tsuiseki.tracking.association.chain_motion import GROUPS, Beliefs, MotionNoise
+from tsuiseki.tracking.association.costs import ActionCost
+from tsuiseki.tracking.association.detection_tables import Measurements
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+# Pairs that are compared together: as many as the processor holds close by.
+PAIRS_AT_ONCE = 8192
+
+
+class Mismatch(Protocol):
+    """Anything that says how ill P pairs of detections, or of the chains that they belong to, go together."""
+
+    def __call__(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
+        """``(P,)`` costs.
+
+        Args:
+            i: ``(P,)`` indices of the earlier detections.
+            j: ``(P,)`` of the later ones.
+            seconds: ``(P,)`` between the two.
+            wander: ``(P,)`` variance that the camera's motion adds in between, squared heights.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class StudentT:
+    """The distribution.
+
+    Attributes:
+        motion: r and v, of which D is counted from, and q.
+        tails: ν.
+        lost: deviation of the camera's motion, heights, above which it makes nothing dearer.
+        most_worth: no pair costs less than this below 0.
+    """
+
+    motion: MotionNoise
+    tails: float
+    lost: float
+    most_worth: float
+
+    def cost(self, fit: FloatArray, volume: FloatArray) -> FloatArray:
+        """``(P,)`` from the products of 1 + eᵀ Σ⁻¹ e / ν and of D / 4 r² v²."""
+        return np.asarray((self.tails + 2) / 2 * np.log(fit) + 0.5 * np.log(volume))
+
+    def doubt(self, wander: FloatArray) -> FloatArray:
+        """``(P,)`` the part of the camera's variance that makes nothing dearer."""
+        return np.maximum(wander - self.lost**2, 0)
+
+
+class Alone:
+    """`Mismatch` of detections of which each is all that is known of its chain: P = diag(r², v²), and no velocity.
+
+    Args:
+        law: the distribution.
+        seen: the detections.
+        less: what is taken off.
+    """
+
+    def __init__(self, law: StudentT, seen: Measurements, less: float) -> None:
+        self._law, self._less = law, less
+        self._places, self._noise = seen.places.T.copy(), np.square(seen.noise)
+        self._side = np.maximum(*self._places[2:])
+
+    def __call__(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
+        """See `Mismatch`."""
+        return in_parts(self._cost, i, j, seconds, wander)
+
+    def _cost(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
+        law, motion = self._law, self._law.motion
+        noise, squared = self._noise[i] + self._noise[j], seconds * seconds
+        # Places count in geometric means of the two longer sides.
+        per_side = np.exp(-(self._side[i] + self._side[j]))
+        fit, volume = np.ones(len(i)), np.ones(len(i))
+        settings = zip(motion.measurement, motion.acceleration, motion.velocity, strict=True)
+        for group, (r, q, v) in enumerate(settings):
+            a = r**2 * noise + squared * (v**2 + seconds * (q**2 / 3))
+            b, c = seconds * (v**2 + seconds * (q**2 / 2)), 2 * v**2 + q**2 * seconds
+            if group == 0:
+                a += wander
+            determinant = a * c - b * b
+            scale = c / determinant * (1 / law.tails)
+            if group == 0:
+                scale *= per_side
+                determinant -= law.doubt(wander) * c
+            determinant *= 1 / (4 * r**2 * v**2)
+            for k in np.flatnonzero(group == GROUPS):
+                apart = self._places[k][i] - self._places[k][j]
+                fit *= 1 + scale * (apart * apart)
+                volume *= determinant
+        return np.maximum(law.cost(fit, volume) - self._less, -law.most_worth)
+
+
+class Along:
+    """`Mismatch` of what the past of the earlier one's chain says and what the future of the later one's does.
+
+    Args:
+        law: the distribution.
+        past: what the past of its chain says at each detection.
+        future: likewise of the future.
+    """
+
+    def __init__(self, law: StudentT, past: Beliefs, future: Beliefs) -> None:
+        self._law = law
+        self._past, self._future = _Columns(past), _Columns(future)
+
+    def __call__(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
+        """See `Mismatch`."""
+        return in_parts(self._cost, i, j, seconds, wander)
+
+    def _cost(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
+        law, past, future = self._law, self._past, self._future
+        r2, q2, v2 = (
+            np.square(values) for values in (law.motion.measurement, law.motion.acceleration, law.motion.velocity)
+        )
+        per_side = np.exp(-(past.side[i] + future.side[j]))
+        fit, volume = np.ones(len(i)), np.ones(len(i))
+        for group in range(3):
+            q = q2[group]
+            b, c = past.b[group][i], past.c[group][i]
+            a = past.a[group][i] + future.a[group][j] + seconds * (2 * b + seconds * (c + seconds * (q / 3)))
+            b += future.b[group][j] + seconds * (c + seconds * (q / 2))
+            c += future.c[group][j] + q * seconds
+            if group == 0:
+                a += wander
+            determinant = a * c - b * b
+            scale = 1 / (determinant * law.tails)
+            if group == 0:
+                scale *= per_side
+                determinant -= law.doubt(wander) * c
+            determinant *= 1 / (4 * r2[group] * v2[group])
+            b *= 2
+            for k in np.flatnonzero(group == GROUPS):
+                velocity = past.velocity[k][i]
+                apart = past.place[k][i] - future.place[k][j] + velocity * seconds
+                velocity -= future.velocity[k][j]
+                fit *= 1 + scale * (apart * (c * apart - b * velocity) + a * (velocity * velocity))
+                volume *= determinant
+        return np.maximum(law.cost(fit, volume), -law.most_worth)
+
+
+class OrSuddenChange:
+    """`Mismatch` along chains, or of strangers for ``turn`` more, whichever is less; see `LinkCost.mismatch_along`.
+
+    Args:
+        along: along chains.
+        alone: of strangers, which is asked for only where chains go together worse than for ``turn``.
+        turn: see `LinkCost`.
+    """
+
+    def __init__(self, along: Along, alone: Alone, turn: float) -> None:
+        self._along, self._alone, self._turn = along, alone, turn
+
+    def __call__(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
+        """See `Mismatch`."""
+        cost = self._along(i, j, seconds, wander)
+        dear = np.flatnonzero(cost > self._turn)
+        alone = self._alone(i[dear], j[dear], seconds[dear], wander[dear])
+        cost[dear] = np.minimum(cost[dear], alone + self._turn)
+        return cost
+
+
+class _Columns:
+    """Beliefs at N detections, a column at a time; ``a``, ``b``, ``c`` are ``(3, N)``, the others ``(4, N)``."""
+
+    def __init__(self, beliefs: Beliefs) -> None:
+        self.place, self.velocity = beliefs.place.T.copy(), beliefs.velocity.T.copy()
+        self.a, self.b, self.c = (beliefs.covariance[:, :, k].T.copy() for k in range(3))
+        # The longer side, so that a car is as large as it is long; of people it is the height.
+        self.side = np.maximum(*self.place[2:])
+
+
+def in_parts(cost: Mismatch, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
+    """``(P,)`` costs of pairs, so many at a time that what is computed on the way stays close to the processor."""
+    if len(i) <= PAIRS_AT_ONCE:
+        return cost(i, j, seconds, wander)
+    total = np.empty(len(i))
+    for start in range(0, len(i), PAIRS_AT_ONCE):
+        part = slice(start, start + PAIRS_AT_ONCE)
+        total[part] = cost(i[part], j[part], seconds[part], wander[part])
+    return total
+
+
+# However well two chains fit, a link is worth no more: a track's end may always be bought.
+MOST_WORTH = 15.0
+
+
+@dataclass(frozen=True)
+class LinkCost:
+    """What links cost.
+
+    Attributes:
+        motion: noise of detections and of motion.
+        tails: ν, degrees of freedom; the fewer, the less a large difference counts.
+        miss: cost of a second without a detection.
+        covering: share of that which is not paid where the person is hidden.
+        appearance: weight of the cosine distance of two appearance features, and of two averaged along tracks.
+        neutral: cosine distance that speaks neither for nor against, taken also where it is not known; likewise two.
+        action: what the action features of two detections or tracks say; None leaves them out.
+        most_alike: the appearance of two single detections speaks for a link by no more than this. Otherwise detections
+            of one person with and without features would rather make two tracks.
+        most_learnt: learnt costs count for no more than this, either way.
+        reach: differences of centres in x and in y that are considered, longer sides of the earlier box.
+        speed: what is added to them every second.
+        doubt: and what is added where the camera's motion is in doubt, in its standard deviations.
+        lost: deviation of the camera's motion, in heights, above which it makes links no dearer: where nobody knows how
+            far the camera jumped, all links over the jump are equally far.
+        size: largest difference of log heights that is considered.
+        settled: how far the first prices take the velocity for known, 0 to 1; see `mismatch_alone`.
+        turn: cost of a sudden change of motion; see `mismatch_along`.
+    """
+
+    motion: MotionNoise = field(default_factory=MotionNoise)
+    tails: float = 2.5
+    miss: float = 1.5
+    covering: float = 0.7
+    appearance: tuple[float, float] = (14.0, 18.0)
+    neutral: tuple[float, float] = (0.27, 0.24)
+    action: ActionCost | None = None
+    most_alike: float = 3.0
+    most_learnt: float = 5.0
+    reach: tuple[float, float] = (0.3, 0.3)
+    speed: tuple[float, float] = (2.1, 1.2)
+    doubt: float = 2.0
+    lost: float = 0.5
+    size: float = 0.5
+    settled: float = 0.3
+    turn: float = 3.0
+
+    def __post_init__(self) -> None:
+        if not (self.tails > 0 and self.miss >= 0 and 0 <= self.covering <= 1 and self.size > 0):
+            raise ValueError("expected tails and size above 0, miss from 0 and covering from 0 to 1")
+        if not (0 <= self.settled <= 1 and self.turn >= 0):
+            raise ValueError(f"expected settled from 0 to 1 and turn from 0, got {self.settled} and {self.turn}")
+        if min(self.reach) <= 0 or min(*self.speed, self.doubt, self.lost) < 0:
+            raise ValueError(
+                f"expected reach above 0, speed, doubt and lost from 0, got {self.reach}, {self.speed}"
+                f", {self.doubt} and {self.lost}"
+            )
+
+    def at_speed(self, speed: float) -> LinkCost:
+        """The same where targets move at ``speed``, longer sides a second, as `TypicalSpeed` tells it.
+
+        Velocities differ by as much. Their changes, and how far links reach, are no smaller than at the speed of these
+        costs, since who stands may walk on.
+        """
+        times = speed / self.motion.velocity[0]
+        more = max(times, 1.0)
+        (vx, vw, vh), (qx, qw, qh), root = self.motion.velocity, self.motion.acceleration, float(np.sqrt(more))
+        motion = replace(
+            self.motion,
+            velocity=(vx * times, vw * times, vh * times),
+            acceleration=(qx * root, qw * root, qh * root),
+        )
+        return replace(self, motion=motion, speed=(self.speed[0] * more, self.speed[1] * more))
+
+    def limits(self, sides: FloatArray, seconds: float | FloatArray) -> FloatArray:
+        """``(N, 2)`` largest differences of centres in pixels for boxes of ``(N,)`` longer sides.
+
+        Args:
+            sides: pixels.
+            seconds: the gap, one for all or ``(N,)``.
+        """
+        return np.asarray(sides[:, None] * (np.array(self.reach) + np.multiply.outer(seconds, self.speed)))
+
+    def waiting(self, seconds: FloatArray, one_frame: float, hidden: FloatArray) -> FloatArray:
+        """``(P,)`` what the time between two detections costs in which the person was not detected."""
+        return np.asarray(self.miss * (seconds - one_frame) * (1 - self.covering * hidden))
+
+    def appearance_cost(self, distance: FloatArray, *, averaged: bool) -> FloatArray:
+        """``(P,)`` what cosine distances of single, or of averaged features say; NaN where one is not known."""
+        weight, neutral = self.appearance[averaged], self.neutral[averaged]
+        cost = np.asarray(weight * np.nan_to_num(distance - neutral))
+        return cost if averaged else np.maximum(cost, -self.most_alike)
+
+    def learnt(self, cost: FloatArray) -> FloatArray:
+        """``(P,)`` what learnt costs -log P say: -logit P, within bounds, since no single pair is beyond doubt."""
+        probability = np.exp(-cost)
+        return np.clip(np.log1p(-probability + 1e-9) + cost, -self.most_learnt, self.most_learnt)
+
+    def mismatch(
+        self, past: Beliefs, future: Beliefs, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray
+    ) -> FloatArray:
+        """``(P,)`` how ill the past of ``i`` and the future of ``j`` go together: the sum over the coordinates.
+
+        Args:
+            past: what the past of its chain says at each detection.
+            future: likewise of the future.
+            i: ``(P,)`` indices of the earlier detections.
+            j: ``(P,)`` of the later ones.
+            seconds: ``(P,)`` between the two.
+            wander: ``(P,)`` variance that the camera's motion adds in between, squared heights.
+        """
+        return Along(self._law(), past, future)(i, j, seconds, wander)
+
+    def mismatch_along(self, seen: Measurements, past: Beliefs, future: Beliefs, one_frame: float) -> OrSuddenChange:
+        """`mismatch` of the past of one and the future of the other, or of a sudden change of motion in between.
+
+        Constant velocity with small changes fits those who walk, not those whom the camera suddenly swings past. The
+        more a chain is sure of its velocity, the dearer such a change gets, until whole people are left out. So the
+        link may also be explained by two strangers to each other's motion, `mismatch_alone`, for ``turn`` more: of two
+        explanations the likelier one counts.
+
+        Args:
+            seen: what was measured.
+            past: what the past of its chain says at each detection.
+            future: likewise of the future.
+            one_frame: seconds.
+        """
+        return OrSuddenChange(Along(self._law(), past, future), self.mismatch_alone(seen, one_frame), self.turn)
+
+    def mismatch_alone(self, seen: Measurements, one_frame: float) -> Alone:
+        """`mismatch` of detections of which each is all that is known of its chain: with P = diag(r², v²).
+
+        Of two detections alone nobody knows the velocity, and ½ log |Σ| says how much room that leaves. A chain has one
+        velocity, so it should pay for this once, but here every link of it does: the faster the targets and the fewer
+        the frames, the more. What it costs over ``one_frame`` is therefore taken off in part, ``settled`` of it:
+        with 0 chains of fast targets never form, with 1 whatever lies in reach is linked.
+        """
+        return Alone(self._law(), seen, self.settled * self.room(one_frame))
+
+    def _law(self) -> StudentT:
+        return StudentT(self.motion, self.tails, self.lost, MOST_WORTH)
+
+    def room(self, seconds: float) -> float:
+        """½ log(|Σ| / 4r²v²) of two detections alone, summed over the coordinates: what the unknown velocity costs."""
+        r2, q2, v2 = (
+            np.square(values)[GROUPS]
+            for values in (self.motion.measurement, self.motion.acceleration, self.motion.velocity)
+        )
+        aa = 2 * r2 + np.square(seconds) * (v2 + seconds * q2 / 3)
+        bb, cc = seconds * (v2 + seconds * q2 / 2), 2 * v2 + q2 * seconds
+        return float(0.5 * np.log((aa * cc - np.square(bb)) / (4 * r2 * v2)).sum())

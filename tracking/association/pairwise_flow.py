@@ -1,0 +1,230 @@
+"""Which detections of different frames can be the same person at all.
+
+The gate is deliberately wide: it only keeps the number of pairs linear in the length of the video. What a pair is
+worth is decided by the costs.
+
+The flow with prices of pairs alone, over a whole video at once: for few frames a second, and for comparison.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tsuiseki.tracking.association.costs import ObservationCost, PairFeatures, TransitionCost, pair_features
+from tsuiseki.tracking.association.detection_tables import DetectionRows
+from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class GateSettings:
+    """Limits of a plausible move between two detections.
+
+    Attributes:
+        window: largest gap in frames, at least 1; 1 links consecutive frames only.
+        reach: distance of centres allowed at gap 1, in heights of the earlier box.
+        speed: additional distance allowed for every further frame, in heights of the earlier box.
+        size_ratio: the larger height over the smaller at most, at least 1.
+    """
+
+    window: int = 30
+    reach: float = 0.5
+    speed: float = 0.1
+    size_ratio: float = 1.6
+
+    def __post_init__(self) -> None:
+        if self.window < 1:
+            raise ValueError(f"expected a window of at least 1 frame, got {self.window}")
+        if not (self.reach > 0 and self.speed >= 0 and self.size_ratio >= 1):
+            raise ValueError(
+                "expected reach > 0, speed >= 0 and size_ratio >= 1, "
+                f"got {self.reach}, {self.speed} and {self.size_ratio}"
+            )
+
+
+def candidate_pairs(
+    frames: IntArray, boxes: FloatArray, settings: GateSettings | None = None
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Indices of all pairs of detections that lie within the gate.
+
+    Args:
+        frames: ``(N,)`` frame numbers, in any order.
+        boxes: ``(N, 4)`` pixels.
+        settings: the gate; by default that of ``GateSettings()``.
+
+    Returns:
+        ``(P,)`` arrays ``i``, ``j`` and ``gap`` with ``frames[j] - frames[i] == gap`` and ``1 <= gap <= window``,
+        sorted by i, then by j's frame.
+    """
+    parts = list(pairs_by_gap(frames, boxes, settings or GateSettings()))
+    if not parts:
+        return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64)
+    gap = np.repeat([gap for _, _, gap in parts], [len(i) for i, _, _ in parts])
+    i, j = np.concatenate([i for i, _, _ in parts]), np.concatenate([j for _, j, _ in parts])
+    by_detection = np.lexsort((j, gap, i))
+    return i[by_detection], j[by_detection], gap[by_detection]
+
+
+def pairs_by_gap(
+    frames: IntArray, boxes: FloatArray, settings: GateSettings
+) -> Iterator[tuple[IntArray, IntArray, int]]:
+    """The same pairs, one gap at a time, so that they can be priced and thinned out before the next come.
+
+    Args:
+        frames: ``(N,)`` frame numbers, in any order.
+        boxes: ``(N, 4)`` pixels.
+        settings: the gate.
+
+    Yields:
+        Arrays ``i`` and ``j`` of the pairs ``gap`` frames apart, and ``gap``, from 1 on.
+    """
+    if len(frames) == 0:
+        return
+    frames = np.asarray(frames, dtype=np.int64)
+    x, y = (boxes[:, 0] + boxes[:, 2]) / 2, (boxes[:, 1] + boxes[:, 3]) / 2
+    height = boxes[:, 3] - boxes[:, 1]
+    order = np.lexsort((x, frames))
+    frames, x, y, height = frames[order] - frames.min(), x[order], y[order], height[order]
+    # One sorted key holds frame and x, so that a range of it is the strip of one frame within reach; the key of a
+    # frame is wider than the strip, and no strip runs into the next frame.
+    furthest = height.max() * (settings.reach + settings.speed * (settings.window - 1))
+    x = x - x.min()
+    width = x.max() + 2 * furthest + 1.0
+    key = frames * width + x
+    for gap in range(1, min(settings.window, int(frames[-1])) + 1):
+        i, j = _pairs_at_gap(gap, key, width, x, y, height, settings)
+        yield order[i], order[j], gap
+
+
+def _pairs_at_gap(
+    gap: int, key: FloatArray, width: float, x: FloatArray, y: FloatArray, height: FloatArray, settings: GateSettings
+) -> tuple[IntArray, IntArray]:
+    """Pairs within the gate at one gap, as positions in the order of the key."""
+    reach = height * (settings.reach + settings.speed * (gap - 1))
+    target = key + gap * width
+    first = np.searchsorted(key, target - reach)
+    count = np.searchsorted(key, target + reach, side="right") - first
+    i = np.repeat(np.arange(len(key)), count)
+    j = np.arange(len(i)) - np.repeat(np.cumsum(count) - count - first, count)
+    ratio = height[j] / height[i]
+    near = (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 <= reach[i] ** 2
+    kept = near & (ratio <= settings.size_ratio) & (ratio >= 1 / settings.size_ratio)
+    return i[kept], j[kept]
+
+
+def priced_pairs(
+    frames: IntArray,
+    boxes: FloatArray,
+    features: FloatArray | None,
+    gate: GateSettings,
+    transition: TransitionCost,
+    miss: float,
+    first_head: int = 0,
+) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
+    """Tails, heads and costs of all plausible transitions, one gap at a time.
+
+    Args:
+        frames: ``(N,)`` frame numbers.
+        boxes: ``(N, 4)`` pixels.
+        features: ``(N, D)`` unit length, or None.
+        gate: which pairs are plausible.
+        transition: prices them.
+        miss: added for every frame in between.
+        first_head: only pairs whose later detection has at least this index.
+    """
+    for tail, head, gap in pairs_by_gap(frames, boxes, gate):
+        if first_head:
+            wanted = head >= first_head
+            tail, head = tail[wanted], head[wanted]
+        if len(tail):
+            pairs = pair_features(boxes, features, tail, head, np.full(len(tail), gap))
+            yield tail, head, transition(pairs) + miss * (gap - 1)
+
+
+@dataclass(frozen=True)
+class HandSetCost:
+    """Transition cost set by hand on position, size and appearance: nothing is learnt.
+
+    The exponent q of thesis eq. 2.14 is the logarithm of how much likelier two different people are than one, under
+    simple assumptions in place of boosted trees (eq. 2.15); the cost is log(1 + exp(q)). Differences of place and size
+    follow Student's t distribution: now and then a detector is far off, and no single difference rules a link out.
+
+    Attributes:
+        bias: q of two detections one frame apart that do not differ, of neutral appearance.
+        noise: scale of the difference of two detected centres, in heights.
+        speed_x: scale of a person's horizontal velocity, in heights a frame.
+        speed_y: scale of the vertical velocity, in heights a frame.
+        spread: how much longer gaps count against a link, as their region of likely positions grows; 1 is by its area.
+        size: scale of the log ratio of two detected heights of one person.
+        tails: degrees of freedom of the distributions; the fewer, the less a large difference counts.
+        appearance: weight of the cosine distance.
+        neutral: cosine distance that speaks neither for nor against, taken also where the distance is not known.
+        action: weight of the cosine distance of the action features, where there are any.
+        action_neutral: likewise, of the action features.
+    """
+
+    bias: float = -5.0
+    noise: float = 0.06
+    speed_x: float = 0.04
+    speed_y: float = 0.02
+    spread: float = 1.0
+    size: float = 0.09
+    tails: float = 5.0
+    appearance: float = 14.0
+    neutral: float = 0.27
+    action: float = 4.0
+    action_neutral: float = 0.15
+
+    def __call__(self, pairs: PairFeatures) -> FloatArray:
+        """``(P,)`` costs, above 0."""
+        gap = pairs.gap.astype(np.float64)
+        noise = self.noise**2
+        variance_x, variance_y = noise + (self.speed_x * gap) ** 2, noise + (self.speed_y * gap) ** 2
+        nearest = (noise + self.speed_x**2) * (noise + self.speed_y**2)
+        q = np.log(variance_x * variance_y / nearest) * (self.spread / 2) + self.bias
+        q += surprise(pairs.dx**2 / variance_x + pairs.dy**2 / variance_y, 2, self.tails)
+        q += surprise((pairs.dh / self.size) ** 2, 1, self.tails)
+        known = ~np.isnan(pairs.appearance)
+        q[known] += self.appearance * (pairs.appearance[known] - self.neutral)
+        if pairs.action is not None:
+            q += self.action * np.nan_to_num(pairs.action - self.action_neutral)
+        return np.logaddexp(0, q)
+
+
+def surprise(squared: FloatArray, dimensions: int, tails: float) -> FloatArray:
+    """How much less likely a difference is than none, -log p(x) / p(0), under Student's t distribution.
+
+    Args:
+        squared: squared lengths of differences, in scales.
+        dimensions: of the differences.
+        tails: degrees of freedom.
+    """
+    return np.asarray(np.log1p(squared / tails) * ((tails + dimensions) / 2))
+
+
+@dataclass(frozen=True)
+class PairwiseCosts:
+    """What the flow costs.
+
+    Attributes:
+        gate: which detections may be linked.
+        observation: of detections, c_obsv.
+        transition: of pairs, c_tran.
+        entry: of a track's start, and of its end.
+        miss: of every frame between two linked detections.
+    """
+
+    gate: GateSettings = field(default_factory=GateSettings)
+    observation: ObservationCost = field(default_factory=ObservationCost)
+    transition: TransitionCost = field(default_factory=HandSetCost)
+    entry: float = 2.0
+    miss: float = 0.1
+
+
+def pairwise_tracks(rows: DetectionRows, costs: PairwiseCosts) -> IntArray:
+    """``(N,)`` track of each detection from 0 on, -1 for none."""
+    pairs = priced_pairs(rows.frames, rows.boxes, rows.features, costs.gate, costs.transition, costs.miss)
+    return track_labels(solve(build_graph(costs.observation(rows.scores), pairs, costs.entry, costs.entry)))

@@ -1,0 +1,286 @@
+"""The minimum-cost flow of a video that is longer than memory, solved window by window and still exact.
+
+**Overlap rule.** No transition may span ``overlap`` frames or more. Detections of the last ``overlap - 1`` frames are
+the frontier: only from them can a transition lead into frames that have not come yet. After every window, the
+detections that no future can change any more are decided and forgotten; all others, at least the frontier, overlap
+into the next window.
+
+**What is guaranteed.** As long as no window had to be cut (``exact``), the decided tracks are those of a cheapest flow
+of the whole video among the flows without a gap of ``overlap`` frames or more. If every gap of the whole video's
+optimum is shorter than the overlap, they have its cost, and they are its tracks where it is the only one. A fixed
+overlap alone would not do: a choice between two matchings can hang in the balance over any number of frames.
+
+How it is known that no future can change a detection: `flow_safety`.
+
+**Memory.** What is kept is the undecided part. Usually that is little more than the frontier, whatever the length of
+the video; people who stay inseparable for long can make it grow. ``most_undecided`` bounds it: a window of more
+frames is cut, with ``exact`` turned off, by deciding all that lies before the frontier as if the video ended there.
+
+**Settling.** Where answers may not wait, detections that were answered are settled as the window has them. What follows
+the last one of a track stays open, for as long as a transition can reach the frames to come.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.association.flow_safety import safe_detections
+from tsuiseki.tracking.association.network_flow import FlowGraph, FlowSolution, solution_of, solve
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+# A network of up to so many windows is solved at once.
+AT_ONCE = 8
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Detections whose place is final.
+
+    Attributes:
+        numbers: ``(K,)`` their numbers, counted over the whole video.
+        used: ``(K,)`` whether they belong to a track.
+        follower: ``(K,)`` number of the next detection of the track, -1 where there is none. It may not be decided
+            itself yet; that it follows is final.
+        cost: ``(K,)`` observation cost, 0 where not used.
+        link: ``(K,)`` cost of the transition to the follower, 0 where there is none.
+    """
+
+    numbers: IntArray
+    used: BoolArray
+    follower: IntArray
+    cost: FloatArray
+    link: FloatArray
+
+
+class SlidingFlow:
+    """Solves a flow network that arrives piece by piece in the order of the frames.
+
+    Args:
+        overlap: transitions span fewer frames than this; at least 2.
+        most_saving: the most that it can save to continue a track: the highest entry cost of any detection to come
+            minus the lowest cost of a transition, if that is negative.
+        most_undecided: most frames that may stay undecided; None never cuts.
+
+    Raises:
+        ValueError: the overlap is too short, or longer than ``most_undecided``.
+    """
+
+    def __init__(self, overlap: int, most_saving: float, most_undecided: int | None = None) -> None:
+        if overlap < 2:
+            raise ValueError(f"expected an overlap of at least 2 frames, got {overlap}")
+        if most_undecided is not None and most_undecided < overlap:
+            raise ValueError(f"expected most_undecided from the overlap of {overlap} frames, got {most_undecided}")
+        self.overlap = overlap
+        self.most_saving = most_saving
+        self.most_undecided = most_undecided
+        self.exact = True
+        self._count = 0
+        self._numbers = np.empty(0, dtype=np.int64)
+        self._frames = np.empty(0, dtype=np.int64)
+        self._inflow = np.empty(0, dtype=np.bool_)
+        nothing, none = np.empty(0), np.empty(0, dtype=np.int64)
+        self._graph = FlowGraph(nothing, nothing, nothing, none, none, nothing)
+        self._solution: FlowSolution | None = None
+
+    @property
+    def undecided(self) -> IntArray:
+        """``(K,)`` increasing numbers of the detections that are still kept."""
+        return self._numbers
+
+    def extend(self, frames: IntArray, graph: FlowGraph, inflow: BoolArray | None = None) -> None:
+        """Add the detections of the next frames.
+
+        Args:
+            frames: ``(N,)`` frame of each new detection, all later than those before.
+            graph: observation, entry and exit costs of the N new detections, and all transitions that end at them.
+                Its indices are numbers over the whole video; transitions of ``overlap`` frames or more and those
+                from detections that are decided are left out.
+            inflow: ``(N,)`` those that continue a track from before the network; by default none.
+
+        Raises:
+            ValueError: a frame is not later, or continuing a track can save more than ``most_saving``.
+        """
+        if len(frames) and len(self._frames) and frames.min() <= self._frames.max():
+            raise ValueError(f"expected frames after {self._frames.max()}, got {frames.min()}")
+        self._check(graph)
+        old, self._solution = self._graph, None
+        self._numbers = np.append(self._numbers, np.arange(self._count, self._count + len(frames)))
+        self._count += len(frames)
+        self._frames = np.append(self._frames, frames)
+        self._inflow = np.append(self._inflow, np.zeros(len(frames), dtype=np.bool_) if inflow is None else inflow)
+        tail, head = np.searchsorted(self._numbers, graph.tail), np.searchsorted(self._numbers, graph.head)
+        kept = self._numbers[tail] == graph.tail
+        kept &= self._frames[head] - self._frames[tail] < self.overlap
+        self._graph = FlowGraph(
+            np.append(old.observation, graph.observation),
+            np.append(old.entry, graph.entry),
+            np.append(old.exit, graph.exit),
+            np.append(old.tail, tail[kept]),
+            np.append(old.head, head[kept]),
+            np.append(old.transition, graph.transition[kept]),
+        )
+
+    def replace(self, graph: FlowGraph) -> None:
+        """Take other costs and transitions for the detections that are not decided.
+
+        Args:
+            graph: of the undecided detections; its indices count them.
+
+        Raises:
+            ValueError: the number of detections differs, or continuing a track can save more than ``most_saving``.
+        """
+        if len(graph) != len(self._numbers):
+            raise ValueError(f"expected costs of {len(self._numbers)} detections, got {len(graph)}")
+        self._check(graph)
+        self._graph, self._solution = graph, None
+
+    def solution(self) -> FlowSolution:
+        """The cheapest flow as it is if the video ends here; its indices count the undecided detections."""
+        if self._solution is None:
+            self._solution = solve_in_windows(self._graph, self._inflow)
+        return self._solution
+
+    def decide_before(self, frame: int) -> Decision:
+        """Decide and forget all detections before a frame, whether the future could change them or not."""
+        solution = self.solution()
+        done = self._frames < frame
+        decision = self._decision(done, solution)
+        self._forget(done, solution)
+        return decision
+
+    def decide(self, last_frame: int, before: int | None = None) -> Decision:
+        """Decide and forget what no frame after ``last_frame`` can change.
+
+        Args:
+            last_frame: the last frame that has come, with or without detections.
+            before: decide nothing from this frame on.
+        """
+        frontier = self._frames > last_frame + 1 - self.overlap
+        if before is not None:
+            frontier |= self._frames >= before
+        solution = self.solution()
+        done = safe_detections(self._graph, solution, self._inflow, frontier, self.most_saving)
+        done = _with_predecessors(done, solution)
+        most = self.most_undecided
+        if most is not None and len(self._frames) and self._undecided_span(done, last_frame) > most:
+            self.exact = False
+            done = ~frontier
+        decision = self._decision(done, solution)
+        self._forget(done, solution)
+        return decision
+
+    def settle(self, settled: IntArray, before: int, last_frame: int, closed: IntArray) -> None:
+        """Settle that detections are used and how they follow each other; forget what nothing can change any more.
+
+        The last one of each track stays until no frame after ``last_frame`` is within its reach; what follows it is
+        open. So do detections that are not settled, of which those of no track are forgotten then.
+
+        Args:
+            settled: numbers of detections that the solution uses; with each of them all before it on its track.
+            before: nothing from this frame on is forgotten.
+            last_frame: the last frame that has come.
+            closed: numbers of settled detections that nothing shall follow.
+        """
+        solution = self.solution()
+        certain = np.isin(self._numbers, settled)
+        follower = solution.follower
+        # Index -1, a track's end, picks the appended False.
+        passed = np.append(certain, False)[follower] & (follower >= 0)
+        old = (self._frames + self.overlap <= last_frame + 1) & (self._frames < before)
+        done = certain & (passed | ((follower < 0) & old) | np.isin(self._numbers, closed))
+        done |= ~solution.used & old
+        self.exact = self.exact and bool(done.all())
+        self._inflow = self._inflow | certain
+        self._forget(done, solution)
+
+    def remainder(self) -> Decision:
+        """All that is not decided, as it is if the video ends here; nothing is forgotten."""
+        return self._decision(np.ones(len(self._frames), dtype=np.bool_), self.solution())
+
+    def _check(self, graph: FlowGraph) -> None:
+        saving = graph.entry.max(initial=0.0) - min(graph.transition.min(initial=0.0), 0.0)
+        if saving > self.most_saving:
+            raise ValueError(f"expected that continuing a track saves at most {self.most_saving:g}, got {saving:g}")
+
+    def _undecided_span(self, done: BoolArray, last_frame: int) -> int:
+        return 0 if done.all() else last_frame + 1 - int(self._frames[~done].min())
+
+    def _decision(self, done: BoolArray, solution: FlowSolution) -> Decision:
+        used, follower = solution.used[done], solution.follower[done]
+        # Index -1, a track's end, picks the appended -1.
+        following = np.append(self._numbers, -1)[follower]
+        cost = np.where(used, self._graph.observation[done], 0.0)
+        return Decision(self._numbers[done], used, following, cost, solution.link[done])
+
+    def _forget(self, done: BoolArray, solution: FlowSolution) -> None:
+        graph, self._solution = self._graph, None
+        self._inflow[solution.follower[done & (solution.follower >= 0)]] = True
+        rest = ~done
+        position = np.cumsum(rest) - 1
+        arcs = rest[graph.tail] & rest[graph.head]
+        self._graph = FlowGraph(
+            graph.observation[rest],
+            graph.entry[rest],
+            graph.exit[rest],
+            position[graph.tail[arcs]],
+            position[graph.head[arcs]],
+            graph.transition[arcs],
+        )
+        self._numbers, self._frames, self._inflow = self._numbers[rest], self._frames[rest], self._inflow[rest]
+
+
+def solve_in_windows(graph: FlowGraph, inflow: BoolArray | None = None, detections: int = 4000) -> FlowSolution:
+    """The same as `solve`, in a time that grows with the length of the video and not faster.
+
+    The matching of a long video has long augmenting paths. So detections come a few thousand at a time, those that the
+    following ones cannot change are decided, and the others stay. Where transitions reach over more detections than
+    that, as in crowds of thousands, as many come at a time as they reach over: fewer would decide nothing.
+
+    Args:
+        graph: the network; each transition leads to a detection further on.
+        inflow: ``(N,)`` see `solve`.
+        detections: that come at a time at least, from 1 on; a network of up to eight times as many is solved at once.
+    """
+    count = len(graph)
+    overlap = max(int((graph.head - graph.tail).max(initial=1)) + 1, 2)
+    detections = max(detections, overlap)
+    if count <= AT_ONCE * detections:
+        return solve(graph, inflow)
+    inflow = np.zeros(count, dtype=np.bool_) if inflow is None else inflow
+    saving = float(graph.entry.max() - min(graph.transition.min(initial=0.0), 0.0))
+    flow = SlidingFlow(overlap, saving)
+    order = np.argsort(graph.head, kind="stable")
+    used, follower = np.zeros(count, dtype=np.bool_), np.full(count, -1, dtype=np.int64)
+    for start in range(0, count, detections):
+        new = np.arange(start, min(start + detections, count))
+        links = order[slice(*np.searchsorted(graph.head, [new[0], new[-1] + 1], sorter=order))]
+        part = FlowGraph(
+            graph.observation[new],
+            graph.entry[new],
+            graph.exit[new],
+            graph.tail[links],
+            graph.head[links],
+            graph.transition[links],
+        )
+        flow.extend(new, part, inflow[new])
+        last = new[-1] == count - 1
+        decision = flow.remainder() if last else flow.decide(int(new[-1]))
+        used[decision.numbers], follower[decision.numbers] = decision.used, decision.follower
+    return solution_of(graph, inflow, used, follower)
+
+
+def _with_predecessors(done: BoolArray, solution: FlowSolution) -> BoolArray:
+    """Of the detections, those whose track is done all the way up to them."""
+    before = np.full(len(done), -1, dtype=np.int64)
+    linked = np.flatnonzero(solution.follower >= 0)
+    before[solution.follower[linked]] = linked
+    done = done.copy()
+    broken = np.flatnonzero(~done)
+    while len(broken):
+        following = solution.follower[broken]
+        broken = following[following >= 0]
+        broken = broken[done[broken]]
+        done[broken] = False
+    return done

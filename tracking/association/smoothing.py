@@ -1,0 +1,250 @@
+"""Filling the gaps of tracks where evidence supports it, and smoothing their boxes.
+
+A filled gap adds one box for every missed frame: right where the person was there unseen, and a false box each where
+the track itself or the link across the gap is wrong. So a gap is filled only as far as the detections around it and
+their motion vouch for it.
+
+How far the tracks of a video are to be smoothed, learnt from those tracks without labels.
+
+One detector errs more than another, and cars that come near change faster than people who walk. So the strength of the
+smoothing (`interpolation.smooth`) is the one that predicts left-out boxes best: runs of boxes are taken out of the
+tracks, curves through the rest are laid across the gaps, and their mean distance from what was taken out is compared.
+The runs are longer than a detector's errors mostly persist: single boxes would be predicted best by copying the errors
+of their neighbours. What persists still longer is allowed for by a factor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import scipy
+
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
+
+SIDE = 15
+
+
+@dataclass(frozen=True)
+class GapSettings:
+    """How much evidence a filled gap needs.
+
+    Attributes:
+        longest_gap: most frames that are filled between two detections.
+        support: frames that may be filled for every detection within 15 frames of the gap, on the side that has
+            fewer; 0 fills nothing.
+        mismatch: largest distance between where the motion before the gap and the motion after it put the person in
+            the middle of the gap, in heights.
+    """
+
+    longest_gap: int = 22
+    support: float = 2.0
+    mismatch: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.longest_gap < 0 or self.support < 0 or self.mismatch < 0:
+            raise ValueError("expected longest_gap, support and mismatch of 0 or more")
+
+
+@dataclass(frozen=True)
+class SmoothingSettings:
+    """How far boxes are smoothed: the squared noise of a detected box over that of its change of velocity.
+
+    Attributes:
+        position: for the centre; 0 leaves it where it was detected.
+        size: for width and height, which change more slowly; 0 leaves them as they were detected.
+    """
+
+    position: float = 250.0
+    size: float = 20_000.0
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.position < np.inf and 0 <= self.size < np.inf):
+            raise ValueError("expected finite strengths of smoothing, 0 or more")
+
+
+def fill_gaps(track: Track, settings: GapSettings) -> Track:
+    """``track`` with the gaps filled that have the evidence: boxes and scores on straight lines, not observed.
+
+    >>> track = Track(1, np.array([0, 1, 3]), np.array([[t, 0, t + 9, 9.0] for t in (0, 1, 3)]), np.ones(3))
+    >>> fill_gaps(track, GapSettings()).boxes[2].tolist()
+    [2.0, 0.0, 11.0, 9.0]
+    """
+    missing = np.diff(track.frames) - 1
+    wanted = np.flatnonzero((missing > 0) & (missing <= settings.longest_gap))
+    if len(wanted) and min(settings.support, settings.mismatch) < np.inf:
+        wanted = wanted[[_is_supported(track, int(gap), settings) for gap in wanted]]
+    if len(wanted) == 0:
+        return track
+    added = np.concatenate([np.arange(track.frames[gap] + 1, track.frames[gap + 1]) for gap in wanted])
+    frames = np.concatenate([track.frames, added])
+    boxes = np.concatenate([track.boxes, _on_lines(track.frames, track.boxes, added)])
+    scores = np.concatenate([track.scores, np.interp(added, track.frames, track.scores)])
+    observed = np.concatenate([track.observed, np.zeros(len(added), dtype=np.bool_)])
+    order = np.argsort(frames, kind="stable")
+    return Track(track.id, frames[order], boxes[order], scores[order], observed[order])
+
+
+def _is_supported(track: Track, gap: int, settings: GapSettings) -> bool:
+    """Whether the gap after the detection ``gap`` has enough evidence on both sides."""
+    first, last = track.frames[gap], track.frames[gap + 1]
+    missing = last - first - 1
+    before = (track.frames > first - SIDE) & (track.frames <= first)
+    after = (track.frames >= last) & (track.frames < last + SIDE)
+    if missing > min(settings.longest_gap, settings.support * min(before.sum(), after.sum())):
+        return False
+    middle = (first + last) / 2
+    forward, backward = (_extrapolated(track, side, middle) for side in (before, after))
+    heights = track.boxes[gap : gap + 2, 3] - track.boxes[gap : gap + 2, 1]
+    return bool(np.hypot(*(forward - backward)) <= settings.mismatch * heights.mean())
+
+
+def _extrapolated(track: Track, side: BoolArray, frame: float) -> FloatArray:
+    """``(2,)`` where the straight motion of some detections puts the centre at a frame; one detection stands still."""
+    frames = track.frames[side].astype(np.float64)
+    centre = (track.boxes[side, :2] + track.boxes[side, 2:]) / 2
+    offset = frames - frames.mean()
+    slope = offset @ centre / (offset @ offset) if len(frames) > 1 else np.zeros(2)
+    return np.asarray(centre.mean(axis=0) + slope * (frame - frames.mean()))
+
+
+def _on_lines(frames: IntArray, boxes: FloatArray, wanted: IntArray) -> FloatArray:
+    return np.stack([np.interp(wanted, frames, coordinate) for coordinate in boxes.T], axis=1)
+
+
+def smooth(track: Track, settings: SmoothingSettings) -> Track:
+    """``track`` with its boxes on smooth curves through the observed ones.
+
+    Centre and size become the most likely path of a body whose velocity changes at random, given noisy detections:
+    the minimiser x of ``sum (x_t - z_t)^2 + strength * sum (x_{t-1} - 2 x_t + x_{t+1})^2``, the first sum over the
+    observed frames. Boxes that are not observed take part only through the second sum, so what was filled in on a
+    straight line becomes the natural curve through the gap. Straight motion is left as it is.
+    """
+    observed = track.observed
+    if len(track) < 3 or observed.sum() < 3:
+        return track
+    centre, size = (track.boxes[:, :2] + track.boxes[:, 2:]) / 2, track.boxes[:, 2:] - track.boxes[:, :2]
+    times = track.frames - track.frames[0]
+    centre = _smoothed(times, centre, observed, settings.position)
+    # A size that shrinks along a long gap must not turn negative.
+    size = np.maximum(_smoothed(times, size, observed, settings.size), size.min(axis=0))
+    return replace(track, boxes=np.concatenate([centre - size / 2, centre + size / 2], axis=1))
+
+
+def _smoothed(times: IntArray, values: FloatArray, observed: BoolArray, strength: float) -> FloatArray:
+    """``(T, 2)`` the minimiser of `smooth` at ``(T,)`` times, by one banded system over all frames of the track."""
+    if strength == 0:
+        return values
+    length = int(times[-1]) + 1
+    weight, target = np.zeros(length), np.zeros((length, values.shape[1]))
+    weight[times[observed]] = 1
+    target[times[observed]] = values[observed]
+    # D'D of second differences D, in the upper banded form.
+    bands = np.zeros((3, length))
+    bands[2] = weight
+    bands[2, :-2] += strength
+    bands[2, 1:-1] += 4 * strength
+    bands[2, 2:] += strength
+    bands[1, 1:-1] -= 2 * strength
+    bands[1, 2:] -= 2 * strength
+    bands[0, 2:] += strength
+    return np.asarray(scipy.linalg.solveh_banded(bands, target)[times])
+
+
+@dataclass(frozen=True)
+class FittedSmoothing:
+    """How the strength of smoothing is chosen.
+
+    Attributes:
+        strengths: those that are tried, for centres and for sizes by themselves.
+        left_out: length of the runs that are left out, seconds.
+        persisting: factor on the best strength, for errors that persist longer than these runs.
+        farthest: a box further from the curve counts as this far, longer sides.
+        most: boxes that are looked at, those of the longest tracks.
+        otherwise: strengths at 30 frames a second where no track is long enough.
+    """
+
+    strengths: tuple[float, ...] = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
+    left_out: float = 0.4
+    persisting: float = 3.0
+    farthest: float = 0.2
+    most: int = 4000
+    otherwise: SmoothingSettings = field(default_factory=lambda: SmoothingSettings(60.0, 5000.0))
+
+    def __post_init__(self) -> None:
+        if not self.strengths or min(self.strengths) <= 0 or min(self.left_out, self.farthest, self.persisting) <= 0:
+            raise ValueError("expected strengths, left_out, persisting and farthest above 0")
+
+
+def fit_smoothing(tracks: Sequence[Track], frame_rate: float, settings: FittedSmoothing) -> SmoothingSettings:
+    """The strengths that predict boxes of these tracks best.
+
+    Args:
+        tracks: their boxes as if the camera stood still; those that are not observed are passed over.
+        frame_rate: frames a second.
+        settings: of the choice.
+    """
+    run = max(2, round(settings.left_out * frame_rate))
+    chosen: list[Track] = []
+    for track in sorted(tracks, key=lambda one: (-int(one.observed.sum()), one.id)):
+        if track.observed.sum() < 3 * run or sum(map(len, chosen)) >= settings.most:
+            break
+        chosen.append(track)
+    if not chosen:
+        # The strength weighs squared second differences, which grow with the time between two frames.
+        scale = (frame_rate / 30) ** 3
+        return SmoothingSettings(settings.otherwise.position * scale, settings.otherwise.size * scale)
+    row, boundaries, values, kept = _one_after_the_other(chosen, run)
+    off = np.zeros((len(settings.strengths), 2))
+    for k, strength in enumerate(settings.strengths):
+        for fold in kept:
+            distance = np.abs(_curve(row, boundaries, values, fold, strength) - values)[~fold]
+            distance = np.minimum(distance, settings.farthest)
+            off[k] += distance[:, :2].sum(), distance[:, 2:].sum()
+    position, size = (settings.persisting * settings.strengths[int(k)] for k in off.argmin(axis=0))
+    return SmoothingSettings(position, size)
+
+
+def _one_after_the_other(
+    tracks: Sequence[Track], run: int
+) -> tuple[IntArray, IntArray, FloatArray, tuple[BoolArray, BoolArray]]:
+    """The observed boxes of tracks as rows of one system.
+
+    Returns:
+        ``(N,)`` row of each box, ``(M + 1,)`` the first row of each track and the number of rows, ``(N, 4)`` centres
+        and sizes in longer sides, and twice ``(N,)`` which boxes are kept: every third run is left out, but no end.
+    """
+    rows, values = [], []
+    folds: tuple[list[BoolArray], list[BoolArray]] = ([], [])
+    boundaries = [0]
+    for track in tracks:
+        boxes, frames = track.boxes[track.observed], track.frames[track.observed]
+        centre, size = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
+        values.append(np.concatenate([centre, size], axis=1) / size.max(axis=1).mean())
+        rows.append(frames - frames[0] + boundaries[-1])
+        boundaries.append(int(rows[-1][-1]) + 1)
+        for fold, shift in zip(folds, (0, run // 2), strict=True):
+            kept = (np.arange(len(frames)) + shift) // run % 3 != 1
+            kept[[0, -1]] = True
+            fold.append(kept)
+    first, second = (np.concatenate(fold) for fold in folds)
+    return np.concatenate(rows), np.array(boundaries), np.concatenate(values), (first, second)
+
+
+def _curve(row: IntArray, boundaries: IntArray, values: FloatArray, kept: BoolArray, strength: float) -> FloatArray:
+    """``(N, 4)`` the smooth curves through the kept values, at all of them; tracks do not touch each other."""
+    length = int(boundaries[-1])
+    weight, target = np.zeros(length), np.zeros((length, values.shape[1]))
+    weight[row[kept]], target[row[kept]] = 1, values[kept]
+    # Second differences within a track only: their middles are neither its first nor its last row.
+    middle = np.ones(length)
+    middle[boundaries[:-1]] = middle[boundaries[1:] - 1] = 0
+    middle *= strength
+    bands = np.zeros((3, length))
+    bands[2] = weight + 4 * middle
+    bands[2, :-1] += middle[1:]
+    bands[2, 1:] += middle[:-1]
+    bands[1, 1:] = -2 * (middle[:-1] + middle[1:])
+    bands[0, 2:] = middle[1:-1]
+    return np.asarray(scipy.linalg.solveh_banded(bands, target)[row])

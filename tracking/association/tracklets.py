@@ -1,0 +1,364 @@
+"""Tracklets: the chains of detections that the flow decides, as they grow.
+
+Joining tracklets over longer gaps, by the motion and the appearance of whole tracklets.
+
+The same evidence as for links of detections (`link_cost`), at the ends of tracklets: what the filter knows there, the
+time between, what hides the place, and how alike the two look on average. Ends and starts are matched for the least
+total cost, no pair above ``limit``. Ends of longer chains are known better, so it is done again until nothing joins.
+
+Boxes that straddle people: what lies on the boxes of surer tracks is no further person, or one who is hidden.
+
+Between two people who walk side by side a detector also finds a third, half on either, often enough for a track. Who is
+surer has the larger sum of scores: a straddling track is seldom detected, and most of its boxes are filled in.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from tsuiseki.tracking.association.chain_motion import beliefs_along
+from tsuiseki.tracking.association.costs import cosine_distances
+from tsuiseki.tracking.association.detection_tables import DetectionTable
+from tsuiseki.tracking.association.evidence import join_evidence
+from tsuiseki.tracking.association.learnt_costs import CostChanges
+from tsuiseki.tracking.association.link_cost import LinkCost
+from tsuiseki.tracking.association.link_pricing import LinkParts
+from tsuiseki.tracking.association.nearby import Pairs, hidden_between
+from tsuiseki.tracking.association.network_flow import FlowSolution, track_labels
+from tsuiseki.tracking.geometry import shared_with_all
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
+
+
+@dataclass(frozen=True)
+class Chained:
+    """Detections of chains and what follows each.
+
+    Attributes:
+        numbers: ``(K,)`` increasing, counted over the whole video.
+        follower: ``(K,)`` number of the next detection of the chain, -1 where there is none.
+        features: ``(K, D)`` of unit length, NaN where not known; None where nothing was described.
+    """
+
+    numbers: IntArray
+    follower: IntArray
+    features: FloatArray | None
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+
+class Tracklets:
+    """The tracklets as decisions of the flow come in, numbered from 0 on, and their mean appearance."""
+
+    def __init__(self) -> None:
+        self._labels = np.empty(0, dtype=np.int64)
+        self._count = 0
+        self._sums = np.empty((0, 0))
+
+    def copy(self) -> Tracklets:
+        """A copy that can grow by itself."""
+        other = Tracklets()
+        other._labels, other._count, other._sums = self._labels.copy(), self._count, self._sums.copy()
+        return other
+
+    def add(self, chained: Chained) -> None:
+        """Take further detections: those that no earlier one has named as its follower start tracklets."""
+        numbers, follower = chained.numbers, chained.follower
+        if len(numbers) == 0:
+            return
+        self._grow(int(max(numbers[-1], follower.max())) + 1)
+        place = np.searchsorted(numbers, follower).clip(max=len(numbers) - 1)
+        within = (follower >= 0) & (numbers[place] == follower)
+        chain = track_labels(
+            FlowSolution(np.ones(len(numbers), np.bool_), np.where(within, place, -1), np.zeros(len(numbers)), 0.0)
+        )
+        label = self._labels[numbers[np.unique(chain, return_index=True)[1]]]
+        fresh = label < 0
+        label[fresh] = self._count + np.arange(fresh.sum())
+        self._count += int(fresh.sum())
+        self._labels[numbers] = label[chain]
+        leaving = (follower >= 0) & ~within
+        self._labels[follower[leaving]] = label[chain[leaving]]
+        if chained.features is not None:
+            self._add_features(self._labels[numbers], chained.features)
+
+    def labels(self, count: int) -> IntArray:
+        """``(count,)`` tracklet of each detection, -1 for one that belongs to none."""
+        self._grow(count)
+        return self._labels
+
+    def appearance(self) -> FloatArray | None:
+        """``(M, D)`` unit-length mean features of the tracklets, NaN where not known; None if nothing was described."""
+        if self._sums.shape[1] == 0:
+            return None
+        missing = self._count - len(self._sums)
+        sums = np.concatenate([self._sums, np.zeros((missing, self._sums.shape[1]))])
+        length = np.linalg.norm(sums, axis=1, keepdims=True)
+        return np.asarray(np.divide(sums, length, out=np.full_like(sums, np.nan), where=length > 0))
+
+    def _grow(self, count: int) -> None:
+        more = count - len(self._labels)
+        if more > 0:
+            self._labels = np.append(self._labels, np.full(more, -1))
+
+    def _add_features(self, labels: IntArray, features: FloatArray) -> None:
+        known = ~np.isnan(features).any(axis=1)
+        labels, features = labels[known], features[known]
+        sums = np.zeros((self._count, features.shape[1]))
+        sums[: len(self._sums), : self._sums.shape[1]] = self._sums
+        member = scipy.sparse.csr_array(
+            (np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(self._count, len(labels))
+        )
+        self._sums = sums + member @ features
+
+
+@dataclass(frozen=True)
+class JoinSettings:
+    """Which tracklets are joined.
+
+    Attributes:
+        window: longest gap, seconds.
+        appearance_window: longest gap where the appearance of both is known, seconds.
+        limit: a link that costs more joins nothing.
+        miss: cost of a second without a detection.
+        passes: how often all ends are matched, at most.
+    """
+
+    window: float = 2.0
+    appearance_window: float = 5.0
+    limit: float = 12.0
+    miss: float = 0.6
+    passes: int = 4
+
+    def __post_init__(self) -> None:
+        if min(self.window, self.appearance_window, self.miss) < 0 or self.passes < 0:
+            raise ValueError("expected windows, miss and passes from 0")
+
+
+def join(
+    table: DetectionTable,
+    labels: IntArray,
+    appearance: FloatArray | None,
+    link: LinkCost,
+    settings: JoinSettings,
+    changes: CostChanges | None = None,
+    started: BoolArray | None = None,
+    places: tuple[FloatArray, FloatArray] | None = None,
+) -> IntArray:
+    """``(N,)`` track of each detection, -1 for none; tracks are numbered by their first tracklet.
+
+    Args:
+        table: the detections; their own features are not used.
+        labels: ``(N,)`` tracklet of each from 0 on, -1 for none.
+        appearance: ``(M, D)`` mean features of the tracklets, NaN where not known; None where not described.
+        link: what links cost.
+        settings: of the joining.
+        changes: by how much learnt costs differ from these.
+        started: ``(M,)`` tracklets that are known to start a track, so that none is joined to their starts; by default
+            none is.
+        places: ``(N,)`` changes of the costs of a start at each detection, and of an end, by which a join may cost
+            more; by default none.
+    """
+    link = replace(link, miss=settings.miss)
+    for _ in range(settings.passes):
+        ends = Ends.of(labels)
+        if len(ends.track) == 0:
+            break
+        i, j, parts = join_parts(table, labels, ends, appearance, link, settings)
+        cost = parts.cost
+        if changes is not None:
+            cost = cost + changes.joins(evidence_of_joins(table, labels, ends, parts, link))
+        if started is not None:
+            cost = np.where(started[j], np.inf, cost)
+        if places is not None:
+            cost = cost - places[0][parts.j] - places[1][parts.i]
+        before, after = cheapest_matching(i, j, cost - settings.limit)
+        if len(before) == 0:
+            break
+        into = np.arange(max(int(labels.max(initial=-1)) + 1, 0 if appearance is None else len(appearance)))
+        into[after] = before
+        while (into != into[into]).any():
+            into = into[into]
+        if appearance is not None:
+            appearance = _means(appearance, into, np.bincount(labels[labels >= 0], minlength=len(into)))
+        labels = np.append(into, -1)[labels]
+    return labels
+
+
+@dataclass(frozen=True)
+class Ends:
+    """First and last detection of M tracks.
+
+    Attributes:
+        track: ``(M,)`` increasing numbers of the tracks.
+        first: ``(M,)`` index of its first detection.
+        last: ``(M,)`` index of its last one.
+    """
+
+    track: IntArray
+    first: IntArray
+    last: IntArray
+
+    @classmethod
+    def of(cls, labels: IntArray) -> Ends:
+        """The ends of all tracks in ``labels``."""
+        used = np.flatnonzero(labels >= 0)
+        order = used[np.argsort(labels[used], kind="stable")]
+        track, first = np.unique(labels[order], return_index=True)
+        last = np.append(first[1:], len(order))[: len(first)] - 1
+        return cls(track, order[first], order[last])
+
+
+def join_parts(
+    table: DetectionTable,
+    labels: IntArray,
+    ends: Ends,
+    appearance: FloatArray | None,
+    link: LinkCost,
+    settings: JoinSettings,
+) -> tuple[IntArray, IntArray, LinkParts]:
+    """Numbers of the tracks that may follow each other, and what it costs to join their ends."""
+    i, j = _in_time(table, ends, settings.appearance_window if appearance is not None else settings.window)
+    past, future = beliefs_along(labels, table.measured, link.motion)
+    tails, heads = ends.last[i], ends.first[j]
+    one_frame = 1 / table.frame_rate
+    seconds = np.asarray((table.frames[heads] - table.frames[tails]) * one_frame, dtype=np.float64)
+    wander = table.measured.wander[heads] - table.measured.wander[tails]
+    mismatch = link.mismatch(past, future, tails, heads, seconds, wander)
+    hidden = hidden_between(tails, heads, table.frames, table.image, table.size)
+    cost = mismatch + link.waiting(seconds, one_frame, hidden)
+    action = np.full(len(i), np.nan)
+    if link.action is not None and table.actions is not None:
+        doing = link.action.means(table.frames, labels, table.actions, table.frame_rate)
+        action = link.action(*doing, tails, heads, seconds, averaged=link.action.averaged)
+        cost = cost + action
+    distance = np.full(len(i), np.nan)
+    if appearance is not None:
+        distance = cosine_distances(appearance, ends.track[i], ends.track[j])
+        cost = np.where(
+            np.isnan(distance) & (seconds > settings.window),
+            np.inf,
+            cost + link.appearance_cost(distance, averaged=True),
+        )
+    return (
+        ends.track[i],
+        ends.track[j],
+        LinkParts(tails, heads, past, future, seconds, distance, mismatch, hidden, cost, action),
+    )
+
+
+def evidence_of_joins(
+    table: DetectionTable, labels: IntArray, ends: Ends, parts: LinkParts, link: LinkCost
+) -> FloatArray:
+    """``(P, 29)`` features of joins, see `evidence`."""
+    counts = np.bincount(labels[labels >= 0], minlength=int(labels.max(initial=-1)) + 1)
+    spans = np.zeros(len(counts), dtype=np.int64)
+    spans[ends.track] = table.frames[ends.last] - table.frames[ends.first]
+    before, after = labels[parts.i], labels[parts.j]
+    return join_evidence(table, parts, link.motion, (counts[before], counts[after]), (spans[before], spans[after]))
+
+
+def _in_time(table: DetectionTable, ends: Ends, window: float) -> Pairs:
+    """All pairs of tracks of which the second starts within a window after the first ends."""
+    order = np.argsort(table.frames[ends.first], kind="stable")
+    starts, ending = table.frames[ends.first][order], table.frames[ends.last]
+    first = np.searchsorted(starts, ending, side="right")
+    count = np.searchsorted(starts, ending + window * table.frame_rate + 1e-9, side="right") - first
+    i = np.repeat(np.arange(len(starts)), count)
+    return i, order[np.arange(len(i)) - np.repeat(np.cumsum(count) - count - first, count)]
+
+
+def cheapest_matching(i: IntArray, j: IntArray, cost: FloatArray) -> Pairs:
+    """The pairs of a one-to-one matching of the least total cost; pairs that cost 0 or more are left out.
+
+    Args:
+        i: ``(P,)`` from 0 on.
+        j: ``(P,)`` from 0 on.
+        cost: ``(P,)``.
+    """
+    worth = cost < 0
+    i, j, cost = i[worth], j[worth], cost[worth]
+    if len(i) == 0:
+        return i, j
+    rows, columns = int(i.max()) + 1, int(j.max()) + 1
+    links = scipy.sparse.coo_array((np.ones(len(i)), (i, rows + j)), shape=(rows + columns,) * 2)
+    part = scipy.sparse.csgraph.connected_components(links, directed=False)[1][i]
+    order = np.argsort(part, kind="stable")
+    before, after = [], []
+    for group in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
+        left, a = np.unique(i[group], return_inverse=True)
+        right, b = np.unique(j[group], return_inverse=True)
+        table = np.zeros((len(left), len(right)))
+        table[a, b] = cost[group]
+        chosen = scipy.optimize.linear_sum_assignment(table)
+        kept = table[chosen] < 0
+        before.append(left[chosen[0][kept]])
+        after.append(right[chosen[1][kept]])
+    return np.concatenate(before), np.concatenate(after)
+
+
+def _means(appearance: FloatArray, into: IntArray, weight: IntArray) -> FloatArray:
+    """Mean features of the tracks that tracklets were joined to, as rows of their first tracklets."""
+    known = ~np.isnan(appearance).any(axis=1)
+    sums = np.zeros_like(appearance)
+    np.add.at(sums, into[known], appearance[known] * weight[known, None])
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.asarray(np.divide(sums, length, out=np.full_like(sums, np.nan), where=length > 0))
+
+
+# Share of a box that others cover together, from which on they explain it.
+EXPLAINED = 0.8
+
+
+def explained_boxes(tracks: Sequence[Track], people: Sequence[bool], share: float = EXPLAINED) -> list[BoolArray]:
+    """``(len(track),)`` for each track: which of its boxes those of surer tracks cover together.
+
+    The surer track is the one whose detections have the larger sum of scores.
+
+    Args:
+        tracks: of one video.
+        people: which of them may explain others.
+        share: of a box that must be covered, in (0, 1].
+    """
+    sureness = np.array([float(track.scores[track.observed].sum()) for track in tracks])
+    rows = np.concatenate([np.empty(0, np.int64), *(np.full(len(t), n) for n, t in enumerate(tracks))])
+    frames = np.concatenate([np.empty(0, np.int64), *(t.frames for t in tracks)])
+    boxes = np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)])
+    counted = np.asarray(people, dtype=np.bool_)
+    explained = np.zeros(len(rows), dtype=np.bool_)
+    order = np.argsort(frames, kind="stable")
+    for here in np.split(order, np.flatnonzero(np.diff(frames[order])) + 1):
+        who = rows[here]
+        surer = counted[who][None] & (sureness[who][None] > sureness[who][:, None])
+        explained[here] = shared_with_all(boxes[here], boxes[here], surer) >= share
+    ends = np.cumsum([0, *map(len, tracks)])
+    return [explained[first:end] for first, end in itertools.pairwise(ends)]
+
+
+def is_straddling(track: Track, explained: BoolArray) -> bool:
+    """Whether most detections of a track are ``explained`` ``(len(track),)`` by others."""
+    detected = explained[track.observed]
+    return len(detected) > 0 and 2 * int(detected.sum()) > len(detected)
+
+
+def straddling_tracks(tracks: Sequence[Track], share: float = EXPLAINED) -> BoolArray:
+    """``(N,)`` which tracks of a video have most of their detections on the boxes of surer ones that stay.
+
+    Args:
+        tracks: of one video.
+        share: of a box that must be covered, in (0, 1].
+    """
+    straddles = np.zeros(len(tracks), dtype=np.bool_)
+    # Who is dropped explains nobody. Only surer tracks explain others, so this ends after as many rounds at most.
+    for _ in tracks:
+        explained = explained_boxes(tracks, (~straddles).tolist(), share)
+        now = np.array([is_straddling(*each) for each in zip(tracks, explained, strict=True)], dtype=np.bool_)
+        if (now == straddles).all():
+            break
+        straddles = now
+    return straddles

@@ -1,1 +1,0 @@
-"""Chains of detections: their motion, their joining, their gaps and their actions."""

@@ -1,0 +1,322 @@
+"""`tsuiseki calibrate`: where cameras are and how they see; a function for each command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from tsuiseki.tracking.cameras.calibration import CheckerboardFit, Coefficients, find_corners, fit_checkerboards
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.options import OutputFile, Shared
+from tsuiseki.tracking.types import FloatArray, Frame
+from tsuiseki.tracking.video.source import open_source
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
+    from tsuiseki.tracking.cameras.projective import PinholeCamera
+    from tsuiseki.tracking.types import FloatArray
+
+CAMERA_FILE = OutputFile(out=Path("cameras.yaml"))
+
+
+@dataclass(frozen=True)
+class ImageSize(Shared):
+    """Of the calibration.
+
+    Attributes:
+        image_size: WIDTH,HEIGHT of the calibration's images, where its file does not say.
+    """
+
+    image_size: tuple[int, int] | None = None
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        _check_size("image_size", self.image_size)
+
+
+@dataclass(frozen=True)
+class LensSizes(ImageSize):
+    """Of the calibration, and of the images that it is used on.
+
+    Attributes:
+        resize: WIDTH,HEIGHT of the images, where it is not the calibration's, which is then scaled.
+        resize_by: whether those show a part of what was calibrated (cut) or more at the sides (widen).
+    """
+
+    resize: tuple[int, int] | None = None
+    resize_by: Literal["cut", "widen"] = "cut"
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        super().check()
+        _check_size("resize", self.resize)
+
+    def read(self, file: Path) -> tuple[OmnidirectionalLens, FloatArray]:
+        """The fisheye lens in ``file``, for images of the wanted size; and see `read_lens_fitted`."""
+        from tsuiseki.tracking.cameras.lens_files import read_lens_fitted
+
+        lens, residuals = read_lens_fitted(file, self.image_size)
+        return (lens if self.resize is None else lens.resized(*self.resize, self.resize_by)), residuals
+
+
+@dataclass(frozen=True)
+class FloorPose(LensSizes):
+    """Where a camera hangs over a floor.
+
+    Attributes:
+        height: of the camera over the floor, metres; the floor's origin is then right below it.
+        tilt: of the axis from straight down, towards +y of the floor, degrees.
+        turn: of the camera about its axis, degrees; at 0 the image's right is +x.
+        points: CSV with the columns u, v (pixels, the first pixel's centre at 0.5), x and y (metres on the floor), four
+            rows or more, instead of --height.
+        projective: the lens is projective.
+    """
+
+    height: float | None = None
+    tilt: float = 0.0
+    turn: float = 0.0
+    points: Path | None = None
+    projective: bool = False
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        super().check()
+        if (self.height is None) == (self.points is None):
+            raise RequestError("expected one of `height` and `points`, got both or neither")
+        if self.projective and self.resize is not None:
+            raise RequestError("`resize`: only fisheye calibrations are scaled; leave it out with `projective`")
+
+    def camera(self, file: Path) -> tuple[PinholeCamera | OmnidirectionalCamera, list[str]]:
+        """The camera whose lens is in ``file``, in its place, and what is to be told of the fit."""
+        from tsuiseki.tracking.calibrate.places import locate_from_points
+        from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
+        from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
+        from tsuiseki.tracking.cameras.pose import pose_at
+
+        camera: PinholeCamera | OmnidirectionalCamera
+        if self.projective:
+            camera = read_intrinsics(file, self.image_size).camera()
+        else:
+            camera = OmnidirectionalCamera(self.read(file)[0], np.eye(3), np.zeros(3))
+        if self.points is not None:
+            return locate_from_points(camera, self.points)
+        return pose_at(camera, self.height or 0.0, np.radians(self.tilt), np.radians(self.turn)), []
+
+
+@dataclass(frozen=True)
+class FrameRate(Shared):
+    """Of the videos.
+
+    Attributes:
+        frame_rate: frames per second, for videos that do not tell: folders of images.
+    """
+
+    frame_rate: float | None = None
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        if self.frame_rate is not None and not self.frame_rate > 0:
+            raise RequestError(f"`frame_rate`: expected a number above 0, got {self.frame_rate:g}")
+
+
+def _check_size(name: str, size: tuple[int, int] | None) -> None:
+    if size is not None and min(size) < 1:
+        raise RequestError(f"`{name}`: expected two numbers above 0, got {size[0]},{size[1]}")
+
+
+def points(
+    file: Path,
+    /,
+    size: ImageSize,
+    rate: FrameRate,
+    output: OutputFile = CAMERA_FILE,
+    intrinsics: list[Path] | None = None,
+) -> None:
+    """Cameras from six or more known points each, written as cameras.yaml.
+
+    Args:
+        file: CSV with the columns x, y, z (metres, z up), u, v (pixels, the first pixel's centre at 0.5) and, for
+            several cameras, camera.
+        out: the camera file to write.
+        image_size: WIDTH,HEIGHT of the images; not needed where the intrinsics say.
+        intrinsics: one OpenCV calibration file per camera (or one for all), separated by commas; only the pose is
+            fitted then, and the lens may distort.
+    """
+    from tsuiseki.tracking.calibrate.places import calibrate_from_points, described
+    from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
+
+    groups, found = calibrate_from_points(file, size.image_size, intrinsics)
+    placed = [PlacedCamera(group.camera, one.camera, rate.frame_rate) for group, one in zip(groups, found, strict=True)]
+    output.write(output.out, lambda path: write_cameras(path, placed))
+    # After the file, which must not depend on who reads the listing to its end.
+    print("\n".join([*described(groups, found), f"{len(placed)} cameras: {output.out}"]))
+
+
+INTRINSICS_FILE = OutputFile(out=Path("intrinsics.yaml"))
+
+
+def checkerboard(
+    source: str,
+    /,
+    corners: tuple[int, int],
+    output: OutputFile = INTRINSICS_FILE,
+    coefficients: Coefficients = 5,
+    every: int = 1,
+) -> None:
+    """A camera's focal length and lens from pictures of a checkerboard, for `calibrate points --intrinsics`.
+
+    Args:
+        source: a folder of pictures or a video of one camera, the board in different places and tilts.
+        corners: ACROSS,DOWN inner corners of the board: a board of 10x7 squares has 9,6.
+        out: the file to write, as OpenCV writes intrinsics.
+        coefficients: of the lens: 5 for usual lenses, 8 or 12 for wide ones.
+        every: use every so many frames of a video.
+    """
+    from tsuiseki.tracking.cameras.intrinsic_files import write_intrinsics
+    from tsuiseki.tracking.cli.progress import progress
+
+    if min(corners) < 3 or corners[0] == corners[1] or every < 1:
+        shown = f"{corners[0]},{corners[1]} and {every}"
+        raise RequestError(f"`corners`: expected two different numbers from 3, and `every` from 1, got {shown}")
+    fit, used, seen = calibrate_from_checkerboards(
+        source, corners, coefficients, every, lambda frames: progress(frames, "looking for the board")
+    )
+    error = float((fit.errors**2).mean() ** 0.5)
+    output.write(output.out, lambda path: write_intrinsics(path, fit.intrinsics, error))
+    focal, spread = fit.intrinsics.focal, 1.96 * fit.focal_deviation
+    worst = int(fit.errors.argmax())
+    print(
+        f"the board in {len(used)} of {seen} pictures, error {error:.2f} px, worst {fit.errors[worst]:.2f} in picture "
+        f"{used[worst]}\nfocal length {focal[0]:.1f} ± {spread[0]:.1f}, {focal[1]:.1f} ± {spread[1]:.1f} px (95 %): "
+        f"{output.out}"
+    )
+
+
+def calibrate_from_checkerboards(
+    source: str | Path,
+    corners: tuple[int, int],
+    coefficients: Coefficients = 5,
+    every: int = 1,
+    watch: Callable[[Iterable[Frame]], Iterable[Frame]] = iter,
+) -> tuple[CheckerboardFit, list[int], int]:
+    """The camera that took the pictures.
+
+    Args:
+        source: a folder of pictures or a video.
+        corners: inner corners along a row and along a column of the board.
+        coefficients: of the lens model.
+        every: use every so many frames.
+        watch: passes the frames through, for progress.
+
+    Returns:
+        The fit, the numbers of the pictures in which the board was found (from 1), and how many were looked at.
+
+    Raises:
+        RequestError: pictures differ in size, too few show the whole board, or they do not fix the camera.
+    """
+    found: list[FloatArray] = []
+    used: list[int] = []
+    size: tuple[int, int] | None = None
+    seen = 0
+    for frame in watch(open_source(str(source)).frames()):
+        if frame.index % every:
+            continue
+        seen += 1
+        height, width = frame.image.shape[:2]
+        if size not in (None, (width, height)):
+            raise RequestError(f"{source}: expected pictures of one size, got {size} and {(width, height)}")
+        size = (width, height)
+        places = find_corners(frame.image, corners)
+        if places is not None:
+            found.append(places)
+            used.append(frame.index + 1)
+    if size is None:
+        raise RequestError(f"{source}: expected pictures, found none")
+    return fit_checkerboards(found, corners, size, coefficients), used, seen
+
+
+def convert(
+    file: Path,
+    /,
+    to: Literal["ocam", "py-ocam", "kalibr-omni", "kalibr-equidistant", "opencv"],
+    output: OutputFile,
+    sizes: LensSizes,
+) -> None:
+    """The calibration of a fisheye lens in the format of another program, and how far that puts pixels off.
+
+    Args:
+        file: calib_results.txt of OCamCalib, JSON of py-OCamCalib, camchain YAML of Kalibr (omni with radtan, or
+            pinhole with equidistant), or OpenCV's fisheye K and D; which one is seen from what is there.
+        to: the format to write. ocam and py-ocam hold Scaramuzza's model, which every file is read as; of the others
+            the nearest lens is fitted.
+        image_size: WIDTH,HEIGHT of the calibration, where the file does not say, as py-OCamCalib's.
+        resize: WIDTH,HEIGHT of other images of the camera, to which the calibration is scaled.
+    """
+    import numpy as np
+
+    from tsuiseki.tracking.cameras.lens_files import write_lens
+    from tsuiseki.tracking.cameras.lens_fitting import inverse_error
+
+    lens, read = sizes.read(file)
+    written = output.write(output.out, lambda path: write_lens(path, lens, to))
+    steps = (
+        [(to, written)]
+        if not read.any()
+        else [(f"{file.name} as Scaramuzza's model", read), (f"that as {to}", written)]
+    )
+    for name, residuals in steps:
+        mean = float(np.sqrt(np.mean(residuals**2)))
+        print(f"{name}: {_pixels(mean)} px rms, {_pixels(residuals.max())} px at most over the image")
+    if len(lens.inverse):
+        print(f"its inverse polynomial: {_pixels(inverse_error(lens))} px at most from the exact root")
+    print(f"{lens.width}x{lens.height}: {output.out}")
+
+
+def _pixels(length: float) -> str:
+    """Four decimals, or the order of magnitude where these would all be 0."""
+    return f"{length:.4f}" if length >= 1e-4 or length == 0 else f"{length:.0e}"
+
+
+def pose(
+    file: Path,
+    /,
+    place: FloorPose,
+    rate: FrameRate,
+    output: OutputFile = CAMERA_FILE,
+    floor: tuple[float, float, float, float] | None = None,
+    name: str = "camera1",
+    stand: tuple[float, float] | None = None,
+    person_height: float = 1.7,
+) -> None:
+    """Where a camera of known lens hangs over the floor, written as cameras.yaml.
+
+    Either --height, or --points on the floor. Several cameras go into one file by joining their lists.
+
+    Args:
+        file: the lens, in any format that tsuiseki calibrate convert reads, or with --projective OpenCV's intrinsics.
+        out: the camera file to write.
+        floor: X1,Y1,X2,Y2 of the floor that people stand on, metres; by default 10 m about the camera.
+        name: of the camera.
+        stand: X,Y on the floor, metres, where somebody stands: also print the upright and the rotated box that the
+            model of a person has there, to compare with a picture.
+        person_height: of the model of a person, metres.
+    """
+    from tsuiseki.tracking.calibrate.places import floor_about, standing
+    from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, write_cameras
+    from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
+
+    camera, lines = place.camera(file)
+    if not place.projective:
+        # The person of `track fisheye` stands under its camera; a projective one may look from the side.
+        check_height(camera, PersonModel(height=person_height))
+    area = floor_about(camera, floor)
+    if stand is not None:
+        lines.append(standing(camera, area, stand, person_height))
+    placed = CameraOverFloor(name, camera, rate.frame_rate, floor=area)
+    output.write(output.out, lambda path: write_cameras(path, [placed]))
+    x, y, z = (camera.position.round(6) + 0.0).tolist()
+    print("\n".join([*lines, f"{name}: at {x:.3f}, {y:.3f}, {z:.3f} m: {output.out}"]))

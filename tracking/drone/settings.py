@@ -1,0 +1,56 @@
+"""NEW."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tsuiseki.tracking.association.chain_motion import MotionNoise
+from tsuiseki.tracking.association.costs import ActionCost
+from tsuiseki.tracking.association.flow_window import FlowCosts
+from tsuiseki.tracking.association.link_cost import LinkCost
+from tsuiseki.tracking.association.video_evidence import DetectionCost
+from tsuiseki.tracking.people.flow_input import FlowSettings, InputSettings
+
+# Measured on generated clips with a detector of drawn people: its boxes of people from above are off by more than those
+# of a street, above all in their widths, and people are lower there than tall, so that they move by more of their
+# heights.
+DRONE_MOTION = MotionNoise((0.08, 0.25, 0.13), (0.5, 0.8, 0.3), (2.5, 0.2, 0.2))
+
+
+DRONE_FLOW = FlowSettings(
+    input=InputSettings(
+        detection=DetectionCost(offset=3.0, weight=0.5, least=0.02, interval=0.5), any_speed=False, unscored=0.4
+    ),
+    costs=FlowCosts(
+        link=LinkCost(
+            motion=DRONE_MOTION,
+            reach=(0.6, 0.6),
+            speed=(6.0, 6.0),
+            size=0.8,
+            neutral=(0.10, 0.07),
+            action=ActionCost(weight=(10.0, 25.0), neutral=(0.05, 0.04), least=0.3),
+        ),
+        entry=7.0,
+        exit=7.0,
+        places=None,
+    ),
+)
+
+
+@dataclass(frozen=True)
+class DroneSettings:
+    """Settings of the drone tracker.
+
+    Attributes:
+        flow: of the flow tracker.
+        window: λ of the actions that are reported, seconds.
+    """
+
+    flow: FlowSettings = field(default_factory=lambda: DRONE_FLOW)
+    window: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.window < np.inf:
+            raise ValueError(f"expected a window from 0, got {self.window}")

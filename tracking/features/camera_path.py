@@ -1,0 +1,301 @@
+"""Frames of which something is to be told, as runs of neighbours: an hour without news takes no more than a second.
+
+Where the frames of a video lie when the camera moves: the similarities from frame to frame, added up.
+
+Where the frames of a video lie, from its images: steps of the camera added up (see `camera_motion`).
+
+Boxes of a moving camera can then be compared as if it stood still.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraMotionSettings, CameraStep, View, view_step
+from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
+
+
+class FrameRuns:
+    """Frames that come in increasing order.
+
+    Args:
+        frames: to begin with.
+
+    Attributes:
+        runs: first and last frame of each run of neighbours.
+
+    >>> runs = FrameRuns([3, 7, 8, 9])
+    >>> runs.runs, len(runs), 8 in runs, 5 in runs
+    ([(3, 3), (7, 9)], 4, True, False)
+    """
+
+    def __init__(self, frames: Iterable[int] = ()) -> None:
+        self.runs: list[tuple[int, int]] = []
+        self._count = 0
+        for frame in frames:
+            self.append(frame)
+
+    def append(self, frame: int) -> None:
+        """Add a frame that comes after all others."""
+        first, last = self.runs[-1] if self.runs else (frame, -1)
+        if self.runs and frame <= last:
+            raise ValueError(f"expected a frame after {last}, got {frame}")
+        if self.runs and frame == last + 1:
+            self.runs[-1] = first, frame
+        else:
+            self.runs.append((frame, frame))
+        self._count += 1
+
+    def copy(self) -> FrameRuns:
+        """A copy that goes on by itself."""
+        other = FrameRuns()
+        other.runs, other._count = [*self.runs], self._count
+        return other
+
+    def from_one(self) -> list[list[int]]:
+        """First and last frame of each run, counted from 1."""
+        return [[first + 1, last + 1] for first, last in self.runs]
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[int]:
+        return (frame for first, last in self.runs for frame in range(first, last + 1))
+
+    def __contains__(self, frame: object) -> bool:
+        if not isinstance(frame, int):
+            return False
+        place = bisect_right(self.runs, (frame, frame)) - 1
+        return any(first <= frame <= last for first, last in self.runs[max(place, 0) : place + 2])
+
+
+STILL = np.eye(3)
+
+
+class CameraTrajectory:
+    """The steps of a camera, from boxes or from images, and how far each can be trusted.
+
+    Boxes that are taken ``to_first`` lie where the first frame would show them, so that they can be compared as if
+    the camera stood still.
+
+    Args:
+        source: what the steps are estimated from.
+
+    Attributes:
+        unknown: frames whose step too little told; where nothing did, the camera is taken to stand still.
+        lost: those of them that a moving camera came to.
+    """
+
+    def __init__(self, source: Literal["boxes", "images"] = "boxes") -> None:
+        self.source = source
+        self.unknown, self.lost = FrameRuns(), FrameRuns()
+        self._first = 0
+        self._to_now: list[FloatArray] = []
+        self._variance: list[float] = []
+
+    def __len__(self) -> int:
+        return self._first + len(self._to_now)
+
+    def copy(self) -> CameraTrajectory:
+        """A copy that goes on by itself."""
+        other = CameraTrajectory(self.source)
+        other.unknown, other.lost = self.unknown.copy(), self.lost.copy()
+        other._to_now, other._variance = [*self._to_now], [*self._variance]
+        other._first = self._first
+        return other
+
+    def forget(self, before: int) -> None:
+        """Drop where the frames before one lie; the newest frame stays. ``unknown`` is kept."""
+        count = min(before, len(self) - 1) - self._first
+        if count > 0:
+            del self._to_now[:count], self._variance[:count]
+            self._first += count
+
+    def append(
+        self, step: FloatArray | None, deviation: float = 0.0, *, known: bool = True, moving: bool = False
+    ) -> None:
+        """Add a frame.
+
+        Args:
+            step: ``(2, 3)`` similarity, where pixels of the frame before lie in this one; None where nothing tells.
+            deviation: standard deviation of the place of a box after the step, in heights of the box.
+            known: whether enough tells the step; never where it is None.
+            moving: whether the camera moved until then.
+        """
+        before = self._to_now[-1] if self._to_now else STILL
+        if (step is None or not known) and self._to_now:
+            self.unknown.append(len(self))
+            if moving:
+                self.lost.append(len(self))
+        still = step is None or np.array_equal(step, STILL[:2])
+        self._to_now.append(before if step is None or still else np.vstack([step, STILL[2]]) @ before)
+        self._variance.append((self._variance[-1] if self._variance else 0.0) + deviation**2)
+
+    def variance(self, frames: IntArray) -> FloatArray:
+        """``(N,)`` variance of the place of a box, in squared heights, that the steps up to ``frames`` add up to."""
+        return np.asarray(self._variance)[frames - self._first]
+
+    def to_first(self, boxes: FloatArray, frames: IntArray) -> FloatArray:
+        """``(N, 4)`` boxes of ``(N,)`` frames where the first frame would show them; they stay upright."""
+        return self._moved(boxes, frames, inverse=True)
+
+    def from_first(self, boxes: FloatArray, frames: IntArray) -> FloatArray:
+        """The other way round."""
+        return self._moved(boxes, frames, inverse=False)
+
+    def _moved(self, boxes: FloatArray, frames: IntArray, *, inverse: bool) -> FloatArray:
+        if len(boxes) == 0:
+            return boxes
+        chosen, which = np.unique(frames, return_inverse=True)
+        matrices = np.stack([self._to_now[t - self._first] for t in chosen.tolist()])
+        # Boxes of a camera that never moved stay as they are, to the last bit.
+        if (matrices == STILL).all():
+            return boxes
+        return move_boxes(boxes, (np.linalg.inv(matrices) if inverse else matrices)[which, :2])
+
+
+def move_boxes(boxes: FloatArray, similarities: FloatArray) -> FloatArray:
+    """``(N, 4)`` boxes with their centres taken through ``(N, 2, 3)`` similarities and their sizes scaled, not turned.
+
+    >>> move_boxes(np.array([[0.0, 0, 2, 4]]), np.array([[[2.0, 0, 10], [0, 2, 0]]])).tolist()
+    [[10.0, 0.0, 14.0, 8.0]]
+    """
+    centre = (boxes[:, :2] + boxes[:, 2:]) / 2
+    moved = np.einsum("nij,nj->ni", similarities[:, :, :2], centre) + similarities[:, :, 2]
+    half = (boxes[:, 2:] - boxes[:, :2]) / 2 * np.linalg.norm(similarities[:, :, 0], axis=1)[:, None]
+    return np.concatenate([moved - half, moved + half], axis=1)
+
+
+def said_of_camera(unknown: Sequence[Sequence[int]], source: Literal["boxes", "images"] = "images") -> str:
+    """One line on the frames of which too little tells how the camera moved there.
+
+    Args:
+        unknown: first and last frame, counted from 1, of at least one run of them.
+        source: of the estimate.
+
+    >>> said_of_camera([[13, 13], [87, 95]])
+    'how the camera moved into frames 13, 87-95 is not known; links over them reach further'
+    """
+    which = ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in unknown[:5])
+    if more := sum(last - first + 1 for first, last in unknown[5:]):
+        which += f" and {more} more"
+    frames = "frame" if [*unknown[0]] == [unknown[-1][1]] * 2 else "frames"
+    told = "is not known" if source == "images" else "is not known from the few boxes there"
+    return f"how the camera moved into {frames} {which} {told}; links over them reach further"
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """A frame that others are compared with, and the ``(2, 3)`` transform from its pixels to those of the first."""
+
+    frame: int
+    view: View
+    transform: FloatArray
+
+
+@dataclass
+class CameraPath:
+    """Where the frames of a video lie, in pixels of the first.
+
+    A frame is compared with the one before. Where that tells nothing, the next ones are compared with the last frame
+    whose place is known, too, so that one smeared frame does not lose the way.
+
+    Attributes:
+        settings: of the estimate.
+        transforms: one ``(2, 3)`` similarity a frame that is not forgotten, from its pixels to those of the first.
+        deviations: by frame, standard deviation in pixels of where the frame before lies in it, where that is in doubt.
+        unknown: frames whose movement nothing told; they lie where the frame before does.
+    """
+
+    settings: CameraMotionSettings = field(default_factory=CameraMotionSettings)
+    transforms: list[FloatArray] = field(default_factory=list)
+    deviations: dict[int, float] = field(default_factory=dict)
+    unknown: FrameRuns = field(default_factory=FrameRuns)
+    _before: _Placed | None = None
+    _lost_from: _Placed | None = None
+    _forgotten: int = 0
+
+    def __len__(self) -> int:
+        """Frames so far, forgotten ones among them."""
+        return self._forgotten + len(self.transforms)
+
+    def forget(self, before: int) -> None:
+        """Drop where the frames before one lie, but for what the step into that one takes. ``unknown`` is kept."""
+        count = min(before, len(self)) - 1 - self._forgotten
+        if count > 0:
+            del self.transforms[:count]
+            self._forgotten += count
+            self.deviations = {frame: value for frame, value in self.deviations.items() if frame >= self._forgotten}
+
+    def add(self, image: ImageArray, people: FloatArray | None = None) -> FloatArray:
+        """Take the next frame, in which ``people`` ``(N, 4)`` may move by themselves; returns its transform."""
+        frame, before = len(self), self._before
+        view = View.of(image, self.settings, None if people is None else np.asarray(people, dtype=np.float64))
+        transform = STANDS_STILL if before is None else self._transform(before, view, frame)
+        self.transforms.append(transform)
+        still = before is not None and transform is before.transform and frame not in self.unknown
+        if before is None or not still or frame - before.frame >= self.settings.patience:
+            self._before = _Placed(frame, view, transform)
+        return transform
+
+    def follow(self, step: CameraStep) -> None:
+        """Take a step that is known from elsewhere instead of the next frame."""
+        frame = len(self)
+        if frame and np.isinf(step.deviation):
+            self.unknown.append(frame)
+        elif frame and step.deviation > 0:
+            self.deviations[frame] = step.deviation
+        self.transforms.append(_moved_on(self.transforms[-1], step) if frame else STANDS_STILL)
+
+    def step(self, frame: int) -> CameraStep:
+        """Where pixels of the frame before lie in a frame, of infinite deviation where nothing told."""
+        if frame == 0:
+            return CameraStep(STANDS_STILL)
+        earlier, now = (np.vstack([self.transforms[k - self._forgotten], [0, 0, 1]]) for k in (frame - 1, frame))
+        # A camera that stood still is told from one that moved by less than rounding.
+        same = np.array_equal(earlier, now)
+        similarity = STANDS_STILL if same else np.asarray(np.linalg.solve(now, earlier)[:2])
+        return CameraStep(similarity, np.inf if frame in self.unknown else self.deviations.get(frame, 0.0))
+
+    def _transform(self, before: _Placed, view: View, frame: int) -> FloatArray:
+        """Where the next frame lies."""
+        lost_from = self._lost_from
+        if lost_from is not None:
+            over = view_step(lost_from.view, view)
+            if over is not None:
+                # The way from the frame before, which lies somewhere, stays unknown.
+                self.unknown.append(frame)
+                self._lost_from = None
+                return _moved_on(lost_from.transform, over)
+            if frame - lost_from.frame >= self.settings.patience:
+                self._lost_from = None
+        step = view_step(before.view, view)
+        if step is None:
+            self.unknown.append(frame)
+            self._lost_from = lost_from or before
+            return before.transform
+        if step.deviation > 0:
+            self.deviations[frame] = step.deviation
+        return _moved_on(before.transform, step)
+
+
+def _moved_on(transform: FloatArray, step: CameraStep) -> FloatArray:
+    """The transform of a frame that lies a ``step`` after one of the given transform."""
+    if np.array_equal(step.similarity, STANDS_STILL):
+        return transform
+    whole = np.vstack([transform, [0, 0, 1]]) @ np.linalg.inv(np.vstack([step.similarity, [0, 0, 1]]))
+    return np.asarray(whole[:2])
+
+
+def moved_boxes(boxes: FloatArray, transform: FloatArray) -> FloatArray:
+    """``boxes`` ``(N, 4)`` after a similarity ``(2, 3)``: the middle goes along, the sides are scaled, not turned."""
+    if (transform == np.eye(3)[:2]).all():
+        return boxes
+    middle = (boxes[:, :2] + boxes[:, 2:]) / 2 @ transform[:, :2].T + transform[:, 2]
+    half = (boxes[:, 2:] - boxes[:, :2]) / 2 * np.hypot(*transform[:, 0])
+    return np.concatenate([middle - half, middle + half], axis=1)

@@ -1,0 +1,354 @@
+"""Detection and appearance by exported networks: `Detector` and `Appearance` wrap ONNX files.
+
+Detectors and appearance models that are any function.
+
+* A detector is a function from an image, ``(H, W, 3)`` uint8 RGB, to what `as_detections` understands.
+* An appearance model is a function from crops, a list of ``(h, w, 3)`` uint8 RGB images of any size, to one row of
+  numbers each, ``(N, D)``. Rows are brought to unit length; a row of zeros says that nothing is known.
+
+Exported networks, of this toolkit or of others, are read from their files (`open_detector`, `open_appearance`);
+whatever has a ``detect`` or ``describe`` of its own (`Detector`, `Appearance`) is used as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
+from tsuiseki.tracking.features.foreign_detector import ForeignDetector
+from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
+from tsuiseki.tracking.geometry import clip_boxes, straddling, suppress
+from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.onnx import MissingCardError, OnnxModel
+from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.weights import shipped_or_file
+
+MOST_CANDIDATES = 400
+
+
+class Detect(Protocol):
+    """Finds people in images."""
+
+    def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
+        """One `Detections` an image."""
+
+
+class SizedDetect(Detect, Protocol):
+    """A detector that knows the size of its input."""
+
+    @property
+    def input_size(self) -> tuple[int, int] | None:
+        """Height and width, pixels; None where it takes any."""
+
+
+@runtime_checkable
+class ChoosingDetect(Detect, Protocol):
+    """A detector that chooses, while the video comes, how to look at it."""
+
+    def prepared(self, images: Sequence[ImageArray], workers: int = 1) -> Detect:
+        """What is to look at ``images``; asked for in the order of the video, run in any.
+
+        Args:
+            images: the next ones.
+            workers: calls of the detector at a time, while it chooses.
+        """
+
+
+class Describe(Protocol):
+    """Gives the appearance features of people in an image."""
+
+    def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        """``(N, D)`` unit-length features of ``(N, 4)`` boxes."""
+
+
+class Detector:
+    """A person detector of the SSD family, exported to ONNX with raw heads.
+
+    Args:
+        path: the ONNX file.
+        score_threshold: detections below it are dropped; in [0, 1].
+        iou_threshold: of the non-maximum suppression; in [0, 1].
+        threads: CPU threads; 0 takes all cores.
+
+    Raises:
+        RequestError: the file is no detector (see `OnnxModel`).
+    """
+
+    def __init__(
+        self, path: str | Path, score_threshold: float = 0.3, iou_threshold: float = 0.5, threads: int = 0
+    ) -> None:
+        self.model = OnnxModel(path, "detector", threads)
+        self.score_threshold = score_threshold
+        self.iou_threshold = iou_threshold
+        card = self.model.card
+        if self.model.output_names != ["logits", "offsets", "anchors"] or "variances" not in card.settings:
+            raise RequestError(
+                f"{path}: expected outputs logits, offsets and anchors, got {', '.join(self.model.output_names)}; "
+                "export the detector again"
+            )
+
+    @property
+    def input_size(self) -> tuple[int, int]:
+        """Height and width of the input, pixels."""
+        return self.model.card.input_height, self.model.card.input_width
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the file says that its scores are probabilities in the video of its own camera."""
+        return bool(self.model.card.settings.get("calibrated", False))
+
+    def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
+        """People in ``images``, each ``(H, W, 3)`` uint8 RGB, all in one batch; boxes are cut off at the border."""
+        return [found for found, _ in self.detect_at_anchors(images)]
+
+    def detect_at_anchors(self, images: Sequence[ImageArray]) -> list[tuple[Detections, IntArray]]:
+        """As `detect`, with the ``(N,)`` anchors that the detections of each image come from."""
+        if not images:
+            return []
+        card = self.model.card
+        inputs, scales = zip(*(fit_image(image, card) for image in images), strict=True)
+        logits, offsets, anchors = self.model.run(normalise(np.stack(inputs), card))
+        return [
+            self._decode(logits[n], offsets[n], anchors, scales[n], images[n].shape[:2]) for n in range(len(images))
+        ]
+
+    def _decode(
+        self,
+        logits: NDArray[np.float32],
+        offsets: NDArray[np.float32],
+        anchors: NDArray[np.float32],
+        scale: tuple[float, float],
+        size: tuple[int, int],
+    ) -> tuple[Detections, IntArray]:
+        # No softmax exceeds that of its class and the background alone, so few anchors need the whole of it.
+        threshold = np.clip(self.score_threshold, 1e-9, 1 - 1e-9)
+        margin = logits[:, 1:].max(axis=1) - logits[:, 0]
+        candidates = np.flatnonzero(margin >= np.log(threshold / (1 - threshold)))
+        exponentials = np.exp(logits[candidates] - logits[candidates].max(axis=1, keepdims=True))
+        scores = exponentials[:, 1:].max(axis=1) / exponentials.sum(axis=1)
+        kept = scores >= self.score_threshold
+        candidates, scores = candidates[kept], scores[kept]
+        if len(candidates) > MOST_CANDIDATES:
+            best = np.argsort(-scores, kind="stable")[:MOST_CANDIDATES]
+            candidates, scores = candidates[best], scores[best]
+        variances = self.model.card.settings["variances"]
+        boxes = decode_boxes(offsets[candidates], anchors[candidates], variances) / np.tile(scale, 2)
+        boxes = clip_boxes(boxes, size[1], size[0])
+        whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)  # clipping may leave less than a pixel
+        boxes, scores = boxes[whole], scores[whole]
+        kept = suppress(boxes, scores, self.iou_threshold)
+        share = self.model.card.settings.get("straddling")
+        if share is not None:
+            kept = kept[~straddling(boxes[kept], scores[kept], share)]
+        return Detections(boxes[kept], scores[kept]), candidates[whole][kept]
+
+
+class Appearance:
+    """An appearance network exported to ONNX: crops in, unit-length features out.
+
+    Args:
+        path: the ONNX file.
+        threads: CPU threads; 0 takes all cores.
+        batch_size: most crops of one inference call.
+
+    Raises:
+        RequestError: the file is no appearance network (see `OnnxModel`).
+    """
+
+    def __init__(self, path: str | Path, threads: int = 0, batch_size: int = 32) -> None:
+        self.model = OnnxModel(path, "appearance", threads)
+        self.batch_size = batch_size
+
+    def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        """``(N, D)`` unit-length features of the people in ``(N, 4)`` boxes of an ``(H, W, 3)`` uint8 RGB image."""
+        card = self.model.card
+        features = [np.empty((0, card.feature_length), dtype=np.float32)]
+        for some in np.array_split(boxes, range(self.batch_size, len(boxes), self.batch_size)):
+            if len(some):
+                crops = crop_boxes(image, some, card.input_height, card.input_width)
+                features += self.model.run(normalise(crops, card))
+        return np.concatenate(features).astype(np.float64)
+
+
+def open_detector(
+    path: str | Path,
+    score_threshold: float = 0.3,
+    iou_threshold: float = 0.5,
+    threads: int = 0,
+    options: DetectorOptions | None = None,
+) -> Detector | ForeignDetector:
+    """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises.
+
+    A bare word stands for a shipped one, see `shipped_or_file`.
+
+    Raises:
+        RequestError: see the three; or ``options`` for a detector of this toolkit, which needs none.
+    """
+    path = shipped_or_file("detector", path)
+    try:
+        found = Detector(path, score_threshold, iou_threshold, threads)
+    except MissingCardError:
+        return ForeignDetector(path, score_threshold, iou_threshold, threads, options)
+    if options not in (None, DetectorOptions()):
+        raise RequestError(f"{path} tells all by itself; leave the detector options out")
+    return found
+
+
+def open_appearance(
+    path: str | Path, threads: int = 0, batch_size: int = 32, options: AppearanceOptions | None = None
+) -> Appearance | ForeignAppearance:
+    """The appearance network at ``path``: one of this toolkit, or any that `ForeignAppearance` can run.
+
+    Raises:
+        RequestError: see the two; or ``options`` for a network of this toolkit, which needs none.
+    """
+    try:
+        found = Appearance(path, threads, batch_size)
+    except MissingCardError:
+        return ForeignAppearance(path, threads, batch_size, options)
+    if options not in (None, AppearanceOptions()):
+        raise RequestError(f"{path} tells all by itself; leave the appearance options out")
+    return found
+
+
+def decode_boxes(offsets: NDArray[np.float32], anchors: NDArray[np.float32], variances: Sequence[float]) -> FloatArray:
+    """``(N, 4)`` x1, y1, x2, y2 from SSD box codes ``(N, 4)`` and anchors ``(N, 4)`` cx, cy, w, h, in input pixels."""
+    anchors = anchors.astype(np.float64)
+    middle = anchors[:, :2] + offsets[:, :2] * variances[0] * anchors[:, 2:]
+    # Beyond a factor of 1000 / 16 the code of an untrained or unsure anchor would overflow.
+    half = anchors[:, 2:] * np.exp(np.minimum(offsets[:, 2:] * variances[1], np.log(1000 / 16))) / 2
+    return np.concatenate([middle - half, middle + half], axis=1)
+
+
+DetectorLike: TypeAlias = str | Path | Detect | Callable[[ImageArray], DetectionsLike]
+AppearanceLike: TypeAlias = str | Path | Describe | Callable[[Sequence[ImageArray]], ArrayLike]
+
+BLANK = np.zeros((128, 64, 3), dtype=np.uint8)
+
+
+def as_detector(
+    given: DetectorLike, score_threshold: float = 0.3, threads: int = 0, options: DetectorOptions | None = None
+) -> Detect:
+    """What finds people in images.
+
+    Args:
+        given: an exported network's file, a `Detector`, or a function; see the module.
+        score_threshold: of a detector that is read from a file, in [0, 1].
+        threads: CPU threads of a network that is read from a file; 0 takes all cores.
+        options: what the file of another project does not tell.
+
+    Raises:
+        RequestError: it is none of them, or the file is no detector.
+    """
+    if isinstance(given, str | Path):
+        return open_detector(given, score_threshold, threads=threads, options=options)
+    if hasattr(given, "detect"):
+        return given
+    if callable(given):
+        return FunctionDetector(given)
+    raise RequestError(
+        f"expected the detector as a file, a Detector, or a function from an image to boxes, got {_type(given)}"
+    )
+
+
+def as_describer(given: AppearanceLike, threads: int = 0, options: AppearanceOptions | None = None) -> Describe:
+    """What describes people's appearance.
+
+    Args:
+        given: an exported network's file, an `Appearance`, or a function; see the module.
+        threads: CPU threads of a network that is read from a file; 0 takes all cores.
+        options: what the file of another project does not tell.
+
+    Raises:
+        RequestError: it is none of them, or the file is no appearance network.
+    """
+    if isinstance(given, str | Path):
+        return open_appearance(given, threads, options=options)
+    if hasattr(given, "describe"):
+        return given
+    if callable(given):
+        return FunctionAppearance(given)
+    raise RequestError(
+        f"expected the appearance as a file, an Appearance, or a function from crops to rows, got {_type(given)}"
+    )
+
+
+class FunctionDetector:
+    """A detector that is a function."""
+
+    def __init__(self, function: Callable[[ImageArray], DetectionsLike]) -> None:
+        self.function = function
+
+    def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
+        """One `Detections` an image; see `Detect`.
+
+        Raises:
+            RequestError: the function returned something else than detections.
+        """
+        found = []
+        for image in images:
+            result = self.function(image)
+            try:
+                found.append(as_detections(result))
+            except RequestError as error:
+                raise RequestError(f"what the detector {_name(self.function)} returned: {error}") from error
+        return found
+
+
+class FunctionAppearance:
+    """An appearance model that is a function."""
+
+    def __init__(self, function: Callable[[Sequence[ImageArray]], ArrayLike]) -> None:
+        self.function = function
+        self._length = 0
+
+    def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        """``(N, D)`` unit-length features; NaN for a box outside the image or a row of zeros. See `Describe`.
+
+        Raises:
+            RequestError: the function returned something else than one row a crop, or rows of another length.
+        """
+        height, width = image.shape[:2]
+        corners = np.clip(np.round(boxes), 0, [width, height, width, height]).astype(np.int64)
+        inside = (corners[:, 2:] > corners[:, :2]).all(axis=1)
+        crops = [image[y1:y2, x1:x2] for x1, y1, x2, y2 in corners[inside]]
+        if len(boxes) and not crops and not self._length:
+            self._rows([BLANK])  # How long a row is must be known where there is nothing to describe.
+        rows = self._rows(crops) if crops else np.empty((0, self._length))
+        length = np.linalg.norm(rows, axis=1, keepdims=True)
+        features = np.full((len(boxes), self._length), np.nan)
+        features[inside] = rows / np.where(length > 0, length, np.nan)
+        return features
+
+    def _rows(self, crops: list[ImageArray]) -> FloatArray:
+        result: Any = self.function(crops)
+        for step in ("detach", "cpu"):
+            result = getattr(result, step)() if hasattr(result, step) else result
+        expected = f"expected the appearance {_name(self.function)} to return {len(crops)} rows of numbers, one a crop"
+        try:
+            rows = np.asarray(result, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise RequestError(f"{expected}, got {_type(result)}") from error
+        if rows.ndim != 2 or len(rows) != len(crops) or not rows.shape[1]:
+            raise RequestError(f"{expected}, got an array of shape {rows.shape}")
+        if not np.isfinite(rows).all():
+            raise RequestError(f"{expected}, got NaN or infinity")
+        if self._length not in (0, rows.shape[1]):
+            raise RequestError(f"{expected}, each {self._length} long as before, got {rows.shape[1]}")
+        self._length = rows.shape[1]
+        return rows
+
+
+def _name(function: object) -> str:
+    return getattr(function, "__name__", type(function).__name__)
+
+
+def _type(value: object) -> str:
+    return type(value).__name__

@@ -1,0 +1,150 @@
+"""What the user says about networks of other projects, where their files do not.
+
+What a network of others wants its pictures to be: size, fit, order of colours, range and normalisation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.preprocessing import letterbox, stretched
+from tsuiseki.tracking.types import ImageArray
+
+LayoutName = Literal[
+    "yolov8",
+    "yolov8-rows",
+    "yolov5",
+    "yolov6",
+    "yolox",
+    "yolox-decoded",
+    "yolo-suppressed",
+    "rtdetr-joined",
+    "detr",
+    "corners",
+    "torchvision",
+    "tensorflow",
+]
+ScoreKind = Literal["probabilities", "sigmoid", "softmax"]
+Resize = Literal["letterbox", "stretch", "as-is"]
+Colour = Literal["RGB", "BGR"]
+PixelRange = Literal["unit", "bytes"]
+IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+
+
+@dataclass(frozen=True)
+class DetectorOptions:
+    """What a detector of others cannot tell by itself; None leaves it to the file and its layout.
+
+    Attributes:
+        layout: of the outputs, where several fit.
+        classes: their names in order; people are found by name.
+        person: number of the class of people, as the network's outputs count it.
+        scores: what the class values of layouts detr and corners are: ``probabilities``, or logits of a ``sigmoid`` a
+            class or of one ``softmax`` with a class for no object.
+        height: of the input, pixels, where the file leaves it open.
+        width: likewise.
+        resize: how pictures are fitted into the input.
+        colour: order of the channels.
+        pixels: ``unit`` for values in [0, 1], ``bytes`` for values in [0, 255].
+        mean: subtracted from the channels after that.
+        std: divides them after that.
+    """
+
+    layout: LayoutName | None = None
+    classes: tuple[str, ...] | None = None
+    person: int | None = None
+    scores: ScoreKind | None = None
+    height: int | None = None
+    width: int | None = None
+    resize: Resize | None = None
+    colour: Colour | None = None
+    pixels: PixelRange | None = None
+    mean: tuple[float, float, float] | None = None
+    std: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class AppearanceOptions:
+    """What an appearance network of others wants its crops to be; by default as torchvision's classifiers do.
+
+    Attributes:
+        height: of the input, pixels, where the file leaves it open.
+        width: likewise.
+        colour: order of the channels.
+        pixels: ``unit`` for values in [0, 1], ``bytes`` for values in [0, 255].
+        mean: subtracted from the channels after that.
+        std: divides them after that.
+    """
+
+    height: int | None = None
+    width: int | None = None
+    colour: Colour = "RGB"
+    pixels: PixelRange = "unit"
+    mean: tuple[float, float, float] = IMAGENET_MEAN
+    std: tuple[float, float, float] = IMAGENET_STD
+
+
+@dataclass(frozen=True)
+class ImageInput:
+    """How a picture becomes the input of a network.
+
+    Attributes:
+        resize: ``letterbox`` keeps the aspect ratio and fills the right and lower rest with ``fill``; ``stretch`` does
+            not keep it; ``as-is`` leaves the picture at its size, for networks that take any.
+        colour: order of the channels.
+        pixels: ``unit`` for values in [0, 1], ``bytes`` for values in [0, 255].
+        mean: subtracted from the channels after that.
+        std: divides them after that.
+        fill: grey level of 255 beside the picture.
+        raw_nhwc: the network takes bytes, channels last, and normalises them itself; ``mean``, ``std`` and ``pixels``
+            say nothing then.
+    """
+
+    resize: Resize = "letterbox"
+    colour: Colour = "RGB"
+    pixels: PixelRange = "unit"
+    mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    std: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    fill: int = 114
+    raw_nhwc: bool = False
+
+    def __str__(self) -> str:
+        """In words, such as ``letterbox, RGB, [0, 1]``."""
+        if self.raw_nhwc:
+            return f"{self.resize}, {self.colour}, bytes"
+        values = "[0, 1]" if self.pixels == "unit" else "[0, 255]"
+        plain = (self.mean, self.std) == ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+        usual = (self.mean, self.std) == (IMAGENET_MEAN, IMAGENET_STD)
+        by = "" if plain else ", normalised as ImageNet" if usual else f", mean {self.mean}, std {self.std}"
+        return f"{self.resize}, {self.colour}, {values}{by}"
+
+    def fit(self, image: ImageArray, size: tuple[int, int]) -> tuple[ImageArray, tuple[float, float]]:
+        """``(H, W, 3)`` uint8 RGB at ``size`` (height, width), and the scales from its pixels in x and y."""
+        if self.resize == "as-is":
+            return image, (1.0, 1.0)
+        if self.resize == "stretch":
+            return stretched(image, *size)
+        return letterbox(image, *size, (self.fill,) * 3)
+
+    def normalise(self, images: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
+        """``(N, H, W, 3)`` uint8 RGB to what the network takes: ``(N, 3, H, W)`` of ``dtype``, or, raw, as it is."""
+        if self.colour == "BGR":
+            images = images[..., ::-1]
+        if self.raw_nhwc:
+            return np.ascontiguousarray(images)
+        values = np.arange(256, dtype=np.float64)[:, None] / (255 if self.pixels == "unit" else 1)
+        tables = ((values - np.asarray(self.mean)) / np.asarray(self.std)).astype(np.float32)
+        count, height, width, _ = images.shape
+        planes = np.empty((count, 3, height, width), dtype=np.float32)
+        for image, target in zip(images, planes, strict=True):
+            for channel in range(3):
+                cv2.LUT(np.ascontiguousarray(image[..., channel]), tables[:, channel], dst=target[channel])
+        return planes.astype(dtype, copy=False)
+
+
+IMAGENET = ImageInput("stretch", mean=IMAGENET_MEAN, std=IMAGENET_STD)

@@ -1,1 +1,0 @@
-"""Motion between frames: of every pixel, and of the camera."""

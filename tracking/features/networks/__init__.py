@@ -1,1 +1,0 @@
-"""Detection and appearance by networks: exported ones, those of other projects, and any function."""

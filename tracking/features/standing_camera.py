@@ -1,0 +1,125 @@
+"""Whether a camera stands still from frame to frame, by small grey copies of its pictures.
+
+Boxes alone cannot tell people who walk together from a camera that turns; a picture can, since most of what it shows
+stands still. A frame r is compared with one d a few frames later. Where a change of light and a motion of less than a
+pixel explain the difference,
+
+    d(x) = g r(x) + o − ∇r(x)·δ(x),   δ(x) = t + z x + w (−y, x),
+
+with x from the middle, g, o, the shift t, the zoom z and the roll w follow by least squares over the pixels with a
+gradient, those that something passes counting less and less (Cauchy weights, iterated). The camera stands still if δ is
+small at all corners and if in most parts of the picture most of these pixels hardly differ once the light is taken out:
+by then a larger motion, for which the equation does not hold, is out of the question. What moves by less than `_STILL`
+of a copy's pixels in `patience` frames is taken to stand still.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.features.camera_path import FrameRuns
+from tsuiseki.tracking.types import FloatArray, ImageArray
+
+# Pixels across of the copies.
+_WIDTH = 160
+# Pixels of a copy by which a corner of a camera that stands still seems to move at most.
+_STILL = 0.25
+# Grey levels a pixel from which a place is compared, how many such places are enough, and how many are looked at.
+_GRADIENT, _PLACES, _MOST_PLACES = 4.0, 100, 4000
+# Half of the places differ by less than this part of their gradient, which a shift of as many pixels would bring.
+_DIFFERENCE = 0.35
+# Parts of the picture, down and across, so many of which have such places, so many each: a caption has some alone.
+_PARTS, _PARTS_SEEN, _PLACES_OF_PART = (3, 4), 4, 10
+# Grey levels: noise of a copy below which no difference counts.
+_NOISE = 1.5
+_ROUNDS = 4
+
+
+@dataclass
+class StandingCamera:
+    """Tells for each frame whether the camera is where it was in the frame before.
+
+    After a movement it stands still once `settled` frames in a row show what the frame after the movement does: a slow
+    turn does not.
+
+    Attributes:
+        patience: frames after which another frame is what the next ones are compared with.
+        settled: see above; more than a frame, and no more than the patience.
+        moved: frames, the first among them, for which nothing says that the camera stood still.
+    """
+
+    patience: int = 10
+    settled: int = 5
+    moved: FrameRuns = field(default_factory=FrameRuns)
+    _count: int = 0
+    _compared: int = 0
+    _moving: bool = False
+    _reference: FloatArray | None = None
+
+    def __len__(self) -> int:
+        """Frames so far."""
+        return self._count
+
+    def add(self, image: ImageArray) -> None:
+        """Take the next frame ``(H, W, 3)`` uint8."""
+        copy = _small(image)
+        reference = self._reference
+        same = reference is not None and reference.shape == copy.shape and stands_still(reference, copy)
+        since = self._count - self._compared
+        self._moving = (reference is not None and not same) or (self._moving and since < self.settled)
+        if not same or self._moving:
+            self.moved.append(self._count)
+        if not same or since >= self.patience:
+            self._reference, self._compared = copy, self._count
+        self._count += 1
+
+    def stands_still(self, frame: int) -> bool:
+        """Whether pictures say so of the step into a frame; False for frames that did not come."""
+        return 0 <= frame < self._count and frame not in self.moved
+
+
+def stands_still(first: FloatArray, second: FloatArray) -> bool:
+    """Whether two grey pictures ``(H, W)`` of one size show most of what they show at the same place."""
+    down, across = np.gradient(first)
+    length = np.hypot(across, down)
+    places = length > _GRADIENT
+    if places.sum() < _PLACES:
+        return False
+    y, x = np.nonzero(places)
+    every = -(-len(y) // _MOST_PLACES)
+    y, x = y[::every], x[::every]
+    length, reference, wanted, g_x, g_y = np.stack([length, first, second, across, down])[:, y, x]
+    high, wide = first.shape
+    v, u = y - (high - 1) / 2, x - (wide - 1) / 2
+    design = np.stack([reference, np.ones(len(y)), -g_x, -g_y, -(g_x * u + g_y * v), g_x * v - g_y * u])
+    weight = np.ones(len(wanted))
+    for _ in range(_ROUNDS):
+        weighted = design * weight
+        found = np.linalg.lstsq(weighted @ design.T, weighted @ wanted, rcond=None)[0]
+        off = wanted - found @ design
+        scale = max(1.5 * float(np.median(np.abs(off))), _NOISE)
+        weight = 1 / (1 + np.square(off / scale))
+    differs = np.abs(wanted - found[:2] @ design[:2])
+    alike = differs < np.maximum(_DIFFERENCE * length, 2 * _NOISE)
+    part = y * _PARTS[0] // high * _PARTS[1] + x * _PARTS[1] // wide
+    seen, agreeing = (np.bincount(part, values, _PARTS[0] * _PARTS[1]) for values in (np.ones(len(y)), alike))
+    enough = seen >= _PLACES_OF_PART
+    most = 2 * np.count_nonzero(2 * agreeing[enough] > seen[enough]) > np.count_nonzero(enough) >= _PARTS_SEEN
+    return bool(most and _at_corners(found[2:], high, wide) < _STILL)
+
+
+def _at_corners(motion: FloatArray, high: int, wide: int) -> float:
+    """How far the corner that moves most does, pixels; ``motion`` is t, z and w."""
+    v, u = np.array([-0.5, -0.5, 0.5, 0.5]) * high, np.array([-0.5, 0.5, -0.5, 0.5]) * wide
+    t_x, t_y, zoom, roll = motion.tolist()
+    return float(np.hypot(t_x + zoom * u - roll * v, t_y + zoom * v + roll * u).max())
+
+
+def _small(image: ImageArray) -> FloatArray:
+    """A grey copy, `_WIDTH` pixels across."""
+    height = max(round(image.shape[0] * _WIDTH / image.shape[1]), 2)
+    small = cv2.resize(image, (_WIDTH, height), interpolation=cv2.INTER_AREA)
+    return cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float64)

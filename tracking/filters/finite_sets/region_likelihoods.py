@@ -1,0 +1,283 @@
+"""States of coloured regions: rectangles that remember where they were in the frame before, (63).
+
+What the image says of coloured regions among others: (68) for each particle, and its level on background.
+
+What a frame does to the weights of coloured regions: alternatives for (46), where nothing was measured as a point.
+
+* :func:`as_printed`: the likelihood ``h = p (1 - q)`` itself. Since ``h <= 1`` the expected count can only shrink,
+  whatever the image shows: the weights rank particles, and their sum means nothing.
+* :func:`calibrated`: the likelihood over its value ``b`` on background. Take (46) for one cluster of weight ``m`` and
+  the part of the image under it as the one measurement ``y`` there. If no target is there, ``y`` is background, with
+  density proportional to ``b``; this takes the place of the clutter ``mu_C p_C(y)`` and is weighed by the probability
+  ``1 - m`` that the cluster is nothing. (45) then reads ``D'(x) = {(1 - pD) + pD h(x)/b} D(x) / {(1 - m) + m <(1 - pD)
+  + pD h/b>}``: the posterior of a target that is there or not. A cluster seen well above the background weighs about
+  one however pure its colour, one seen at the level of the background keeps its weight, one not seen loses it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from tsuiseki.tracking.features.colour_region import ColourImage, region_contrast
+from tsuiseki.tracking.filters.finite_sets.clusters import LabelledParticles, cluster_sizes, cluster_starts
+from tsuiseki.tracking.filters.motion.points import SMALLEST_SIDE
+from tsuiseki.tracking.filters.particles.resampling import logarithms
+from tsuiseki.tracking.geometry import grown, intersections
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+
+def boxes_of(states: FloatArray) -> FloatArray:
+    """Boxes ``(N, 4)`` x1, y1, x2, y2 of states ``(N, 6)``."""
+    half = states[:, 4:6] / 2
+    return np.concatenate([states[:, :2] - half, states[:, :2] + half], axis=1)
+
+
+def cluster_means(state: LabelledParticles) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Label, weight and mean state of each cluster."""
+    starts = cluster_starts(state.labels)
+    if len(starts) == 0:
+        return np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 6))
+    weights = np.exp(state.log_weights)
+    masses = np.add.reduceat(weights, starts)
+    sums = np.add.reduceat(weights[:, None] * state.particles, starts, axis=0)
+    means = sums / np.maximum(masses, np.finfo(np.float64).tiny)[:, None]
+    means[:, 4:] = np.maximum(means[:, 4:], SMALLEST_SIDE)
+    return state.labels[starts], masses, means
+
+
+MOST_OTHERS = 4
+"""Nearest other targets whose pixels are taken from a cluster."""
+OUTLINE = 0.15
+"""Growth of the boxes that take pixels from others: a fringe left over would be a target to them."""
+
+
+class RegionLikelihood(Protocol):
+    """``log h`` ``(N,)`` of labelled particles, NaN where the image says nothing.
+
+    Attributes:
+        margin: of the frame around a box, for ``q``.
+    """
+
+    @property
+    def margin(self) -> float: ...
+
+    def __call__(self, state: LabelledParticles, image: ColourImage, /) -> FloatArray: ...
+
+
+@dataclass(frozen=True)
+class EachAlone:
+    """(68) of each particle, whatever else is there.
+
+    Attributes:
+        margin: of the frame around a box, for ``q``.
+    """
+
+    margin: float = 0.5
+
+    def __call__(self, state: LabelledParticles, image: ColourImage) -> FloatArray:
+        """See `RegionLikelihood`."""
+        return logarithms(region_contrast(image, boxes_of(state.particles), self.margin))
+
+
+@dataclass(frozen=True)
+class WithoutOthers:
+    """(68) of each particle without the pixels that other targets cover; those speak for the others alone.
+
+    Of two targets that overlap, the one whose box fits better alone is in front and keeps the pixels of both. A
+    particle mostly behind others cannot be judged by what is left of it: its likelihood is NaN, as if ``pD`` were zero
+    there. What was never seen is not behind anything: there the likelihood is zero.
+
+    Attributes:
+        margin: of the frame around a box, for ``q``.
+        believed: a cluster that weighs more is a target, and covers others.
+    """
+
+    margin: float = 0.5
+    believed: float = 0.5
+
+    def __call__(self, state: LabelledParticles, image: ColourImage) -> FloatArray:
+        """See `RegionLikelihood`."""
+        if len(state) == 0:
+            return np.empty(0)
+        _, masses, means = cluster_means(state)
+        boxes, starts = boxes_of(means), cluster_starts(state.labels)
+        counted = masses > self.believed
+        touching = _touching(boxes, _reach(grown(boxes_of(state.particles), self.margin), starts), counted)
+        front = touching & _fits_better(region_contrast(image, boxes, self.margin), counted)
+        most = min(int(touching.sum(axis=1).max()), MOST_OTHERS)
+        apart = np.linalg.norm(means[:, None, :2] - means[None, :, :2], axis=2)
+        nearest = np.argsort(np.where(touching, apart, np.inf), axis=1, kind="stable")[:, :most]
+        there = np.take_along_axis(touching, nearest, axis=1)[:, :, None]
+        others = np.where(there, grown(boxes, OUTLINE)[nearest], 0.0)
+        in_front = np.take_along_axis(front, nearest, axis=1)
+        sizes = cluster_sizes(starts, len(state))
+        contrast = region_contrast(
+            image,
+            boxes_of(state.particles),
+            self.margin,
+            np.repeat(others, sizes, axis=0),
+            np.repeat(in_front, sizes, axis=0),
+        )
+        unseen = np.isnan(contrast) & np.repeat(masses <= self.believed, sizes)
+        return logarithms(np.where(unseen, 0.0, contrast))
+
+
+def background_level(image: ColourImage, state: LabelledParticles, margin: float, rng: np.random.Generator) -> float:
+    """What ``h`` reaches on background: its 0.95 quantile over boxes like the particles' at random places.
+
+    Boxes that lie on a cluster are left out. At least 0.05, so that a colour that is nowhere (or everywhere, where
+    ``h`` is zero too) does not make every spot a target.
+    """
+    width, height = image.size
+    sizes = state.particles[:, 4:6] if len(state) else np.array([[width, height]]) / 16.0
+    chosen = sizes[rng.integers(len(sizes), size=300)]
+    centres = rng.random((300, 2)) * [width, height]
+    boxes = np.concatenate([centres - chosen / 2, centres + chosen / 2], axis=1)
+    _, masses, means = cluster_means(state)
+    claimed = boxes_of(means[masses > 0.1])
+    if len(claimed):
+        boxes = boxes[intersections(boxes[:, None], claimed[None]).max(axis=1) <= 0]
+    if len(boxes) == 0:
+        return 0.05
+    return max(float(np.quantile(region_contrast(image, boxes, margin), 0.95)), 0.05)
+
+
+def _reach(boxes: FloatArray, starts: IntArray) -> FloatArray:
+    """The least box ``(G, 4)`` around all of each cluster's boxes ``(N, 4)``."""
+    low, high = np.minimum.reduceat(boxes[:, :2], starts, axis=0), np.maximum.reduceat(boxes[:, 2:], starts, axis=0)
+    return np.concatenate([low, high], axis=1)
+
+
+def _touching(boxes: FloatArray, reach: FloatArray, counted: BoolArray) -> BoolArray:
+    """Which counted boxes lie in each cluster's reach ``(G, G)``, itself excepted."""
+    near = (intersections(reach[:, None], boxes[None]) > 0) & counted[None, :]
+    np.fill_diagonal(near, val=False)
+    return near
+
+
+def _fits_better(fit: FloatArray, counted: BoolArray) -> BoolArray:
+    """``(G, G)`` whether the second is in front of the first: the only one that counts, the better fit, the older."""
+    order = np.lexsort((np.arange(len(fit)), -fit, ~counted))
+    rank = np.empty(len(fit), dtype=np.int64)
+    rank[order] = np.arange(len(fit))
+    return np.asarray(rank[None, :] < rank[:, None])
+
+
+LARGEST_LOG_RATIO = float(np.log(1e12))
+"""Bound of the ratio's logarithm, so that one particle cannot stand for all."""
+
+
+@dataclass(frozen=True)
+class Regions:
+    """What the update looks at.
+
+    Attributes:
+        log_weights: ``(N,)`` predicted.
+        log_likelihood: ``(N,)`` logarithm of ``h = p (1 - q)``, NaN for a target hidden by others.
+        starts: ``(G,)`` first particle of each cluster.
+        background: ``b``, what ``h`` reaches on background.
+        detection: ``pD``.
+    """
+
+    log_weights: FloatArray
+    log_likelihood: FloatArray
+    starts: IntArray
+    background: float
+    detection: float
+
+    @property
+    def weights(self) -> FloatArray:
+        """``(N,)`` expected targets of each particle."""
+        return np.asarray(np.exp(self.log_weights))
+
+    @property
+    def likelihood(self) -> FloatArray:
+        """``(N,)`` ``h``, zero for a target hidden by others."""
+        return np.asarray(np.nan_to_num(np.exp(self.log_likelihood)))
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        """Sums ``(G,)`` over the clusters of values ``(N,)``."""
+        return np.asarray(np.add.reduceat(values, self.starts)) if len(self.starts) else np.empty(0)
+
+    def spread(self, values: FloatArray) -> FloatArray:
+        """Values ``(G,)`` of the clusters at their particles ``(N,)``."""
+        return np.repeat(values, np.diff(self.starts, append=len(self.log_weights)))
+
+
+Update = Callable[[Regions], FloatArray]
+"""The log-weights ``(N,)`` after the update."""
+
+
+def as_printed(regions: Regions) -> FloatArray:
+    """(45) with the likelihood (68) in the place of (46), as section 6.2 has it."""
+    return logarithms(regions.weights * (1.0 - regions.detection + regions.detection * regions.likelihood))
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """(45) with the ratio of the likelihood to its value on background, cluster by cluster; see the module.
+
+    Attributes:
+        sharpness: power of the ratio, > 0. Above 1 it makes up for ``p (1 - q)`` being flat about its top.
+    """
+
+    sharpness: float = 4.0
+
+    def __call__(self, regions: Regions) -> FloatArray:
+        log_ratio = np.minimum(
+            self.sharpness * (regions.log_likelihood - np.log(regions.background)), LARGEST_LOG_RATIO
+        )
+        ratio = np.exp(np.where(np.isnan(log_ratio), 0.0, log_ratio))  # hidden: the image says nothing
+        weights = regions.weights
+        joint = weights * (1.0 - regions.detection + regions.detection * ratio)
+        mass = np.minimum(regions.sums(weights), 1.0)
+        total = 1.0 - mass + regions.sums(joint)
+        return logarithms(joint / regions.spread(np.maximum(total, np.finfo(np.float64).tiny)))
+
+
+calibrated = Calibrated()
+
+
+def greatest(regions: Regions) -> FloatArray:
+    """Greatest likelihood ``(G,)`` in each cluster, which the paper compares."""
+    return np.asarray(np.maximum.reduceat(regions.likelihood, regions.starts))
+
+
+def average(regions: Regions) -> FloatArray:
+    """Mean likelihood ``(G,)`` in each cluster: once it is equal, no cluster gains weight on another.
+
+    With equal greatest values a cluster that sits tighter about its top still does, step after step.
+    """
+    weights = regions.weights
+    mass = np.maximum(regions.sums(weights), np.finfo(np.float64).tiny)
+    return regions.sums(weights * regions.likelihood) / mass
+
+
+@dataclass(frozen=True)
+class Equalised:
+    """Raises the likelihood of every target to the same level before the update, end of section 6.2.
+
+    The log-likelihood of each cluster is raised by what its level lacks to the highest; without it the particles of a
+    target of low likelihood die out.
+
+    Attributes:
+        update: what follows.
+        level: :func:`greatest` as printed, or :func:`average`.
+        visible: a cluster whose likelihood nowhere reaches this is not a target and stays as it is.
+    """
+
+    update: Update
+    level: Callable[[Regions], FloatArray] = greatest
+    visible: float = 0.1
+
+    def __call__(self, regions: Regions) -> FloatArray:
+        if len(regions.starts) == 0:
+            return self.update(regions)
+        seen = greatest(regions) >= self.visible
+        level = np.maximum(self.level(regions), 1e-6)
+        raised = np.where(seen, np.max(level[seen], initial=0.0) / level, 1.0)
+        return self.update(replace(regions, log_likelihood=regions.log_likelihood + regions.spread(np.log(raised))))

@@ -1,0 +1,293 @@
+"""Who is in each frame of a video: given, or found and described by models."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from threading import Thread
+from typing import TypeAlias, get_args
+
+import numpy as np
+
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.features.exported import (
+    Appearance,
+    AppearanceLike,
+    Describe,
+    Detect,
+    Detector,
+    as_describer,
+    as_detector,
+)
+from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
+from tsuiseki.tracking.features.foreign_detector import ForeignDetector
+from tsuiseki.tracking.features.foreign_options import AppearanceOptions
+from tsuiseki.tracking.features.ground_plane import GroundPlane
+from tsuiseki.tracking.features.standing_camera import StandingCamera
+from tsuiseki.tracking.features.streaming import stream
+from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detector
+from tsuiseki.tracking.features.views import parse_view
+from tsuiseki.tracking.formats.mot import read_classed_detections
+from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.onnx import cores_of
+from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
+from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray, IntArray
+from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.weights import shipped
+
+GivenDetections: TypeAlias = str | Path | Sequence[DetectionsLike]
+
+
+@dataclass(frozen=True)
+class PeopleInputs:
+    """Where frames, detections and features come from.
+
+    Attributes:
+        source: the video.
+        detect: a detector, or the detections of each frame.
+        describe: an appearance model, if the method compares appearance.
+        batch_size: frames of one call of the detector.
+        camera: gets the frames, where the movement of the camera matters; one that only tells where the camera stands
+            still gets those that are decoded anyway.
+        threads: cores that networks may use; 0 for all. Functions of other people are called one at a time, and live
+            sources are never read ahead.
+        ground: weighs what was found, in the order of the video.
+    """
+
+    source: Source
+    detect: Detect | Sequence[Detections]
+    describe: Describe | None = None
+    batch_size: int = 4
+    camera: CameraPath | StandingCamera | None = None
+    threads: int = 1
+    ground: GroundPlane | None = None
+
+    @property
+    def workers(self) -> int:
+        """Batches that are worked on at a time."""
+        networks = isinstance(self.detect, ViewedDetector | Detector | ForeignDetector | Sequence)
+        described = self.describe is None or isinstance(self.describe, Appearance | ForeignAppearance)
+        return cores_of(self.threads) if networks and described and not self.source.live else 1
+
+    @property
+    def needs_images(self) -> bool:
+        """Whether the frames themselves must be decoded."""
+        moving = isinstance(self.camera, CameraPath)
+        looked_at = self.describe is not None or moving or not isinstance(self.detect, Sequence)
+        return looked_at or (self.source.length is None and self.source.has_images)
+
+    def found(
+        self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
+    ) -> Iterator[tuple[int, Detections]]:
+        """Frame numbers with who was found there; frames are decoded only where somebody looks at them.
+
+        Args:
+            frames: of the source, where somebody watches them; by default they are read.
+            times: gets the seconds of each stage.
+
+        Raises:
+            RunError: the video breaks off.
+        """
+        if self.needs_images:
+            yield from ((frame.index, found) for frame, found in self.looked_at(frames, times))
+            return
+        assert isinstance(self.detect, Sequence)
+        # A sequence that is text only, and does not say how long it is, ends with its detections.
+        wanted = self.source.frames_wanted.within(self.source.length or len(self.detect))
+        assert wanted.last is not None
+        for index in range(wanted.first, wanted.last + 1):
+            yield index, self.detect[index] if index < len(self.detect) else Detections.empty()
+
+    def looked_at(
+        self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
+    ) -> Iterator[tuple[Frame, Detections]]:
+        """The frames themselves with who was found there; see `found`."""
+        times, last = times or StageTimes(), -1
+        images = self.source.frames() if frames is None else frames
+        for frame, found in stream(images, self.detect, self.describe, self.batch_size, times, self.workers):
+            if last < 0 and self.workers > 1:
+                # Trackers use it late; loaded while networks look at the next frames it takes no time.
+                Thread(target=_load_parts, name="tsuiseki-load").start()
+            last = frame.index
+            if self.ground is not None:
+                with times.measure("ground"):
+                    found = self.ground.weighed(found, frame.image.shape[0])
+            if self.camera is not None:
+                with times.measure("camera"):
+                    self._show_camera(frame.image, found.boxes)
+            yield frame, found
+        self._check_all_used(last)
+
+    def _show_camera(self, image: ImageArray, boxes: FloatArray) -> None:
+        if isinstance(self.camera, CameraPath):
+            self.camera.add(image, boxes)
+        elif self.camera is not None:
+            self.camera.add(image)
+
+    def _check_all_used(self, last: int) -> None:
+        """Say that a video turned out to be shorter than its detections."""
+        if not isinstance(self.detect, Sequence) or self.source.frames_wanted.last is not None:
+            return
+        if self.source.length is None and len(self.detect) > last + 1:
+            unused = sum(map(len, self.detect[last + 1 :]))
+            warnings.warn(
+                f"{unused} detection(s) after the last frame of {self.source.name}, {last + 1}, are left out",
+                InputWarning,
+                stacklevel=2,
+            )
+
+
+def _load_parts() -> None:
+    """Load the parts of SciPy that trackers use, which SciPy itself loads on first use."""
+    for part in ("linalg", "ndimage", "optimize", "sparse"):
+        import_module(f"scipy.{part}")
+
+
+def threads_of_a_call(source: Source, threads: int) -> int:
+    """Threads of one call of a network: all for a live source, whose frames come one by one, else one a worker."""
+    return threads if source.live else 1
+
+
+def given_detections(
+    given: GivenDetections, source: Source, score_range: tuple[float, float] | None = None
+) -> list[Detections]:
+    """Detections that are there already, up to the end of the video as far as it is known.
+
+    Args:
+        given: a file (MOTChallenge ``det.txt``), or one entry a frame.
+        source: the video.
+        score_range: smallest and largest score that the rows of a file may have; by default any.
+
+    Raises:
+        RequestError: see `read_detections` and `as_detections`; or the video is shorter.
+    """
+    if not isinstance(given, str | Path):
+        if source.length is not None and len(given) > source.length:
+            raise RequestError(
+                f"expected detections for {source.length} frames, one entry a frame, got {len(given)}; are these the "
+                "detections of another video?"
+            )
+        return [as_detections(entry) for entry in given]
+    # The header of a video file only estimates its length: what is too much shows when the video has ended.
+    found, classes = read_classed_detections(given, source.length, score_range)
+    if len(named := classes_of(classes)) > 1:
+        shown = ",".join(map(str, named))
+        warnings.warn(
+            f"{given}: detections of the classes {shown} are tracked as one; give `classes` to track each apart",
+            InputWarning,
+            stacklevel=2,
+        )
+    return found
+
+
+def classes_of(classes: Iterable[IntArray]) -> list[int]:
+    """The classes that there are among those of every frame; -1 is none."""
+    every = np.concatenate([np.empty(0, np.int64), *classes])
+    return [int(number) for number in np.unique(every[every >= 0])]
+
+
+def people_detect(
+    source: Source, finding: FindingOptions, default: str, threads: int | None = None
+) -> Detect | list[Detections]:
+    """The given detections, or what detects people.
+
+    Args:
+        source: the video.
+        finding: the options; in Python ``detections`` and ``detector`` may be whatever `given_detections` and
+            `as_detector` take.
+        default: name of the shipped detector to take where neither is given.
+        threads: CPU threads of one call of a detector that is read from a file; by default those of ``finding``.
+
+    Returns:
+        Networks look at large frames in tiles; see `choose_view`.
+
+    Raises:
+        RequestError: both are given, or the source has no images to find people in.
+    """
+    wanted = parse_view(finding.view)
+    if finding.detections is not None:
+        if finding.detector is not None:
+            raise RequestError("expected `detections` or `detector`, got both; leave one out")
+        return given_detections(finding.detections, source, finding.score_range)
+    if not source.has_images:
+        raise RequestError(f"{source.name} has no images to find people in; give `detections`")
+    detector = shipped(default) if finding.detector is None else finding.detector
+    threads = finding.threads if threads is None else threads
+    found = as_detector(detector, finding.score_threshold, threads, finding.detector_options)
+    if wanted == (1, None) or not isinstance(found, Detector | ForeignDetector):
+        return found
+    return ViewedDetector(found, wanted, frame_rate=source.frame_rate)
+
+
+def ground_of(detect: Detect | Sequence[Detections], wanted: Ground, source: Source) -> GroundPlane | None:
+    """What weighs the boxes of a network by people's heights on one ground; None where nothing shall.
+
+    Args:
+        detect: given detections, and those of other people's functions, keep their scores.
+        wanted: ``auto`` weighs wherever one ground explains what is found, ``off`` never.
+        source: the video.
+
+    Raises:
+        RequestError: it is neither.
+    """
+    if wanted not in get_args(Ground):
+        raise RequestError(f"`ground`: expected {' or '.join(get_args(Ground))}, got {wanted!r}")
+    network = inner_detector(detect)
+    if wanted == "off" or not isinstance(network, Detector | ForeignDetector):
+        return None
+    return GroundPlane(source.frame_rate, score_threshold=network.score_threshold)
+
+
+def people_describer(
+    source: Source,
+    compared: bool,
+    appearance: AppearanceLike | None,
+    threads: int = 0,
+    options: AppearanceOptions | None = None,
+) -> Describe | None:
+    """What describes appearance, where it is compared and there are images.
+
+    Args:
+        source: the video.
+        compared: the method compares appearance; see `compares_appearance`.
+        appearance: a file, a network or a function; by default the shipped network; ``"none"`` for none.
+        threads: CPU threads of the network.
+        options: what a file of another project does not tell.
+
+    Raises:
+        RequestError: the method does not compare appearance; see `as_describer`.
+    """
+    if not compared:
+        if appearance is not None:
+            raise RequestError("expected `appearance` with a method that compares it, flow or deepsort, got another")
+        return None
+    if isinstance(appearance, str | Path) and str(appearance) == NONE:
+        return None
+    if appearance is None and not source.has_images:
+        return None
+    return as_describer(shipped("appearance_people") if appearance is None else appearance, threads, options)
+
+
+def classed_detections(source: Source, finding: PeopleFinding) -> tuple[list[Detections], list[IntArray]]:
+    """The detections in a file with classes, an entry a frame, and the class of each row.
+
+    Args:
+        source: the video.
+        finding: names MOTChallenge's det.txt with classes in column 8, and the classes that must be among them.
+
+    Raises:
+        RequestError: no file is given, it is missing or broken, or there is none of a class.
+    """
+    if finding.detections is None:
+        raise RequestError("expected `classes` with `detections`, whose column 8 they stand in, got no detections")
+    found, classes = read_classed_detections(finding.detections, source.length, finding.score_range)
+    there = classes_of(classes)
+    if missing := [number for number in finding.classes or () if number not in there]:
+        named = ", ".join(map(str, there)) or "none"
+        raise RequestError(f"`classes`: expected classes of {finding.detections} ({named}), got {missing[0]}")
+    return found, classes

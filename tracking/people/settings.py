@@ -1,0 +1,157 @@
+"""Settings of whoever finds and links people: the options of the commands and the keywords of the Python calls."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
+from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.people.bytetrack import ByteTrackSettings
+from tsuiseki.tracking.people.deepsort import DeepSortSettings
+from tsuiseki.tracking.people.flow_input import FlowSettings
+from tsuiseki.tracking.people.ocsort import OcSortSettings
+from tsuiseki.tracking.people.sort import SortSettings
+
+PeopleMethod = Literal["flow", "deepsort", "sort", "bytetrack", "ocsort"]
+METHODS: tuple[PeopleMethod, ...] = get_args(PeopleMethod)
+# Whether scores go by the heights of people on one ground.
+Ground = Literal["auto", "off"]
+# The word that does without a network.
+NONE = "none"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detecting(Shared):
+    """The networks that detect and describe people. Python calls give functions and arrays, too, for files.
+
+    Attributes:
+        detector: exported detector; by default the shipped one. A bare word, such as street, names another shipped one.
+        score_threshold: the detector keeps what scores at least this, from 0 to 1.
+        score_range: smallest and largest score that the rows of --detections may have; by default any.
+        appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
+        threads: CPU cores of the networks; 0 takes all.
+    """
+
+    detector: Path | None = None
+    score_threshold: float = 0.3
+    score_range: tuple[float, float] | None = None
+    appearance: Path | None = None
+    threads: int = 0
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        if not 0 <= self.score_threshold <= 1:
+            raise RequestError(f"`score_threshold`: expected a number from 0 to 1, got {self.score_threshold:g}")
+        check_score_range(self.score_range)
+        if self.threads < 0:
+            raise RequestError(f"`threads`: expected 0 or more, got {self.threads}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FindingOptions(Detecting):
+    """Where the detections come from.
+
+    Attributes:
+        detections: MOTChallenge detections (det.txt) to use instead of a detector.
+        detector_options: what the file of another project's detector does not tell.
+        view: in how many overlapping tiles the detector looks at a frame: 1 is the whole frame alone, tiles across
+            such as 2, across and down such as 3x2, tiles (as many as show more), or auto (as many as find more people).
+        batch_size: frames of one call of the detector.
+        threads: CPU cores of the networks, which work on several frames at a time; 0 takes all.
+    """
+
+    detections: Path | None = None
+    detector_options: DetectorOptions = field(default_factory=DetectorOptions)
+    view: str = "1"
+    batch_size: int = 4
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        super().check()
+        if self.batch_size < 1:
+            raise RequestError(f"`batch_size`: expected at least 1 frame, got {self.batch_size}")
+        if self.detections is not None and self.detector is not None:
+            raise RequestError("expected `detections` or `detector`, got both; leave one out")
+
+    @property
+    def how(self) -> Mapping[str, str]:
+        """How the detector looks, where that is not the usual way: plain values that tell its results apart."""
+        usual = (self.detector_options, self.view) == (DetectorOptions(), "1")
+        return {} if usual else {"view": self.view, "detector_options": repr(self.detector_options)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeopleFinding(FindingOptions):
+    """Where the detections come from, and who is compared by appearance.
+
+    Attributes:
+        detector: detector as ONNX; by default the shipped detector_people.onnx; a bare word, such as street, names
+            another shipped one. One of other projects (YOLO, YOLOX, RT-DETR, RF-DETR, torchvision) is recognised by its
+            inputs and outputs.
+        view: in how many overlapping tiles the detector looks at a frame: auto (as many as find more people, by looks
+            at some frames), tiles across such as 3 (1 is the whole frame alone), across and down such as 3x2, or tiles
+            (as many as show more than fewer).
+        ground: auto lowers the scores of boxes that are not as high as people on one ground are in their row, once
+            those found so far tell; off leaves all scores as they are. Those of --detections are never touched.
+        appearance: appearance network as ONNX for deepsort and flow; by default the shipped appearance_people.onnx;
+            none does without. One of other projects may be anything from crops to features.
+        appearance_options: what the file of another project's appearance network does not tell.
+        classes: track the rows of --detections of these classes (column 8), each class apart, such as 1,3; tracks.txt
+            then has the class in column 8. By default all rows, as one class.
+    """
+
+    view: str = "auto"
+    ground: Ground = "auto"
+    appearance_options: AppearanceOptions = field(default_factory=AppearanceOptions)
+    classes: list[int] | None = None
+
+
+@dataclass(frozen=True)
+class MethodSettings(Shared):
+    """The settings of every method.
+
+    Attributes:
+        sort: settings of --method sort.
+        deepsort: settings of --method deepsort.
+        bytetrack: settings of --method bytetrack.
+        ocsort: settings of --method ocsort.
+        flow: settings of --method flow.
+    """
+
+    sort: SortSettings = field(default_factory=SortSettings)
+    deepsort: DeepSortSettings = field(default_factory=DeepSortSettings)
+    bytetrack: ByteTrackSettings = field(default_factory=ByteTrackSettings)
+    ocsort: OcSortSettings = field(default_factory=OcSortSettings)
+    flow: FlowSettings = field(default_factory=FlowSettings)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Linking(MethodSettings):
+    """How detections are linked.
+
+    Attributes:
+        method: sort follows positions; bytetrack, through low scores, too; ocsort, through gaps; deepsort compares
+            appearance, too; flow links the whole video at once, which is the most accurate and gives its result at the
+            end, or with --delay a fixed time after each frame.
+        affinity: exported link costs for flow; by default the shipped affinity_people.onnx after a detector, and
+            hand-set costs after --detections, whose scores it does not know; none takes hand-set costs always.
+        moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
+            the flow sees in them where the camera stands still, and takes the motion of the boxes elsewhere.
+        delay: seconds after which --method flow decides on a frame for good, such as 1.0, with memory that does not
+            grow but for the result; by default it decides at the end.
+    """
+
+    method: PeopleMethod = "flow"
+    affinity: Path | None = None
+    moving_camera: bool = False
+    delay: float | None = None
+
+
+def check_score_range(score_range: tuple[float, float] | None) -> None:
+    """Refuse a range that no score lies in."""
+    if score_range is not None and score_range[0] >= score_range[1]:
+        raise RequestError(f"`score_range`: expected SMALLEST,LARGEST, got {score_range[0]:g},{score_range[1]:g}")

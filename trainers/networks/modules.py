@@ -1,0 +1,147 @@
+"""What all trainings share: how weights are moved, what checkpoints hold, and how pictures are normalised.
+
+The learning rate rises linearly and falls along a cosine; matrices and kernels decay.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+from lightning import LightningModule, Trainer
+from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
+from torch import Tensor, nn
+from torch.optim import SGD, AdamW, Optimizer
+from torch.optim.lr_scheduler import LambdaLR
+
+from tsuiseki.tracking.onnx import ModelCard
+
+
+@dataclass(frozen=True)
+class Optimisation:
+    """How a training moves weights.
+
+    Attributes:
+        learning_rate: at the end of the warm-up.
+        weight_decay: of matrices and kernels; normalisations and biases have none.
+        warmup_steps: of linear rise of the learning rate.
+        final_share: share of the learning rate that the cosine decay ends with.
+        optimiser: ``adamw`` or ``sgd``.
+    """
+
+    learning_rate: float = 2e-3
+    weight_decay: float = 0.02
+    warmup_steps: int = 100
+    final_share: float = 0.01
+    optimiser: Literal["adamw", "sgd"] = "adamw"
+
+    def groups(self, module: nn.Module, share: float | None = None) -> list[dict[str, Any]]:
+        """The trained parameters of ``module`` in two groups: those that decay, and the others; see `decay_groups`.
+
+        Args:
+            module: whose parameters.
+            share: of the learning rate; None takes the optimiser's.
+        """
+        return decay_groups(module, self.weight_decay, None if share is None else self.learning_rate * share)
+
+    def scheduled(self, groups: list[dict[str, Any]], trainer: Trainer) -> OptimizerLRSchedulerConfig:
+        """The optimiser of the parameter ``groups`` under `WarmupCosine` over all steps of ``trainer``."""
+        optimiser: Optimizer
+        if self.optimiser == "sgd":
+            optimiser = SGD(groups, lr=self.learning_rate, momentum=0.9, nesterov=True)
+        else:
+            optimiser = AdamW(groups, lr=self.learning_rate)
+        total = max(int(trainer.estimated_stepping_batches), self.warmup_steps + 1)
+        falling = WarmupCosine(optimiser, self.warmup_steps, total, self.final_share)
+        return {"optimizer": optimiser, "lr_scheduler": {"scheduler": falling, "interval": "step"}}
+
+
+def plain_hyperparameters(module: LightningModule) -> None:
+    """Let a checkpoint of ``module`` hold plain values alone, of which Lightning makes the settings again."""
+    for name, value in module.hparams.items():
+        module.hparams[name] = _plain(value)
+    module.hparams["_instantiator"] = "lightning.pytorch.cli.instantiate_module"
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {name: _plain(part) for name, part in dataclasses.asdict(value).items()}
+    return str(value) if isinstance(value, Path) else value
+
+
+def normalised(images: Tensor, card: ModelCard) -> Tensor:
+    """``(B, C, H, W)`` as a network takes them, of ``(B, H, W, C)`` uint8 images; the ``card`` says how."""
+    mean, std = (255 * torch.tensor(values, device=images.device).view(1, -1, 1, 1) for values in (card.mean, card.std))
+    return (images.permute(0, 3, 1, 2).float() - mean) / std
+
+
+def decay_groups(module: nn.Module, weight_decay: float, learning_rate: float | None = None) -> list[dict[str, Any]]:
+    """The trained parameters in two groups: matrices and kernels, which decay, and the others, which do not.
+
+    Args:
+        module: whose parameters.
+        weight_decay: of the first group.
+        learning_rate: of both; None is the optimiser's.
+    """
+    trained = [p for p in module.parameters() if p.requires_grad]
+    own: dict[str, Any] = {} if learning_rate is None else {"lr": learning_rate}
+    return [
+        {"params": [p for p in trained if p.ndim > 1], "weight_decay": weight_decay, **own},
+        {"params": [p for p in trained if p.ndim <= 1], "weight_decay": 0.0, **own},
+    ]
+
+
+def warmup_cosine(step: int, warmup: int, total: int, final_share: float) -> float:
+    """Factor on the learning rate: a linear rise to 1 at ``warmup``, a cosine fall to ``final_share`` at ``total``.
+
+    >>> [round(warmup_cosine(s, 10, 110, 0.0), 2) for s in (0, 9, 10, 60, 110)]
+    [0.1, 1.0, 1.0, 0.5, 0.0]
+    """
+    if step < warmup:
+        return (step + 1) / warmup
+    return cosine(step, warmup, total, 1.0, final_share)
+
+
+def cosine(step: int, first: int, last: int, before: float, after: float) -> float:
+    """From ``before`` at step ``first`` along half a cosine to ``after`` at ``last``, and so on from there."""
+    progress = min(1.0, (step - first) / max(last - first, 1))
+    return after + (before - after) * (1 + math.cos(math.pi * progress)) / 2
+
+
+class WarmupCosine(LambdaLR):
+    """`warmup_cosine` over the steps of a training, which may be gone on with over more steps or fewer.
+
+    A checkpoint holds where the factor was. From there it falls to the final share over the steps that are left now, so
+    it never jumps; a training that had ended goes on at the final share.
+
+    Args:
+        optimiser: whose rates it sets.
+        warmup: steps of the rise.
+        total: steps of the training.
+        final_share: of the rate, in the end.
+    """
+
+    def __init__(self, optimiser: Optimizer, warmup: int, total: int, final_share: float) -> None:
+        self.warmup, self.total, self.final_share = warmup, total, final_share
+        # Where the fall began, and from what factor.
+        self.fall: tuple[int, float] = (warmup, 1.0)
+        super().__init__(optimiser, lambda step: self.factor(step))
+
+    def factor(self, step: int) -> float:
+        """On the learning rate."""
+        if step < self.warmup:
+            return (step + 1) / self.warmup
+        first, before = self.fall
+        return cosine(step, first, self.total, before, self.final_share)
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Go on from a checkpoint, over the steps that this training has."""
+        total = self.total
+        super().load_state_dict(state_dict)
+        if total != self.total and self.last_epoch >= self.warmup:
+            self.fall = (self.last_epoch, self.factor(self.last_epoch))
+        self.total = total
