@@ -29,7 +29,6 @@ from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.association.data import FLOWS, TrackerName, WindowImages, affordable
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fitted
 from tsuiseki.trainers.association.flow_loss import FlowLoss
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs
@@ -38,10 +37,11 @@ from tsuiseki.trainers.association.starting import siamese_of
 from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining, HeadsLearning
 from tsuiseki.trainers.association.videos import LIKE_REAL, detected_videos, filmed
 from tsuiseki.trainers.association.window_detector import FrozenTrunk
+from tsuiseki.trainers.association.windows import FLOWS, TrackerName, WindowImages, affordable
 from tsuiseki.trainers.experiments.given_sequences import combined_scores, score_table
 from tsuiseki.trainers.experiments.study import Bench, Study, Table
-from tsuiseki.trainers.networks.appearance import AppearanceTraining
-from tsuiseki.trainers.networks.detector import DetectorTraining, detections
+from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
+from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 
 PETS = "mot/PETS09-S2L1-first"
 FRAMES, CLIPS, SEED = 60, 6, 500

@@ -19,10 +19,10 @@ from tsuiseki.tracking.single.constants import ROBUST, CombinedSettings
 from tsuiseki.tracking.single.kcf import KcfSettings
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments.experiment import Outcome, Table
 from tsuiseki.trainers.experiments.single.runs import Clip, Ours, generated_clip, seeds_of, start
 from tsuiseki.trainers.experiments.single.unseen import interval
 from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Outcome, Table
 
 WITHIN = 10
 FOLLOWED = 0.5

@@ -12,11 +12,11 @@ from tsuiseki.tracking.formats.single import find_single_sequences, read_publish
 from tsuiseki.tracking.single.constants import PRINTED, ROBUST
 from tsuiseki.tracking.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table, at_least_one, png
 from tsuiseki.trainers.experiments.single import comparison, lost_status, other_witnesses, plots, unseen
 from tsuiseki.trainers.experiments.single.comparison import GAINS, SWEEPS, Repeated, Sweep
 from tsuiseki.trainers.experiments.single.runs import Clip, generated_clips, load
 from tsuiseki.trainers.experiments.single.search_intervals import Intervals, intervals, one_pass
+from tsuiseki.trainers.experiments.study import Bench, Outcome, Table, at_least_one, png
 
 PARTS = ("unseen", "status", "witnesses", "sweeps", "comparison", "additions", "intervals", "pictures")
 PUBLISHED = ("CSK", "VTS", "Struck", "MIL", "TLD", "SCM")

@@ -15,11 +15,11 @@ import numpy as np
 
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments.experiment import Outcome, Table
 from tsuiseki.trainers.experiments.single import lost_status
 from tsuiseki.trainers.experiments.single.lost_status import FOLLOWED, WITHIN, LostCounts, count_losses
 from tsuiseki.trainers.experiments.single.witness_looks import WITNESSES, watch_chase_looks
 from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Outcome, Table
 
 Witness = Callable[[FloatArray], FloatArray]
 """What ``(T,)`` a witness says in the rows of a clip, NaN between looks."""

@@ -16,11 +16,11 @@ import numpy as np
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.constants import PRINTED, ROBUST, CombinedSettings, RegularisedSettings
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.experiments.experiment import Outcome, Table
 from tsuiseki.trainers.experiments.single import comparison
 from tsuiseki.trainers.experiments.single.contrib import find_contrib
 from tsuiseki.trainers.experiments.single.runs import Clip, Entrant, score, seeds_of
 from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Outcome, Table
 
 SAMPLES = 10_000
 OURS = "combined, chosen on the others"
