@@ -165,9 +165,7 @@ COMMANDS: Tree = {
     "reproduce": Group(
         "a paper's table or figure: paper and here, plus the plot (needs the train extra)",
         {
-            "multi-correlation-filter": Experiment(
-                "correlation filters selected by a particle filter", "single.multi_correlation_filter"
-            ),
+            "multi-correlation-filter": Experiment("correlation filters selected by a particle filter", "single"),
             "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets"),
             "pca-particle-filter": Experiment("how many particles a goldfish needs", "goldfish"),
             "drone-action-features": Experiment("tracks and actions from a drone improve each other", "drone"),

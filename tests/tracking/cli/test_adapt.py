@@ -10,8 +10,8 @@ from typing import NoReturn
 
 import numpy as np
 import pytest
-from tests.tracking.features.networks.tiny_onnx import save_constant
 
+from tests.tracking.features.tiny_onnx import save_constant
 from tests.trainers.adapt import street
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import Interrupted, RequestError
