@@ -41,7 +41,7 @@ def candidates() -> dict[str, FlowSettings]:
         )
     for cost in (4.0, 6.0):
         found[f"entry and exit {cost:g}"] = replace(base, costs=replace(costs, entry=cost, exit=cost))
-    links = {f"link.settled {share:g}": replace(link, settled=share) for share in (0.0, 0.5)}
+    links = {f"link.velocity_confidence {share:g}": replace(link, velocity_confidence=share) for share in (0.0, 0.5)}
     links |= {f"link.turn {cost:g}": replace(link, turn=cost) for cost in (4.0, 1000.0)}
     for times in (0.8, 1.25):
         r = tuple(times * value for value in link.motion.measurement)
