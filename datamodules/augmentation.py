@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
-# A place that is to be seen lies within this share of the input about its middle, or, at the picture's border, of that.
-_CENTRAL, _OUTERMOST = 0.7, 0.95
-
 
 @dataclass(frozen=True)
 class Example:
@@ -69,7 +66,6 @@ def augment(
     size: tuple[int, int],
     settings: Augmentation,
     fill: ImageArray,
-    about: FloatArray | None = None,
 ) -> Example:
     """``example`` changed at random, in an image of ``size`` (height, width).
 
@@ -79,9 +75,8 @@ def augment(
         size: of the result.
         settings: how strongly.
         fill: ``(H, W, 3)`` uint8 of ``size``, seen where the example does not reach.
-        about: ``(2,)`` pixels of the example that are to be seen; None for any.
     """
-    example = _warp(rng, example, size, settings, fill, about)
+    example = _warp(rng, example, size, settings, fill)
     example = _paint_holes(rng, example, settings.holes)
     image = recolour(rng, example.image, settings.colour * rng.uniform(0.1, 1.0), settings.grey)
     if rng.random() < settings.blur:
@@ -104,12 +99,8 @@ def random_affine(
     source: tuple[int, int],
     size: tuple[int, int],
     settings: Augmentation,
-    about: FloatArray | None = None,
 ) -> FloatArray:
-    """``(2, 3)`` map from pixels of an image of ``source`` (height, width) into an input of ``size``.
-
-    It shows the place ``about`` ``(2,)``, if one is given, anywhere but at the border.
-    """
+    """``(2, 3)`` map from pixels of an image of ``source`` (height, width) into an input of ``size``."""
     scale = fitted_scale(source, size) * np.exp(rng.uniform(*np.log(settings.scale)))
     aspect = np.exp(rng.uniform(-settings.aspect, settings.aspect) / 2)
     mirror = -1.0 if rng.random() < settings.flip else 1.0
@@ -121,11 +112,6 @@ def random_affine(
     half, half_source = np.array([size[1], size[0]]) / 2, np.array([source[1], source[0]]) / 2
     slack = np.abs(half - scale * half_source)
     shift = rng.uniform(-slack, slack)
-    if about is not None:
-        from_middle = linear @ (about - half_source)
-        shift = np.clip(half * rng.uniform(-_CENTRAL, _CENTRAL, 2) - from_middle, -slack, slack)
-        # A turned picture's corner would be lost.
-        shift = np.clip(shift + from_middle, -_OUTERMOST * half, _OUTERMOST * half) - from_middle
     return np.column_stack([linear, half + shift - linear @ half_source])
 
 
@@ -173,9 +159,8 @@ def _warp(
     size: tuple[int, int],
     settings: Augmentation,
     fill: ImageArray,
-    about: FloatArray | None,
 ) -> Example:
-    affine = random_affine(rng, (example.image.shape[0], example.image.shape[1]), size, settings, about)
+    affine = random_affine(rng, (example.image.shape[0], example.image.shape[1]), size, settings)
     source = example.image
     shrink = np.sqrt(abs(np.linalg.det(affine[:, :2])))
     if shrink < 0.7:

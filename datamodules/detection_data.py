@@ -17,17 +17,7 @@ from torch.utils.data import DataLoader, Dataset, DistributedSampler
 from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, texture
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
 from tsuiseki.datamodules.footage import FixedView, Footage, Source
-from tsuiseki.datamodules.generated_pictures import (
-    VariedPictures,
-    write_drone_images,
-    write_panorama_images,
-    write_scene_images,
-    write_varied_images,
-)
-from tsuiseki.datamodules.mining import NO_MINING, Mining, mine
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings
-from tsuiseki.datamodules.scenes.room_pictures import PanoramaPictures
-from tsuiseki.datamodules.scenes.training_pictures import TrainingSettings
+from tsuiseki.datamodules.generated_pictures import check_source, write_pictures
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.preprocessing import fit_image
@@ -35,8 +25,6 @@ from tsuiseki.tracking.types import ImageArray
 
 PERSON, IGNORED, PADDING = 1, -1, 0
 _TEXTURES = 48
-# Generated pictures from a drone are as a window of a frame that is half as wide again: people large enough to learn.
-DRONE_PEOPLE, DRONE_FOCAL = 7, (1.5, 3.0)
 
 
 @dataclass(frozen=True)
@@ -91,7 +79,6 @@ class TrainingExamples(Dataset[Example]):
         augmentation: Augmentation,
         composition: Composition,
         seed: int,
-        mining: Mining = NO_MINING,
     ) -> None:
         self.footage = footage
         self.length = length
@@ -106,23 +93,12 @@ class TrainingExamples(Dataset[Example]):
         generated = generate_people(rng, composition.generated_people, tilt=composition.tilt)
         self.pools = [[person for f in footage for view in f.views for person in view.people()], generated]
         self.pools = [pool for pool in self.pools if pool]
-        self.mining = mining
-        self.mined_share = mining.share if mining.detector else 0.0
-        if self.mined_share:
-            shown = [n for n, share in enumerate(self.shares) if share > 0]
-            found = mine([footage[n] for n in shown], mining)
-            self.mined = [(n, boxes) for n, boxes in zip(shown, found, strict=True) if len(boxes)]
-            # Of those where anything was mined, each source comes as often as it does otherwise.
-            weights = self.shares[[n for n, _ in self.mined]]
-            self.mined_weights = weights / weights.sum()
 
     def __len__(self) -> int:
         return self.length
 
     def __getitem__(self, number: int) -> Example:
         rng = np.random.default_rng([self.seed, 1, number])
-        if self.mined_share and rng.random() < self.mined_share:
-            return self._about_a_false_box(rng)
         footage = self.footage[rng.choice(len(self.footage), p=self.shares)]
         index = int(rng.integers(len(footage)))
         view = footage.view(index)
@@ -130,13 +106,6 @@ class TrainingExamples(Dataset[Example]):
         if view is not None and self.composition.generated_people > 0:
             example = self._compose(rng, example, view, footage.cutouts(index))
         return augment(rng, example, self.size, self.augmentation, self._fill(rng))
-
-    def _about_a_false_box(self, rng: np.random.Generator) -> Example:
-        which, boxes = self.mined[rng.choice(len(self.mined), p=self.mined_weights)]
-        index, about, as_seen = boxes.draw(rng, self.size, self.augmentation)
-        augmentation = as_seen if self.mining.as_seen else self.augmentation
-        example = self.footage[which].example(index)
-        return augment(rng, example, self.size, augmentation, self._fill(rng), about)
 
     def _fill(self, rng: np.random.Generator) -> ImageArray:
         return self.textures[rng.integers(len(self.textures))]
@@ -203,7 +172,6 @@ class DetectionData(lightning.LightningDataModule):
         workers: processes that prepare images.
         augmentation: how training images are changed.
         composition: how people are composed onto frames of fixed cameras.
-        mining: false boxes of a detector that are shown more often.
         seed: of everything random here.
     """
 
@@ -219,14 +187,13 @@ class DetectionData(lightning.LightningDataModule):
         workers: int = 1,
         augmentation: Augmentation = STRONG,
         composition: Composition = NO_COMPOSITION,
-        mining: Mining = NO_MINING,
         seed: int = 0,
     ) -> None:
         super().__init__()
         if not train or not val:
             raise RequestError("expected at least one labelled folder in data.train and in data.val")
         for source in [*train, *val]:
-            _refuse_what_the_scene_does_not_show(source)
+            check_source(source)
         self.sources = {"train": train, "val": val}
         self.card = ModelCard("detector", "", input_height=height, input_width=width, resize=resize)
         self.size = (height, width)
@@ -235,7 +202,6 @@ class DetectionData(lightning.LightningDataModule):
         self.workers = workers
         self.augmentation = augmentation
         self.composition = composition
-        self.mining = mining
         self.seed = seed
 
     def prepare_data(self) -> None:
@@ -246,29 +212,7 @@ class DetectionData(lightning.LightningDataModule):
                 continue
             width, height = source.size or (self.size[1], self.size[0])
             print(f"generating {source.generate} pictures into {folder}", flush=True)
-            if source.scene == "street":
-                write_scene_images(folder, source.generate, TrainingSettings(width, height), source.seed)
-            elif source.scene == "ceiling":
-                write_panorama_images(folder, source.generate, PanoramaPictures(width, height), source.seed)
-            elif source.scene == "drone":
-                flight = DroneSceneSettings(
-                    width=width, height=height, people=DRONE_PEOPLE, focal=DRONE_FOCAL, sun=source.sun
-                )
-                write_drone_images(folder, source.generate, flight, source.seed)
-            else:
-                pictures = VariedPictures(
-                    width,
-                    height,
-                    source.scene,
-                    sprites=source.sprites,
-                    photographs=source.photographs,
-                    town=source.town,
-                    things=source.things,
-                    sun=source.sun,
-                    motion=source.motion,
-                    boxes=source.boxes,
-                )
-                write_varied_images(folder, source.generate, pictures, source.seed)
+            write_pictures(source, (width, height))
 
     def setup(self, stage: str) -> None:
         """Read the labels, decode what fits into memory, cut people out and render others."""
@@ -280,7 +224,6 @@ class DetectionData(lightning.LightningDataModule):
                 self.augmentation,
                 self.composition,
                 self.seed,
-                self.mining,
             )
         if stage in ("fit", "validate"):
             self.validation = ValidationExamples([Footage(source) for source in self.sources["val"]], self.card)
@@ -314,24 +257,6 @@ def collate(examples: list[Example]) -> DetectionBatch:
         labels[n, : len(example.boxes)] = np.where(example.ignored, IGNORED, PERSON)
     images = torch.from_numpy(np.stack([e.image for e in examples]))
     return DetectionBatch(images, torch.from_numpy(boxes), torch.from_numpy(labels))
-
-
-def _refuse_what_the_scene_does_not_show(source: Source) -> None:
-    shown = ("sprites", "photographs", "town", "things", "motion", "boxes")
-    given = [name for name in shown if getattr(source, name) != getattr(Source, name)]
-    if given and source.scene in ("street", "drone", "ceiling"):
-        raise RequestError(
-            f"{source.folder}: expected `{given[0]}` with a varied, sparse, aerial or near scene, got {source.scene}"
-        )
-    if source.sun and source.scene in ("street", "ceiling"):
-        raise RequestError(
-            f"{source.folder}: expected `sun` with a varied, sparse, aerial, near or drone scene, got {source.scene}"
-        )
-    if source.boxes == "steady" and not source.sprites:
-        raise RequestError(f"{source.folder}: expected `sprites` with steady `boxes`, which are theirs, got none")
-    for name in ("sun", "motion"):
-        if not 0 <= getattr(source, name) <= 1:
-            raise RequestError(f"{source.folder}: expected `{name}` as a share in [0, 1], got {getattr(source, name)}")
 
 
 def _one_thread(worker: int) -> None:

@@ -39,10 +39,8 @@ class Source:
         town: these pictures show things of towns, too: traffic lights, signs, bicycles, shop fronts and the like.
         things: and photographed things, which the folder of photographs must hold.
         sun: share of the pictures in a hard sun, in [0, 1]; of all scenes but streets and rooms.
-        motion: share of the pictures in which people, and perhaps the camera, move while the shutter is open, in
-            [0, 1]; of varied, sparse, aerial and near ones.
-        boxes: how people are boxed in these: round their silhouettes; steady, as wide as in a whole walk on average, as
-            people label videos; or at random, the boxes of a picture alike.
+        boxes: how people are boxed in these: round their silhouettes; or steady, as wide as in a whole walk on average,
+            as people label videos.
         seed: of those.
         size: their width and height, pixels; by default those of the input.
     """
@@ -59,7 +57,6 @@ class Source:
     town: bool = False
     things: bool = False
     sun: float = 0.0
-    motion: float = 0.0
     boxes: BoxConvention = "silhouettes"
     seed: int = 0
     size: tuple[int, int] | None = None

@@ -25,12 +25,12 @@ ALLOWED = {
     "configs": set(),
 }  # fmt: skip
 # Inside `tracking` a module imports only what stands before it here.
-LAYERS = ("errors", "opencv", "weights", "types", "geometry", "timing", "output", "options", "processes", "onnx",
+LAYERS = ("errors", "weights", "types", "geometry", "output", "options", "processes", "onnx",
           "preprocessing", "interchange", "formats", "result", "video", "cameras", "features", "filters", "association",
           "evaluation", "report", "cli", "single", "people", "drone", "fisheye", "animals", "bodies", "points",
           "sphere", "calibrate", "demo", "front")  # fmt: skip
-TORCH_FREE = ("tracking", "datamodules/scenes", "datamodules/readers", *(f"datamodules/{name}.py" for name in (
-    "labelled_images", "identity_crops", "action_crops", "footage", "generated_pictures", "mining")))  # fmt: skip
+TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (
+    "labelled_images", "identity_crops", "action_crops", "footage", "generated_pictures")))  # fmt: skip
 
 
 def source_files(folder: str) -> list[Path]:

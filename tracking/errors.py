@@ -5,6 +5,7 @@ The message says what was expected, what came, and what to do.
 
 from __future__ import annotations
 
+import re
 import signal
 
 
@@ -36,3 +37,24 @@ class Interrupted(KeyboardInterrupt):
 def signal_of(error: KeyboardInterrupt) -> int:
     """The signal that ``error`` stands for."""
     return error.number if isinstance(error, Interrupted) else int(signal.SIGINT)
+
+
+ADVICE = (
+    "another package has brought opencv-python in the place of opencv-python-headless; give `pip uninstall -y "
+    "opencv-python opencv-contrib-python`, then `pip install --force-reinstall --no-deps opencv-python-headless`"
+)
+
+
+def explained(error: ImportError) -> RunError | None:
+    """The failure to load OpenCV as an error that says what to do; None where it was something else.
+
+    >>> str(explained(ImportError("libGL.so.1: cannot open shared object file"))).split(";")[0]
+    'OpenCV does not load, for libGL.so.1 is not there'
+    >>> explained(ImportError("No module named 'tsuiseki.flow'"))
+    """
+    if error.name == "cv2":
+        return RunError("OpenCV is not installed; give `pip install opencv-python-headless`")
+    library = re.match(r"(lib[\w.+-]+\.so[\w.]*): cannot open shared object file", str(error))
+    if library is None:
+        return None
+    return RunError(f"OpenCV does not load, for {library[1]} is not there; {ADVICE}")

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from tsuiseki.tracking.evaluation.coverage import NOBODY, matched_labels
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence, restrict
-from tsuiseki.tracking.evaluation.owners import NOBODY, matched_labels
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track

@@ -13,14 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, ball_frames
-from tsuiseki.tracking.bodies.ball import Ball
+from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, plan_balls
+from tsuiseki.tracking.bodies.body import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
-from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
+from tsuiseki.tracking.bodies.settings import DeformableSettings
+from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.filters.motion.bodies import BodyMotion, Noise, RandomWalk
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.bodies.motion import learn_motion
+from tsuiseki.trainers.learn_motion import learn_motion
 
 BODY = Ball()
 EXTRACTION = Extraction(parse_colour("red"))
@@ -39,7 +40,8 @@ class Clip:
 
 def make_clip(seed: int, settings: BouncingBallSettings) -> Clip:
     """A generated clip as the tracker sees it."""
-    frames = list(ball_frames(settings, seed))
+    clip = plan_balls(settings, seed)
+    frames = [clip.draw_frame(number) for number in range(settings.frames)]
     return Clip(np.stack([f.states[0] for f in frames]), [EdgeImage.of(f.image, EXTRACTION) for f in frames])
 
 

@@ -18,13 +18,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_frames, plan_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_states, plan_goldfish
+from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
-from tsuiseki.tracking.bodies.goldfish import Goldfish
-from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
+from tsuiseki.tracking.bodies.settings import DeformableSettings
+from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.types import FloatArray, ImageArray
-from tsuiseki.trainers.bodies.motion import learn_motion
+from tsuiseki.trainers.learn_motion import learn_motion
 
 WHOLE_FRAMES = (500, 3000)
 SCALING = (500, 2000, 10_000, 30_000, 100_000)
@@ -48,7 +49,7 @@ def bare_calls(image: ImageArray) -> None:
 def new_tracker(clip: Clip, particles: int) -> DeformableTracker:
     """With the learnt proposal, as in the experiment."""
     body = Goldfish()
-    ways = [plan_goldfish(GoldfishSettings(fish=1), np.random.default_rng(seed))[:, 0] for seed in range(5)]
+    ways = [goldfish_states(GoldfishSettings(fish=1), np.random.default_rng(seed))[:, 0] for seed in range(5)]
     motion = learn_motion(ways, body.name, body.fields, body.angles, 15.0).proposal()
     extraction = Extraction(parse_colour("orange"))
     return DeformableTracker(body, motion, extraction, DeformableSettings(particles), clip.states[:1])
@@ -82,7 +83,8 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    drawn = list(goldfish_frames(GoldfishSettings(frames=options.frames, fish=1), seed=3))
+    clip = plan_goldfish(GoldfishSettings(frames=options.frames, fish=1), seed=3)
+    drawn = [clip.draw_frame(number) for number in range(options.frames)]
     clip = Clip([frame.image for frame in drawn], np.stack([frame.states[0] for frame in drawn]))
     print(f"{platform.processor() or platform.machine()}, OpenCV {cv2.__version__}, numpy {np.__version__}; 640x480")
     print(f"{'particles':>9} {'bare':>7} {'image':>7} {'particles':>9} {'frame':>7} {'ratio':>6} {'frames/s':>8}")

@@ -12,11 +12,11 @@ import argparse
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
-from tsuiseki.tracking.bodies.goldfish import Goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_states
+from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.filters.motion.learnt import LearntMotion, PrincipalComponents
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.bodies.motion import learn_motion
+from tsuiseki.trainers.learn_motion import learn_motion
 
 RATES = (15.0, 30.0, 60.0)
 SECONDS = 10
@@ -26,7 +26,7 @@ COLUMNS = ("forward", "sideways", "theta", "phi")
 def learnt_at(rate: float, clips: int) -> LearntMotion:
     """What the exact states of so many clips teach."""
     settings = GoldfishSettings(frames=round(SECONDS * rate), frame_rate=rate, fish=3)
-    states = [plan_goldfish(settings, np.random.default_rng(seed)) for seed in range(clips)]
+    states = [goldfish_states(settings, np.random.default_rng(seed)) for seed in range(clips)]
     body = Goldfish()
     tracks = [clip[:, fish] for clip in states for fish in range(settings.fish)]
     return learn_motion(tracks, body.name, body.fields, body.angles, rate)

@@ -16,13 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
-from tsuiseki.tracking.bodies.body_starts import wide_noise
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
+from tsuiseki.tracking.bodies.starts import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk
 from tsuiseki.tracking.formats.silhouettes import centre_inside
-from tsuiseki.trainers.bodies.motion import learn_motion
 from tsuiseki.trainers.experiments.goldfish import BODY, TRACKER, FishClip, prepare_clip
+from tsuiseki.trainers.learn_motion import learn_motion
 
 FISH, FIRST_SEED = 5, 8_000_000
 
@@ -48,7 +49,7 @@ def main() -> None:
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         folders = [
-            write_goldfish(Path(folder) / f"{n}", GoldfishSettings(fish=FISH), FIRST_SEED + n)
+            write_clip(Path(folder) / f"{n}", plan_goldfish(GoldfishSettings(fish=FISH), FIRST_SEED + n))
             for n in range(asked.clips + 1)
         ]
         clips = [prepare_clip(one) for one in folders]

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, draw_street, plan_street
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, read_sequence
 from tsuiseki.tracking.types import FloatArray, IntArray
@@ -52,7 +52,7 @@ def labelled_tracks(sequence: MotSequence) -> Iterator[Track]:
 def street_tracks(seed: int) -> Iterator[Track]:
     """The people of a generated street, every frame."""
     street = plan_street(StreetSettings(frames=FRAMES), seed)
-    seen = [draw_street(street, number)[1] for number in range(FRAMES)]
+    seen = [street.draw_frame(number)[1] for number in range(FRAMES)]
     ids, boxes = np.concatenate([s.ids for s in seen]), np.concatenate([s.boxes for s in seen])
     frames = np.repeat(np.arange(FRAMES), [len(s.ids) for s in seen])
     return by_person(ids, frames, boxes)

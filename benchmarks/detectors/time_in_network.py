@@ -8,12 +8,11 @@ Generated frames of a street go through `Detector.detect`; the session's own tim
 from __future__ import annotations
 
 import argparse
-import itertools
 import time
 from typing import Any
 
 from benchmarks.machine import machine
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, street_frames
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
@@ -27,7 +26,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     arguments = parser.parse_args()
     settings = StreetSettings(frames=arguments.frames, width=arguments.size[0], height=arguments.size[1])
-    images = [image for image, _ in itertools.islice(street_frames(settings, 100), arguments.frames)]
+    images = [image for (image,), _ in plan_street(settings, 100).frames()]
     detector = Detector(arguments.detector, threads=arguments.threads)
     inside = 0.0
     run = detector.model.run

@@ -17,7 +17,7 @@ import numpy as np
 
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.sphere.likelihood import ContourSettings, fetch, polar_maps
+from tsuiseki.tracking.sphere.outline import ContourSettings, fetch, polar_maps
 from tsuiseki.tracking.sphere.tracker import SphereTracker, TimedViews
 from tsuiseki.tracking.sphere.views import ContourLikelihood
 from tsuiseki.tracking.types import ImageArray

@@ -6,18 +6,17 @@ between targets however well a box fits.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
+from typing import ClassVar
 
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import write_images, write_info
+from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, Moment, write_info
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth
-from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -106,8 +105,48 @@ class BlobPaths:
     shapes: tuple[ImageArray, ...]
 
 
-def plan_blobs(settings: BlobSceneSettings, rng: np.random.Generator) -> BlobPaths:
-    """Draws the objects and their ways; nearer objects (later ones) cover farther ones."""
+@dataclass(frozen=True)
+class BlobClip:
+    """A planned clip; see `clip.Clip`. Nearer objects (later ones) cover farther ones."""
+
+    settings: BlobSceneSettings
+    seed: int
+
+    views: ClassVar[tuple[str, ...]] = (IMAGES,)
+    quality: ClassVar[int] = QUALITY
+
+    @property
+    def paths(self) -> BlobPaths:
+        """Where everything is."""
+        return _plan(self.settings, np.random.default_rng(self.seed))
+
+    def frames(self) -> Iterator[Moment[FloatArray]]:
+        """See `clip.Clip`; the truth is the boxes ``(K, 4)`` of a frame, NaN while an object is away."""
+        settings, rng = self.settings, np.random.default_rng(self.seed)
+        paths = _plan(settings, rng)
+        ground = _ground(settings, rng)
+        for boxes in paths.boxes:
+            image = ground.copy()
+            _stain_colour(image, settings, settings.flashes, rng)
+            for box, sprite, shape in zip(boxes, paths.sprites, paths.shapes, strict=True):
+                if np.isfinite(box[0]):
+                    _paste(image, sprite, shape, box)
+            noise = 4.0 * rng.standard_normal(image.shape, dtype=np.float32)
+            yield (np.clip(image + noise, 0, 255).astype(np.uint8),), boxes
+
+    def write_truth(self, folder: Path, name: str, truths: list[FloatArray]) -> None:
+        """Write ``gt/gt.txt`` and ``seqinfo.ini``."""
+        write_ground_truth(folder / "gt" / "gt.txt", as_ground_truth(np.stack(truths)))
+        write_info(folder, name, self.settings)
+
+
+def plan_blobs(settings: BlobSceneSettings, seed: int) -> BlobClip:
+    """The clip of ``seed``."""
+    return BlobClip(settings, seed)
+
+
+def _plan(settings: BlobSceneSettings, rng: np.random.Generator) -> BlobPaths:
+    """Draw the objects and their ways."""
     count = settings.objects
     purity = rng.permutation(np.linspace(*settings.purity, count)) if count > 1 else np.array([settings.purity[1]])
     sizes = np.round(rng.uniform(*settings.size, (count, 2)))
@@ -124,50 +163,6 @@ def plan_blobs(settings: BlobSceneSettings, rng: np.random.Generator) -> BlobPat
     boxes[outside < 3] = np.nan
     drawn = [_sprite(size, share, HUES[settings.colour], rng) for size, share in zip(sizes, purity, strict=True)]
     return BlobPaths(boxes, purity, tuple(d[0] for d in drawn), tuple(d[1] for d in drawn))
-
-
-Drawn: TypeAlias = tuple[ImageArray, FloatArray]
-
-
-def blob_frames(settings: BlobSceneSettings, seed: int) -> Iterator[Drawn]:
-    """Images ``(H, W, 3)`` RGB and the boxes ``(K, 4)`` in each, NaN while an object is away; the same for one seed."""
-    rng = np.random.default_rng(seed)
-    paths = plan_blobs(settings, rng)
-    ground = _ground(settings, rng)
-    for boxes in paths.boxes:
-        image = ground.copy()
-        _stain_colour(image, settings, settings.flashes, rng)
-        for box, sprite, shape in zip(boxes, paths.sprites, paths.shapes, strict=True):
-            if np.isfinite(box[0]):
-                _paste(image, sprite, shape, box)
-        noise = 4.0 * rng.standard_normal(image.shape, dtype=np.float32)
-        yield np.clip(image + noise, 0, 255).astype(np.uint8), boxes
-
-
-def write_blobs(
-    folder: Path,
-    settings: BlobSceneSettings,
-    seed: int,
-    overwrite: bool = False,
-    watch: Callable[[Iterator[Drawn]], Iterator[Drawn]] = iter,
-) -> Path:
-    """Writes a MOTChallenge sequence: ``img1/000001.jpg`` …, ``gt/gt.txt``, ``seqinfo.ini``.
-
-    Args:
-        folder: does not exist yet or is empty, unless ``overwrite``.
-        settings: of the clip.
-        seed: of all random numbers.
-        overwrite: a clip that the folder holds is replaced.
-        watch: passes the frames on as they are drawn, to show how far it is.
-
-    Raises:
-        RequestError: ``folder`` is a file, or holds files while ``overwrite`` is False.
-    """
-    with output_folder(folder, overwrite) as work:
-        truth = write_images(work / "img1", watch(blob_frames(settings, seed)))
-        write_ground_truth(work / "gt" / "gt.txt", as_ground_truth(np.stack(truth)))
-        write_info(work, folder.name, settings)
-    return folder
 
 
 def as_ground_truth(boxes: FloatArray) -> GroundTruth:

@@ -1,31 +1,70 @@
-"""A clip of bodies on disk: images, exact states, silhouettes."""
+"""Clips of bodies: images, exact states, silhouettes; what goldfish and bouncing balls have in common."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.clip import ClipSettings, numbered, write_image
-from tsuiseki.datamodules.scenes.fish_drawing import Drawn, within
+from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment, write_info
+from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_states import write_states
-from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.tracking.formats.silhouettes import FOLDER, write_silhouettes
-from tsuiseki.tracking.output import output_folder
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.formats.silhouettes import FOLDER
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.tracks import exact_track
 
-GRAIN_SHIFT = 64
+MOST_BODIES = 5
+# The noise of the camera is drawn once, somewhat larger than an image: drawing it anew would cost more than the scene.
+_SHIFT = 64
 
 
 @dataclass(frozen=True)
-class SceneFrame:
-    """One frame of a generated clip of bodies.
+class Drawn:
+    """A body on its part of the image.
+
+    Attributes:
+        left: column of the part.
+        top: row of the part.
+        colour: ``(h, w, 3)`` float32 in [0, 255].
+        opacity: ``(h, w)`` in [0, 1].
+    """
+
+    left: int
+    top: int
+    colour: Float32
+    opacity: Float32
+
+    @property
+    def silhouette(self) -> BoolArray:
+        """Pixels ``(h, w)`` that the body covers."""
+        return np.asarray(self.opacity > 0.3)
+
+
+def within(shape: tuple[int, int], drawn: Drawn) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Rows and columns of an image of ``shape`` that a drawing covers, and the same place in the drawing."""
+    height, width = drawn.opacity.shape
+    top, left = max(0, -drawn.top), max(0, -drawn.left)
+    bottom = max(top, min(height, shape[0] - drawn.top))
+    right = max(left, min(width, shape[1] - drawn.left))
+    there = (slice(drawn.top + top, drawn.top + bottom), slice(drawn.left + left, drawn.left + right))
+    return there, (slice(top, bottom), slice(left, right))
+
+
+def paint(image: Float32, body: Drawn) -> None:
+    """Lay a drawn body over ``image``."""
+    part, own = within(image.shape[:2], body)
+    cover = body.opacity[own][..., None]
+    image[part] = (1 - cover) * image[part] + cover * body.colour[own]
+
+
+@dataclass(frozen=True)
+class BodyFrame:
+    """One frame of a clip of bodies.
 
     Attributes:
         image: ``(H, W, 3)`` uint8 RGB.
@@ -38,13 +77,66 @@ class SceneFrame:
     silhouettes: ImageArray
 
 
-def check_clip(names: tuple[str, str], count: int, largest: int, length: float, settings: ClipSettings) -> None:
+@dataclass(frozen=True)
+class BodyClip:
+    """A planned clip, of which every frame can be drawn on its own; see `clip.Clip`.
+
+    Attributes:
+        settings: of the clip.
+        fields: names of the D numbers of a state.
+        states: ``(T, K, D)`` exact states.
+        picture: draws a frame: the image ``(H, W, 3)`` in [0, 255] without noise, and its K bodies.
+        grain: noise of the camera, from `camera_grain`.
+    """
+
+    settings: ClipSettings
+    fields: tuple[str, ...]
+    states: FloatArray
+    picture: Callable[[int], tuple[Float32, Sequence[Drawn]]]
+    grain: tuple[Float32, IntArray]
+
+    views: ClassVar[tuple[str, ...]] = (IMAGES, f"{FOLDER}/{{number:06d}}.png")
+    quality: ClassVar[int] = QUALITY
+
+    def frames(self) -> Iterator[Moment[FloatArray]]:
+        """See `clip.Clip`: the image and the silhouettes, and the states ``(K, D)``."""
+        for number in range(len(self.states)):
+            frame = self.draw_frame(number)
+            yield (frame.image, frame.silhouettes), frame.states
+
+    def draw_frame(self, frame: int) -> BodyFrame:
+        """Frame ``frame`` of the clip."""
+        image, bodies = self.picture(frame)
+        height, width = image.shape[:2]
+        silhouettes = np.zeros((height, width), np.uint8)
+        for bit, body in enumerate(bodies):
+            part, own = within((height, width), body)
+            silhouettes[part] |= np.where(body.silhouette[own], np.uint8(1 << bit), np.uint8(0))
+        (top, left), noise = self.grain[1][frame], self.grain[0]
+        noisy = cv2.add(image, noise[top : top + height, left : left + width], dtype=cv2.CV_8U)
+        return BodyFrame(np.asarray(noisy, np.uint8), self.states[frame], silhouettes)
+
+    def write_truth(self, folder: Path, name: str, truths: list[FloatArray]) -> None:
+        """Write ``states.csv`` and ``seqinfo.ini``."""
+        numbers = np.arange(len(truths))
+        tracks = [exact_track(k + 1, numbers, way) for k, way in enumerate(np.stack(truths, axis=1))]
+        write_states(folder / "states.csv", tracks, self.fields)
+        write_info(folder, name, self.settings)
+
+
+def camera_grain(settings: ClipSettings, level: float, rng: np.random.Generator) -> tuple[Float32, IntArray]:
+    """Noise of ``level`` grey levels on more than an image, and which part of it ``(T, 2)`` each frame has."""
+    size = (settings.height + _SHIFT, settings.width + _SHIFT, 3)
+    noise = np.float32(level) * rng.standard_normal(size, dtype=np.float32)
+    return noise, rng.integers(_SHIFT + 1, size=(settings.frames, 2))
+
+
+def check_bodies(names: tuple[str, str], count: int, length: float, settings: ClipSettings) -> None:
     """Whether a clip can be made of ``count`` bodies.
 
     Args:
         names: what one body and several are called.
         count: of bodies.
-        largest: number of bodies that there may be.
         length: of a body, pixels.
         settings: of the clip.
 
@@ -52,9 +144,9 @@ def check_clip(names: tuple[str, str], count: int, largest: int, length: float, 
         RequestError: it cannot.
     """
     one, several = names
-    if not 1 <= count <= largest or settings.frames < 1 or not settings.frame_rate > 0:
+    if not 1 <= count <= MOST_BODIES or settings.frames < 1 or not settings.frame_rate > 0:
         raise RequestError(
-            f"expected 1 to {largest} {several}, at least one frame and a frame rate above 0, "
+            f"expected 1 to {MOST_BODIES} {several}, at least one frame and a frame rate above 0, "
             f"got {count}, {settings.frames} and {settings.frame_rate:g}"
         )
     if min(settings.width, settings.height) < 4 * length:
@@ -62,70 +154,3 @@ def check_clip(names: tuple[str, str], count: int, largest: int, length: float, 
             f"expected an image four times as large as a {one}, which is {length:g} pixels long, "
             f"got {settings.width}x{settings.height}"
         )
-
-
-def paint(image: NDArray[np.float32], body: Drawn) -> None:
-    """Lays a drawn body over ``image``."""
-    part, own = within(image.shape[:2], body)
-    cover = body.opacity[own][..., None]
-    image[part] = (1 - cover) * image[part] + cover * body.colour[own]
-
-
-def seen_by_camera(
-    image: NDArray[np.float32],
-    states: FloatArray,
-    bodies: Sequence[Drawn],
-    grain: NDArray[np.float32],
-    rng: np.random.Generator,
-) -> SceneFrame:
-    """The frame of a finished ``image`` with noise of the camera, and the silhouettes of its bodies.
-
-    Args:
-        image: ``(H, W, 3)`` in [0, 255].
-        states: ``(K, D)``.
-        bodies: K, as drawn.
-        grain: of `larger_noise`.
-        rng: chooses the part of it.
-    """
-    silhouettes = np.zeros(image.shape[:2], np.uint8)
-    for bit, body in enumerate(bodies):
-        part, own = within(image.shape[:2], body)
-        silhouettes[part] |= np.where(body.silhouette[own], np.uint8(1 << bit), np.uint8(0))
-    noisy = cv2.add(image, _another_part(grain, image.shape, rng), dtype=cv2.CV_8U)
-    return SceneFrame(np.asarray(noisy, np.uint8), states, silhouettes)
-
-
-def write_body_clip(
-    folder: Path, frames: Iterable[SceneFrame], fields: Sequence[str], frame_rate: float, overwrite: bool = False
-) -> Path:
-    """Writes ``img1/000001.jpg`` ..., ``states.csv``, ``silhouettes/000001.png`` ... and ``seqinfo.ini``.
-
-    Raises:
-        RequestError: ``folder`` is a file, or holds files while ``overwrite`` is False.
-    """
-    states, size = [], (0, 0)
-    with output_folder(folder, overwrite) as work:
-        (work / "img1").mkdir()
-        (work / FOLDER).mkdir()
-        for index, frame in enumerate(frames):
-            write_image(work / "img1" / numbered(index), frame.image)
-            write_silhouettes(work, index, frame.silhouettes)
-            states.append(frame.states)
-            size = frame.image.shape[1], frame.image.shape[0]
-        numbers = np.arange(len(states))
-        tracks = [exact_track(k + 1, numbers, way) for k, way in enumerate(np.stack(states, axis=1))]
-        write_states(work / "states.csv", tracks, fields)
-        write_sequence_info(work, folder.name, frame_rate, len(states), *size)
-    return folder
-
-
-def larger_noise(height: int, width: int, level: float, rng: np.random.Generator) -> NDArray[np.float32]:
-    """The noise of a camera in grey levels, on somewhat more than an image of three channels."""
-    size = (height + GRAIN_SHIFT, width + GRAIN_SHIFT, 3)
-    return np.float32(level) * rng.standard_normal(size, dtype=np.float32)
-
-
-def _another_part(noise: NDArray[np.float32], shape: tuple[int, ...], rng: np.random.Generator) -> NDArray[np.float32]:
-    """One frame's noise, cut from the larger picture of it: drawing it anew would cost more than the scene."""
-    top, left = rng.integers(GRAIN_SHIFT + 1, size=2)
-    return noise[top : top + shape[0], left : left + shape[1]]

@@ -6,28 +6,24 @@ spring; once free it is round again in no time. So force and shape are one, as t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.body_clip import (
-    SceneFrame,
-    check_clip,
-    larger_noise,
-    paint,
-    seen_by_camera,
-    write_body_clip,
-)
-from tsuiseki.datamodules.scenes.fish_drawing import Drawn, Float32
+from tsuiseki.datamodules.scenes.body_clip import BodyClip, Drawn, camera_grain, check_bodies, paint
+from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.tracking.types import FloatArray
 
-MOST_BALLS = 5
 FIELDS = ("a", "b", "theta", "squash")
-# Distance of the walls from the image's border, pixels.
-WALL = 12
+# Distance of the walls from the image's border, and a ball's diameter at rest, pixels.
+WALL, DIAMETER = 12, 60.0
+# Pixels a second squared; natural frequency of a ball against a wall, radians a second.
+GRAVITY, STIFFNESS = 500.0, 38.0
+# Share of critical damping while a ball touches, and how fast a free one becomes round, 1/second.
+LOSS, RECOVERY = 0.02, 60.0
+# Of the camera, grey levels.
+NOISE = 4.0
 STEPS_PER_SECOND = 240.0
 LARGEST_SQUASH = 0.55
 # Headings towards the left, right, upper and lower wall.
@@ -44,12 +40,6 @@ class BouncingBallSettings:
         height: of the images, pixels.
         frame_rate: a second.
         balls: how many, 1 to 5; later ones are nearer.
-        diameter: at rest, pixels.
-        gravity: pixels a second squared.
-        stiffness: natural frequency of a ball against a wall, radians a second.
-        loss: share of critical damping while it touches.
-        recovery: how fast a free ball becomes round, 1/second.
-        noise: of the camera, grey levels.
     """
 
     frames: int = 150
@@ -57,56 +47,32 @@ class BouncingBallSettings:
     height: int = 480
     frame_rate: float = 30.0
     balls: int = 1
-    diameter: float = 60.0
-    gravity: float = 500.0
-    stiffness: float = 38.0
-    loss: float = 0.02
-    recovery: float = 60.0
-    noise: float = 4.0
 
     def __post_init__(self) -> None:
-        check_clip(("ball", "balls"), self.balls, MOST_BALLS, self.diameter, self)
+        check_bodies(("ball", "balls"), self.balls, DIAMETER, self)
 
 
-def plan_balls(settings: BouncingBallSettings, rng: np.random.Generator) -> FloatArray:
-    """Exact states ``(frames, balls, 4)``: a, b, theta, squash."""
-    return np.stack([_bounce(settings, rng) for _ in range(settings.balls)], axis=1)
-
-
-def ball_frames(settings: BouncingBallSettings, seed: int) -> Iterator[SceneFrame]:
-    """The frames of a clip, the same for one seed."""
+def plan_balls(settings: BouncingBallSettings, seed: int) -> BodyClip:
+    """The clip of ``seed``; states are a, b, theta, squash."""
     plan, stage = np.random.default_rng(seed).spawn(2)
-    states = plan_balls(settings, plan)
+    states = np.stack([_bounce(settings, plan) for _ in range(settings.balls)], axis=1)
     colours = [np.array([235, 40 + 12 * n, 45], np.float32) * stage.uniform(0.9, 1.0) for n in range(settings.balls)]
     room = _room(settings, stage)
-    grain = larger_noise(settings.height, settings.width, settings.noise, stage)
-    for frame in range(settings.frames):
+
+    def picture(frame: int) -> tuple[Float32, list[Drawn]]:
         image = room.copy()
-        balls = [draw_ball(settings.diameter, s, c) for s, c in zip(states[frame], colours, strict=True)]
+        balls = [draw_ball(DIAMETER, s, c) for s, c in zip(states[frame], colours, strict=True)]
         for ball in balls:
             paint(image, ball)
-        yield seen_by_camera(image, states[frame], balls, grain, stage)
+        return image, balls
 
-
-def write_balls(
-    folder: Path,
-    settings: BouncingBallSettings,
-    seed: int,
-    overwrite: bool = False,
-    watch: Callable[[Iterator[SceneFrame]], Iterable[SceneFrame]] = iter,
-) -> Path:
-    """Writes a clip, as :func:`~tsuiseki.datamodules.scenes.body_clip.write_body_clip` says.
-
-    Raises:
-        RequestError: ``folder`` is a file, or holds files while ``overwrite`` is False.
-    """
-    return write_body_clip(folder, watch(ball_frames(settings, seed)), FIELDS, settings.frame_rate, overwrite)
+    return BodyClip(settings, FIELDS, states, picture, camera_grain(settings, NOISE, stage))
 
 
 def _bounce(settings: BouncingBallSettings, rng: np.random.Generator) -> FloatArray:
     """States ``(frames, 4)`` of one ball. ``theta`` points into the wall that it touched last."""
     size = np.array([settings.width, settings.height], dtype=np.float64)
-    radius = settings.diameter / 2
+    radius = DIAMETER / 2
     place = np.array([rng.uniform(0.2, 0.8) * size[0], rng.uniform(0.25, 0.5) * size[1]])
     velocity = np.array([rng.choice([-1.0, 1.0]) * rng.uniform(250, 400), rng.uniform(-80, 80)])
     theta, squash = float(INTO_WALL[3]), 0.0
@@ -118,15 +84,15 @@ def _bounce(settings: BouncingBallSettings, rng: np.random.Generator) -> FloatAr
         for _ in range(substeps):
             depth = radius - np.array([place[0], size[0] - place[0], place[1], size[1] - place[1]]) + WALL
             wall = int(np.argmax(depth))
-            acceleration = np.array([0.0, settings.gravity])
+            acceleration = np.array([0.0, GRAVITY])
             if depth[wall] > 0:
                 theta, squash = float(INTO_WALL[wall]), min(float(depth[wall]) / radius, LARGEST_SQUASH)
                 axis, inward = wall // 2, 1.0 if wall % 2 == 0 else -1.0
                 speed = inward * velocity[axis]
-                push = settings.stiffness**2 * depth[wall] - 2 * settings.loss * settings.stiffness * speed
+                push = STIFFNESS**2 * depth[wall] - 2 * LOSS * STIFFNESS * speed
                 acceleration[axis] += inward * push
             else:
-                squash -= dt * settings.recovery * squash
+                squash -= dt * RECOVERY * squash
             velocity = velocity + dt * acceleration
             place = place + dt * velocity
     return states

@@ -1,25 +1,102 @@
-"""What generated clips of people have in common: checks of their settings, images on disk, labels of all frames."""
+"""The contract of generated clips, and what writes any of them into a folder.
+
+A clip is planned whole from its settings and a seed, draws its frames in order, and knows the truth of each.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import ClassVar, Protocol, TypeVar
 
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.render.scene import Sighting
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.tracking.geometry import areas, clip_boxes
+from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 
 QUALITY = 92
 """Of JPEG images, where a clip has no setting for it."""
+IMAGES = "img1/{number:06d}.jpg"
+"""Where MOTChallenge's layout keeps an image."""
+
+Truth = TypeVar("Truth")
+Moment = tuple[Sequence[ImageArray], Truth]
+"""The images of all views at one time, and what is true then."""
+
+
+class Clip(Protocol[Truth]):
+    """A generated clip of one or several views.
+
+    Attributes:
+        quality: of JPEG images, 1 to 100.
+    """
+
+    quality: ClassVar[int]
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """For each view the files of its images, with ``{number}`` of the frame from 1 or ``{frame}`` from 0."""
+        ...
+
+    def frames(self) -> Iterator[Moment[Truth]]:
+        """The clip from the start: an image of each view, ``(H, W, 3)`` uint8 RGB, before JPEG, and their truth."""
+        ...
+
+    def write_truth(self, folder: Path, name: str, truths: list[Truth]) -> None:
+        """Write the truth of all frames, and whatever else belongs to the sequence ``name``, into ``folder``."""
+        ...
+
+
+def write_clip(
+    folder: str | Path,
+    clip: Clip[Truth],
+    overwrite: bool = False,
+    name: str = "",
+    watch: Callable[[Iterator[Moment[Truth]]], Iterable[Moment[Truth]]] = iter,
+) -> Path:
+    """Write a clip: its images, and the files of its truth, which each kind of clip names.
+
+    It is written beside and renamed: an interrupted run leaves nothing under the final name.
+
+    Args:
+        folder: does not exist yet or is empty, unless ``overwrite``.
+        clip: to be drawn.
+        overwrite: a clip that the folder holds is replaced, and its other files stay.
+        name: of the sequence; by default the folder's.
+        watch: passes the frames on as they are drawn, to show how far it is.
+
+    Raises:
+        RequestError: ``folder`` is a file, holds files while ``overwrite`` is False, or cannot be made.
+    """
+    folder = Path(folder).resolve()
+    truths = []
+    with output_folder(folder, overwrite) as work:
+        for frame, (images, truth) in enumerate(watch(clip.frames())):
+            for view, image in zip(clip.views, images, strict=True):
+                write_image(work / view.format(frame=frame, number=frame + 1), image, clip.quality)
+            truths.append(truth)
+        clip.write_truth(work, name or folder.name, truths)
+    return folder
+
+
+def write_image(path: Path, image: ImageArray, quality: int = QUALITY) -> None:
+    """Write ``(H, W, 3)`` uint8 RGB or ``(H, W)`` uint8 as the name says; ``quality`` 1 to 100 is that of JPEG."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    parameters = [cv2.IMWRITE_JPEG_QUALITY, quality] if path.suffix == ".jpg" else []
+    # imwrite says nothing of a full disk.
+    data = cv2.imencode(path.suffix, image[..., ::-1] if image.ndim == 3 else image, parameters)[1]
+    path.write_bytes(data.tobytes())
 
 
 class ClipSettings(Protocol):
-    """Settings of any clip: width and height in pixels, number of frames, frames per second."""
+    """Settings of any clip of one size: width and height in pixels, number of frames, frames per second."""
 
     @property
     def width(self) -> int: ...
@@ -34,44 +111,18 @@ class ClipSettings(Protocol):
     def frame_rate(self) -> float: ...
 
 
-class PhotographedSettings(ClipSettings, Protocol):
-    """Settings of a clip whose images are ray-traced and degraded like a camera's; units as in `StreetSettings`."""
+class PeopledSettings(ClipSettings, Protocol):
+    """Settings of a clip of people."""
 
     @property
     def people(self) -> int: ...
 
-    @property
-    def noise(self) -> float: ...
 
-    @property
-    def blur(self) -> float: ...
-
-    @property
-    def jpeg(self) -> int: ...
-
-    @property
-    def samples(self) -> int: ...
-
-
-class FrameLabels(Protocol):
-    """Labels of one frame: ids ``(N,)``, boxes ``(N, 4)`` in pixels, visible shares ``(N,)`` in [0, 1]."""
-
-    @property
-    def ids(self) -> IntArray: ...
-
-    @property
-    def boxes(self) -> FloatArray: ...
-
-    @property
-    def visibility(self) -> FloatArray: ...
-
-
-Truth = TypeVar("Truth")
 Expectation = tuple[bool, str, object]
 """Whether a setting can be used, what is expected of it, and what was given."""
 
 
-def check_settings(kind: str, settings: PhotographedSettings, smallest: int, own: Iterable[Expectation]) -> None:
+def check_settings(kind: str, settings: PeopledSettings, smallest: int, own: Iterable[Expectation]) -> None:
     """Refuse settings that no clip can be made with.
 
     Args:
@@ -89,47 +140,10 @@ def check_settings(kind: str, settings: PhotographedSettings, smallest: int, own
         (settings.frames >= 1, "at least one frame", settings.frames),
         (bool(np.isfinite(rate)) and rate > 0, "a positive frame_rate", rate),
         (settings.people >= 1, "at least one person", settings.people),
-        (min(settings.noise, settings.blur) >= 0, "no negative noise or blur", (settings.noise, settings.blur)),
-        (1 <= settings.jpeg <= 100, "jpeg from 1 to 100", settings.jpeg),
-        (1 <= settings.samples <= 8, "samples from 1 to 8", settings.samples),
     )
     for holds, what, got in (*common, *own):
         if not holds:
             raise RequestError(f"{kind} clip: expected {what}, got {got}")
-
-
-def numbered(frame: int) -> str:
-    """The name of an image in MOTChallenge's layout: the 0-based ``frame`` 0 is ``000001.jpg``."""
-    return f"{frame + 1:06d}.jpg"
-
-
-def write_image(path: Path, image: ImageArray, quality: int = QUALITY) -> None:
-    """Write ``(H, W, 3)`` uint8 RGB as JPEG of ``quality`` 1 to 100."""
-    # imwrite says nothing of a full disk.
-    data = cv2.imencode(".jpg", image[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-    path.write_bytes(data.tobytes())
-
-
-def write_images(
-    folder: Path,
-    frames: Iterable[tuple[ImageArray, Truth]],
-    quality: int = QUALITY,
-    name: Callable[[int], str] = numbered,
-) -> list[Truth]:
-    """Write the image of each frame into ``folder``, and give back what the frames show.
-
-    Args:
-        folder: made here.
-        frames: in order, each an image ``(H, W, 3)`` uint8 RGB and its truth.
-        quality: of the JPEG, 1 to 100.
-        name: of the file of a 0-based frame.
-    """
-    folder.mkdir(parents=True)
-    truths = []
-    for index, (image, truth) in enumerate(frames):
-        write_image(folder / name(index), image, quality)
-        truths.append(truth)
-    return truths
 
 
 def write_info(folder: Path, name: str, settings: ClipSettings) -> None:
@@ -137,7 +151,46 @@ def write_info(folder: Path, name: str, settings: ClipSettings) -> None:
     write_sequence_info(folder, name, settings.frame_rate, settings.frames, settings.width, settings.height)
 
 
-def ground_truth(frames: Sequence[FrameLabels]) -> GroundTruth:
+@dataclass(frozen=True)
+class FrameTruth:
+    """What a frame shows of people.
+
+    Attributes:
+        ids: ``(N,)`` from 1.
+        boxes: ``(N, 4)`` pixels: the whole silhouette, hidden parts included, clipped to the image.
+        visibility: ``(N,)`` visible share of the silhouette, what lies outside the image included, [0, 1].
+        places: ``(N, 2)`` where they stand, metres, where the clip says it.
+        actions: what each does, one or two names, where the clip says it.
+    """
+
+    ids: IntArray
+    boxes: FloatArray
+    visibility: FloatArray
+    places: FloatArray | None = None
+    actions: tuple[tuple[str, ...], ...] = ()
+
+
+def people_in_view(
+    sightings: Sequence[Sighting | None], size: tuple[int, int], shown: float, inside: float
+) -> tuple[FrameTruth, IntArray]:
+    """Who counts as seen, numbered by their rows from 1, and those rows ``(N,)`` of ``sightings`` from 0.
+
+    Args:
+        sightings: of all people, None for those out of view.
+        size: width and height of the image, pixels.
+        shown: share of the silhouette that shows, at least.
+        inside: share of the box that lies in the image, of which there must be more.
+    """
+    found = [(row, s) for row, s in enumerate(sightings) if s is not None and s.visibility >= shown]
+    whole = np.array([s.box for _, s in found], dtype=np.float64).reshape(-1, 4)
+    boxes = clip_boxes(whole, *size)
+    kept = areas(boxes) > inside * areas(whole)
+    rows = np.array([row for row, _ in found], dtype=np.int64)[kept]
+    visibility = np.array([s.visibility for _, s in found], dtype=np.float64)[kept]
+    return FrameTruth(rows + 1, boxes[kept], visibility), rows
+
+
+def ground_truth(frames: Sequence[FrameTruth]) -> GroundTruth:
     """The labels of all frames of a clip. Every row is evaluated, and ids stay as they are."""
     ids = np.concatenate([labels.ids for labels in frames]).astype(np.int64)
     everyone = np.ones(len(ids), dtype=np.bool_)
@@ -149,3 +202,10 @@ def ground_truth(frames: Sequence[FrameLabels]) -> GroundTruth:
         ignored=~everyone,
         visibility=np.concatenate([labels.visibility for labels in frames]),
     )
+
+
+def by_appearance(ids: IntArray) -> IntArray:
+    """Ids ``(N,)`` of rows in the order of time, numbered anew without gaps from 1 as they appear."""
+    _, first, inverse = np.unique(ids, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    return np.asarray((rank[inverse] + 1).astype(np.int64))

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from tsuiseki.tracking.types import BoolArray, FloatArray
-
-Float32 = NDArray[np.float32]
+from tsuiseki.datamodules.scenes.body_clip import Drawn
+from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.tracking.types import FloatArray
 
 # The tail bends over this length on both sides of its root.
 FILLET = 9.0
@@ -34,28 +33,6 @@ class FishLook:
     tail: float
     colour: Float32
     pattern: Float32
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """A fish on its part of the image.
-
-    Attributes:
-        left: column of the part.
-        top: row of the part.
-        colour: ``(h, w, 3)`` float32 in [0, 255].
-        opacity: ``(h, w)`` in [0, 1].
-    """
-
-    left: int
-    top: int
-    colour: Float32
-    opacity: Float32
-
-    @property
-    def silhouette(self) -> BoolArray:
-        """Pixels ``(h, w)`` that the fish covers."""
-        return np.asarray(self.opacity > 0.3)
 
 
 def random_look(length: float, width: float, tail: float, rng: np.random.Generator) -> FishLook:
@@ -82,16 +59,6 @@ def draw_fish(look: FishLook, state: FloatArray) -> Drawn:
     opaque = np.clip(body + 0.5, 0, 1)
     opacity = np.maximum.reduce([opaque, 0.85 * np.clip(fin + 0.5, 0, 1), 0.22 * np.clip(paddles + 0.5, 0, 1)])
     return Drawn(left, top, _colour(look, s, r, opaque), np.asarray(opacity, np.float32))
-
-
-def within(shape: tuple[int, int], drawn: Drawn) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Rows and columns of an image of ``shape`` that a drawing covers, and the same place in the drawing."""
-    height, width = drawn.opacity.shape
-    top, left = max(0, -drawn.top), max(0, -drawn.left)
-    bottom = max(top, min(height, shape[0] - drawn.top))
-    right = max(left, min(width, shape[1] - drawn.left))
-    there = (slice(drawn.top + top, drawn.top + bottom), slice(drawn.left + left, drawn.left + right))
-    return there, (slice(top, bottom), slice(left, right))
 
 
 def half_width(look: FishLook, s: Float32) -> Float32:

@@ -20,57 +20,44 @@ STEPS_PER_SECOND = 120.0
 WALL_MARGIN = 110.0
 NEAREST_WALL = 66.0
 LARGEST_BEND = 1.4
+# Lengths in pixels, times in seconds. From the centre to the root of the tail, and the tail's length.
+ARM, TAIL = 28.0, 32.0
+# (least, greatest) beats a second of cruising, and amplitude of that beat, radians.
+BEAT_FREQUENCY, BEAT_BEND = (1.2, 2.2), (0.25, 0.5)
+# Beats a second of bursts, their amplitude in radians, and their (least, greatest) length.
+BURST_FREQUENCY, BURST_BEND, BURST_SECONDS = 3.2, 0.75, (0.4, 0.9)
+# (least, greatest) length of a stretch of cruising or gliding.
+STRETCH_SECONDS = (0.5, 1.6)
+# Probability of a sudden turn at the end of a stretch of a lively fish; 0.9 where it nears a wall.
+TURNS = 0.3
+# (least, greatest) angle of a sudden turn, and the body's bend in it, radians.
+TURN_ANGLE, TURN_BEND = (1.2, 2.4), 1.3
+# Natural frequency of the bend's answer to its target, radians a second.
+STIFFNESS = 24.0
+# Resistance of the tail along its normal, and thrust of its speed sideways, 1/pixel.
+PLATE, THRUST = 0.03, 0.006
+# Drag along and across the body, 1/pixel, and of its turning, 1/second.
+DRAG, SIDE_DRAG, YAW_DAMPING = 0.009, 0.06, 1.5
+# Radius of gyration of the body with the water that it moves along.
+GYRATION = 20.0
 
 
 @dataclass(frozen=True)
 class Swimming:
-    """How a fish behaves, and how the water answers; lengths in pixels, times in seconds.
+    """How a fish behaves, as shares in [0, 1].
 
     Attributes:
-        arm: from the centre to the root of the tail.
-        tail: length of the tail.
-        beat_frequency: least and greatest beats a second of cruising.
-        beat_bend: least and greatest amplitude of that beat, radians.
-        burst_frequency: beats a second of bursts.
-        burst_bend: amplitude of their beat.
-        burst_seconds: least and greatest length of a burst.
-        bursts: share of the stretches between turns that are bursts.
-        glides: share that are glides without a beat.
-        stretch_seconds: least and greatest length of a stretch of cruising or gliding.
-        lively: share of the fish that turn suddenly at all.
-        turns: probability of a sudden turn at the end of a stretch of a lively fish; 0.9 where it nears a wall.
-        turn_angle: least and greatest angle of a sudden turn, radians.
-        turn_bend: bend of the body in it, radians.
-        stiffness: natural frequency of the bend's answer to its target, radians a second.
-        plate: resistance of the tail along its normal, 1/pixel.
-        thrust: of the tail's speed sideways, 1/pixel.
-        drag: along the body, 1/pixel.
-        side_drag: across the body, 1/pixel.
-        yaw_damping: of the body's turning, 1/second.
-        gyration: radius of gyration of the body with the water it moves along.
+        bursts: of the stretches between turns that are bursts.
+        glides: of them that are glides without a beat.
+        lively: of the fish that turn suddenly at all.
     """
 
-    arm: float = 28.0
-    tail: float = 32.0
-    beat_frequency: tuple[float, float] = (1.2, 2.2)
-    beat_bend: tuple[float, float] = (0.25, 0.5)
-    burst_frequency: float = 3.2
-    burst_bend: float = 0.75
-    burst_seconds: tuple[float, float] = (0.4, 0.9)
     bursts: float = 0.3
     glides: float = 0.2
-    stretch_seconds: tuple[float, float] = (0.5, 1.6)
     lively: float = 0.5
-    turns: float = 0.3
-    turn_angle: tuple[float, float] = (1.2, 2.4)
-    turn_bend: float = 1.3
-    stiffness: float = 24.0
-    plate: float = 0.03
-    thrust: float = 0.006
-    drag: float = 0.009
-    side_drag: float = 0.06
-    yaw_damping: float = 1.5
-    gyration: float = 20.0
+
+
+USUAL = Swimming()
 
 
 @dataclass
@@ -94,7 +81,7 @@ class _Fish:
 
 
 def swim(
-    frames: int, frame_rate: float, extent: tuple[int, int], way: Swimming, rng: np.random.Generator
+    frames: int, frame_rate: float, extent: tuple[int, int], rng: np.random.Generator, way: Swimming = USUAL
 ) -> FloatArray:
     """States ``(frames, 4)`` a, b, theta, phi of one fish in a tank of ``extent`` width and height.
 
@@ -129,10 +116,10 @@ def _start(size: FloatArray, way: Swimming, rng: np.random.Generator) -> _Fish:
 def _step(fish: _Fish, clock: float, dt: float, size: FloatArray, way: Swimming, rng: np.random.Generator) -> None:
     """Decides, bends and moves, in this order."""
     target = _decide(fish, clock, dt, size, way, rng)
-    pull = way.stiffness**2 * (target - fish.bend) - 1.6 * way.stiffness * fish.bending
+    pull = STIFFNESS**2 * (target - fish.bend) - 1.6 * STIFFNESS * fish.bending
     fish.bending += dt * pull
     fish.bend = float(np.clip(fish.bend + dt * fish.bending, -LARGEST_BEND, LARGEST_BEND))
-    _push(fish, dt, way)
+    _push(fish, dt)
     _keep_inside(fish, size)
 
 
@@ -141,10 +128,10 @@ def _decide(fish: _Fish, clock: float, dt: float, size: FloatArray, way: Swimmin
     if fish.side:
         turned = fish.side * (fish.heading - fish.wanted)
         if turned < 0 and clock < fish.until:
-            return fish.side * way.turn_bend
+            return fish.side * TURN_BEND
         fish.side = 0.0
-        fish.until = clock + float(rng.uniform(*way.burst_seconds))
-        fish.frequency, fish.amplitude = way.burst_frequency, way.burst_bend
+        fish.until = clock + float(rng.uniform(*BURST_SECONDS))
+        fish.frequency, fish.amplitude = BURST_FREQUENCY, BURST_BEND
     if clock >= fish.until or np.linalg.norm(fish.goal - fish.place) < 50:
         fish.goal = _new_goal(size, rng)
     if clock >= fish.until:
@@ -156,10 +143,10 @@ def _decide(fish: _Fish, clock: float, dt: float, size: FloatArray, way: Swimmin
 
 def _next_stretch(fish: _Fish, clock: float, size: FloatArray, way: Swimming, rng: np.random.Generator) -> None:
     outward = _headed_for_wall(fish, size)
-    if fish.lively and rng.random() < (0.9 if outward else way.turns):
+    if fish.lively and rng.random() < (0.9 if outward else TURNS):
         inward = _difference(_direction(size / 2 - fish.place), fish.heading)
         fish.side = float(np.sign(inward)) if outward else float(rng.choice([-1.0, 1.0]))
-        angle = float(rng.uniform(*way.turn_angle))
+        angle = float(rng.uniform(*TURN_ANGLE))
         fish.wanted = fish.heading + fish.side * 0.7 * angle
         direction = fish.heading + fish.side * angle
         fish.goal = np.clip(
@@ -168,32 +155,32 @@ def _next_stretch(fish: _Fish, clock: float, size: FloatArray, way: Swimming, rn
         fish.until = clock + 0.35
         return
     kind = rng.random()
-    fish.frequency = float(rng.uniform(*way.beat_frequency))
-    fish.amplitude = float(rng.uniform(*way.beat_bend))
-    fish.until = clock + float(rng.uniform(*way.stretch_seconds))
+    fish.frequency = float(rng.uniform(*BEAT_FREQUENCY))
+    fish.amplitude = float(rng.uniform(*BEAT_BEND))
+    fish.until = clock + float(rng.uniform(*STRETCH_SECONDS))
     if kind < way.bursts:
-        fish.frequency, fish.amplitude = way.burst_frequency, way.burst_bend
-        fish.until = clock + float(rng.uniform(*way.burst_seconds))
+        fish.frequency, fish.amplitude = BURST_FREQUENCY, BURST_BEND
+        fish.until = clock + float(rng.uniform(*BURST_SECONDS))
     elif kind < way.bursts + way.glides:
         fish.amplitude = 0.05
 
 
-def _push(fish: _Fish, dt: float, way: Swimming) -> None:
+def _push(fish: _Fish, dt: float) -> None:
     """Forces of the water on tail and body."""
     forward = np.array([np.cos(fish.heading), np.sin(fish.heading)])
     aside = np.array([-forward[1], forward[0]])
     u, v = float(forward @ fish.velocity), float(aside @ fish.velocity)
     sin, cos = np.sin(fish.bend), np.cos(fish.bend)
-    half = way.tail / 2
-    x, y = -way.arm - half * cos, half * sin
+    half = TAIL / 2
+    x, y = -ARM - half * cos, half * sin
     normal_speed = (u - fish.turning * y) * sin + (v + fish.turning * x) * cos + half * fish.bending
-    plate = -way.plate * abs(normal_speed) * normal_speed
+    plate = -PLATE * abs(normal_speed) * normal_speed
     force_x, force_y = plate * sin, plate * cos
     torque = x * force_y - y * force_x
-    force_x += way.thrust * (way.tail * fish.bending) ** 2 - way.drag * abs(u) * u
-    force_y -= way.side_drag * abs(v) * v + 4.0 * v
+    force_x += THRUST * (TAIL * fish.bending) ** 2 - DRAG * abs(u) * u
+    force_y -= SIDE_DRAG * abs(v) * v + 4.0 * v
     fish.velocity = fish.velocity + dt * (force_x * forward + force_y * aside)
-    fish.turning += dt * (torque / way.gyration**2 - way.yaw_damping * fish.turning)
+    fish.turning += dt * (torque / GYRATION**2 - YAW_DAMPING * fish.turning)
     fish.place = fish.place + dt * fish.velocity
     fish.heading += dt * fish.turning
 

@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
-from pathlib import Path
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from scipy.special import ndtri
 
-from tsuiseki.datamodules.scenes.body_clip import (
-    SceneFrame,
-    check_clip,
-    larger_noise,
-    paint,
-    seen_by_camera,
-    write_body_clip,
-)
-from tsuiseki.datamodules.scenes.fish_drawing import Drawn, FishLook, Float32, draw_fish, random_look, within
-from tsuiseki.datamodules.scenes.fish_motion import Swimming, swim
+from tsuiseki.datamodules.scenes.body_clip import BodyClip, Drawn, camera_grain, check_bodies, paint, within
+from tsuiseki.datamodules.scenes.fish_drawing import FishLook, draw_fish, random_look
+from tsuiseki.datamodules.scenes.fish_motion import swim
+from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.tracking.types import FloatArray
 
-MOST_FISH = 5
 FIELDS = ("a", "b", "theta", "phi")
 # Where the glass stands, from the image's border; pixels.
 PANE = 24
 SHADOW = (11, 15)
 SHADOW_BLUR = 4.0
+# Length and width of the ellipse of a fish, and of its tail, pixels.
+LENGTH, WIDTH, TAIL = 56.0, 24.0, 32.0
+# Strength of the moving light, of mirror images in the glass, and of shadows, as shares of the brightness.
+RIPPLES, REFLECTIONS, SHADOWS = 0.16, 0.3, 0.35
+# Of the camera, grey levels.
+NOISE = 4.0
 
 
 @dataclass(frozen=True)
@@ -40,17 +37,9 @@ class GoldfishSettings:
         height: of the images, pixels.
         frame_rate: a second.
         fish: how many, 1 to 5; nearer ones (later ids) cover farther ones.
-        length: of the ellipse of a fish, pixels.
-        body_width: of that ellipse.
-        tail: length of the tail.
         size_spread: each fish is larger or smaller by up to this share.
-        swimming: how the fish behave.
-        ripples: strength of the moving light, as a share of the brightness.
         glints: share of the surface that mirrors the lamp.
-        reflections: strength of the fish's mirror images in the glass, in [0, 1].
-        shadows: darkness of the fish's shadows on the floor, in [0, 1].
         pebbles: stones of the fish's colour on the floor.
-        noise: of the camera, grey levels.
     """
 
     frames: int = 150
@@ -58,104 +47,59 @@ class GoldfishSettings:
     height: int = 480
     frame_rate: float = 15.0
     fish: int = 2
-    length: float = 56.0
-    body_width: float = 24.0
-    tail: float = 32.0
     size_spread: float = 0.06
-    swimming: Swimming = field(default_factory=Swimming)
-    ripples: float = 0.16
     glints: float = 0.004
-    reflections: float = 0.3
-    shadows: float = 0.35
     pebbles: int = 6
-    noise: float = 4.0
 
     def __post_init__(self) -> None:
-        check_clip(("fish", "fish"), self.fish, MOST_FISH, self.length, self)
+        check_bodies(("fish", "fish"), self.fish, LENGTH, self)
 
 
-def plan_goldfish(settings: GoldfishSettings, rng: np.random.Generator) -> FloatArray:
+def goldfish_states(settings: GoldfishSettings, rng: np.random.Generator) -> FloatArray:
     """Exact states ``(frames, fish, 4)``: a, b, theta, phi."""
     extent = (settings.width, settings.height)
-    ways = [swim(settings.frames, settings.frame_rate, extent, settings.swimming, rng) for _ in range(settings.fish)]
+    ways = [swim(settings.frames, settings.frame_rate, extent, rng) for _ in range(settings.fish)]
     return np.stack(ways, axis=1)
 
 
-def goldfish_frames(settings: GoldfishSettings, seed: int) -> Iterator[SceneFrame]:
-    """The frames of a clip, the same for one seed."""
+def plan_goldfish(settings: GoldfishSettings, seed: int) -> BodyClip:
+    """The clip of ``seed``; states are a, b, theta, phi."""
     plan, stage = np.random.default_rng(seed).spawn(2)
-    states = plan_goldfish(settings, plan)
-    looks = _looks(settings, stage)
+    states = goldfish_states(settings, plan)
+    scales = stage.uniform(1 - settings.size_spread, 1 + settings.size_spread, settings.fish)
+    looks = [random_look(scale * LENGTH, scale * WIDTH, scale * TAIL, stage) for scale in scales.tolist()]
     floor = gravel(settings.width, settings.height, settings.pebbles, stage)
-    ripples = make_ripples(settings.width, settings.height, settings.ripples, settings.glints, stage)
-    grain = larger_noise(settings.height, settings.width, settings.noise, stage)
-    for frame in range(settings.frames):
+    ripples = make_ripples(settings.width, settings.height, settings.glints, stage)
+
+    def picture(frame: int) -> tuple[Float32, list[Drawn]]:
         drawn = [draw_fish(look, state) for look, state in zip(looks, states[frame], strict=True)]
-        image = _picture(settings, floor, drawn, looks, states[frame], ripples.at(frame / settings.frame_rate))
-        yield seen_by_camera(image, states[frame], drawn, grain, stage)
+        image = floor.copy()
+        for fish in drawn:
+            _shade(image, fish)
+        for look, state in zip(looks, states[frame], strict=True):
+            _mirror(image, look, state)
+        for fish in drawn:
+            paint(image, fish)
+        brightness, glints = ripples.at(frame / settings.frame_rate)
+        image *= cv2.merge([brightness] * 3)
+        glinting = glints > 0
+        image[glinting] += glints[glinting, None] * (250.0 - image[glinting])
+        return image, drawn
+
+    return BodyClip(settings, FIELDS, states, picture, camera_grain(settings, NOISE, stage))
 
 
-def write_goldfish(
-    folder: Path,
-    settings: GoldfishSettings,
-    seed: int,
-    overwrite: bool = False,
-    watch: Callable[[Iterator[SceneFrame]], Iterable[SceneFrame]] = iter,
-) -> Path:
-    """Writes a clip, as :func:`~tsuiseki.datamodules.scenes.body_clip.write_body_clip` says.
-
-    Raises:
-        RequestError: ``folder`` is a file, or holds files while ``overwrite`` is False.
-    """
-    return write_body_clip(folder, watch(goldfish_frames(settings, seed)), FIELDS, settings.frame_rate, overwrite)
-
-
-def _looks(settings: GoldfishSettings, rng: np.random.Generator) -> list[FishLook]:
-    scales = rng.uniform(1 - settings.size_spread, 1 + settings.size_spread, settings.fish)
-    return [
-        random_look(scale * settings.length, scale * settings.body_width, scale * settings.tail, rng)
-        for scale in scales.tolist()
-    ]
-
-
-def _picture(
-    settings: GoldfishSettings,
-    floor: Float32,
-    drawn: list[Drawn],
-    looks: list[FishLook],
-    states: FloatArray,
-    light: tuple[Float32, Float32],
-) -> Float32:
-    """The image ``(H, W, 3)`` in [0, 255] without the camera's noise."""
-    brightness, glints = light
-    image = floor.copy()
-    for fish in drawn:
-        _shade(image, fish, settings.shadows)
-    for look, state in zip(looks, states, strict=True):
-        _mirror(image, settings, look, state)
-    for fish in drawn:
-        paint(image, fish)
-    image *= cv2.merge([brightness] * 3)
-    glinting = glints > 0
-    image[glinting] += glints[glinting, None] * (250.0 - image[glinting])
-    return image
-
-
-def _shade(image: Float32, fish: Drawn, darkness: float) -> None:
+def _shade(image: Float32, fish: Drawn) -> None:
     """The fish's blurred shadow on the floor, to its lower right."""
-    if not darkness:
-        return
     soft = cv2.GaussianBlur(fish.opacity, (0, 0), SHADOW_BLUR)
     shadow = Drawn(fish.left + SHADOW[0], fish.top + SHADOW[1], fish.colour, np.asarray(soft, np.float32))
     part, own = within(image.shape[:2], shadow)
-    image[part] *= 1 - darkness * soft[own][..., None]
+    image[part] *= 1 - SHADOWS * soft[own][..., None]
 
 
-def _mirror(image: Float32, settings: GoldfishSettings, look: FishLook, state: FloatArray) -> None:
+def _mirror(image: Float32, look: FishLook, state: FloatArray) -> None:
     """Mirror images of a fish in the four panes, seen only in the strip beyond each."""
-    if not settings.reflections:
-        return
-    width, height = settings.width, settings.height
+    height, width = image.shape[:2]
     for axis, place, extent in (
         (0, PANE, width),
         (0, width - PANE, width),
@@ -173,7 +117,7 @@ def _mirror(image: Float32, settings: GoldfishSettings, look: FishLook, state: F
         strip = np.arange(extent) < place if place == PANE else np.arange(extent) >= place
         seen = strip[part[1 - axis]]
         seen = seen[None, :] if axis == 0 else seen[:, None]
-        cover = (settings.reflections * image_of.opacity[own] * seen)[..., None]
+        cover = (REFLECTIONS * image_of.opacity[own] * seen)[..., None]
         image[part] = (1 - cover) * image[part] + cover * 0.85 * image_of.colour[own]
 
 
@@ -189,13 +133,11 @@ class Ripples:
         layers: three ``(H, W)`` float32 layers of unit deviation that repeat at their borders: two of light on the
             floor, one of facets that may mirror the lamp.
         drift: ``(3, 2)`` pixels a second of each.
-        strength: of the light, as a share of the brightness.
         glints: about the share of the surface that mirrors the lamp, in [0, 1).
     """
 
     layers: tuple[Float32, Float32, Float32]
     drift: Float32
-    strength: float
     glints: float
 
     def at(self, time: float) -> tuple[Float32, Float32]:
@@ -205,7 +147,7 @@ class Ripples:
             for layer, shift in zip(self.layers, self.drift, strict=True)
         )
         crest = (a + b) * np.float32(np.sqrt(0.5))
-        brightness = 1.0 + self.strength * np.clip(1.2 - 2.4 * np.abs(crest), -0.5, 1.2)
+        brightness = 1.0 + RIPPLES * np.clip(1.2 - 2.4 * np.abs(crest), -0.5, 1.2)
         if not self.glints:
             return brightness, np.zeros_like(crest)
         slope = (facets + crest) * np.float32(np.sqrt(0.5))
@@ -213,7 +155,7 @@ class Ripples:
         return brightness, np.clip((slope - ndtri(1.0 - self.glints)) * 5.0, 0.0, 1.0)
 
 
-def make_ripples(width: int, height: int, strength: float, glints: float, rng: np.random.Generator) -> Ripples:
+def make_ripples(width: int, height: int, glints: float, rng: np.random.Generator) -> Ripples:
     """Ripples over an image; ``glints`` is the share of it that they cover."""
     layers = (
         _periodic_noise(width, height, 9, 1.0, rng),
@@ -222,7 +164,7 @@ def make_ripples(width: int, height: int, strength: float, glints: float, rng: n
     )
     angle = rng.uniform(0, 2 * np.pi) + np.array([0.0, np.pi / 2, np.pi])
     drift = 45.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
-    return Ripples(layers, drift, strength, glints)
+    return Ripples(layers, drift, glints)
 
 
 def gravel(width: int, height: int, stones_of_fish_colour: int, rng: np.random.Generator) -> Float32:

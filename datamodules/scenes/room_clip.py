@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import ClassVar, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.clip import check_settings, ground_truth, write_images, write_info
+from tsuiseki.datamodules.scenes.clip import (
+    IMAGES,
+    FrameTruth,
+    Moment,
+    check_settings,
+    ground_truth,
+    people_in_view,
+    write_info,
+)
 from tsuiseki.datamodules.scenes.people.person import person_solids
 from tsuiseki.datamodules.scenes.people.walkers import Walker, dressed, wander
-from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, random_degradation, sensor_noise, tone
-from tsuiseki.datamodules.scenes.render.insertion import clusters
-from tsuiseki.datamodules.scenes.render.scene import Picture, Sighting, Thing, compose, shadows
+from tsuiseki.datamodules.scenes.render.degrade import (
+    automatic_exposure,
+    grains,
+    level_tone,
+    photographed,
+    random_degradation,
+)
+from tsuiseki.datamodules.scenes.render.insertion import draw_clusters, encoded
+from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Picture, Sighting, Thing, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, extents
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_furniture, random_shell
@@ -25,9 +39,7 @@ from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidire
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth
-from tsuiseki.tracking.geometry import areas, clip_boxes
-from tsuiseki.tracking.output import output_folder
-from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Room = Literal["large", "small"]
 # Width and length of the thesis's rooms (4.3.1), metres.
@@ -35,11 +47,15 @@ SIZES: dict[Room, tuple[float, float]] = {"large": (8.0, 16.0), "small": (4.0, 9
 CAMERAS = 2
 # Share of the image's height that is the radius of a right angle to the axis, and the field, radians.
 RADIUS, FIELD = 0.475, 1.6
-# Pictures of noise that frames are grained with, each shifted by up to so many pixels.
-NOISES, SHIFT = 3, 64
 # Share of a person's silhouette that shows, at least, and of its box that lies in the image, for a row of the truth.
 SHOWN, INSIDE = 0.12, 0.3
-OCCLUSION = 0.3
+# (lowest, highest) ceiling, metres; the cameras hang 10 cm below. Pieces of furniture in 10 square metres.
+CEILING, FURNITURE = (2.7, 3.3), 1.2
+# Probability of a halt where the way turns; (mean, standard deviation) of speeds, m/s.
+PAUSES, SPEED = 0.35, (1.1, 0.25)
+# Standard deviations of the sensor's noise, grey levels, and of the lens's blur, pixels; rays along a pixel's side.
+NOISE, BLUR, SAMPLES = 3.0, 0.6, 2
+CAMERAS_FILE, PLACES_FILE = "cameras.yaml", "gt/world.csv"
 
 
 @dataclass(frozen=True)
@@ -54,14 +70,6 @@ class RoomSettings:
         repeated: probability of wearing the clothes of another, or nearly.
         width: pixels.
         height: pixels.
-        ceiling: (lowest, highest), metres; the cameras hang 10 cm below.
-        furniture: pieces in 10 square metres.
-        pauses: probability of a halt where the way turns.
-        speed: (mean, standard deviation), m/s.
-        noise: standard deviation, grey levels of 255.
-        blur: standard deviation, pixels.
-        jpeg: quality of the written images.
-        samples: rays along each side of a pixel.
     """
 
     size: tuple[float, float] = SIZES["large"]
@@ -71,21 +79,11 @@ class RoomSettings:
     repeated: float = 0.5
     width: int = 1280
     height: int = 960
-    ceiling: tuple[float, float] = (2.7, 3.3)
-    furniture: float = 1.2
-    pauses: float = 0.35
-    speed: tuple[float, float] = (1.1, 0.25)
-    noise: float = 3.0
-    blur: float = 0.6
-    jpeg: int = 90
-    samples: int = 2
 
     def __post_init__(self) -> None:
         own = (
             (min(self.size) >= 2, "a floor of at least 2 by 2 m", self.size),
-            (2.3 <= self.ceiling[0] <= self.ceiling[1], "a ceiling as (lowest, highest) from 2.3 m", self.ceiling),
-            (0 <= self.repeated <= 1 and 0 <= self.pauses <= 1, "shares in [0, 1]", (self.repeated, self.pauses)),
-            (self.furniture >= 0, "no negative furniture", self.furniture),
+            (0 <= self.repeated <= 1, "repeated in [0, 1]", self.repeated),
         )
         check_settings("room", self, 64, own)
 
@@ -99,7 +97,7 @@ class View:
     direct: Float32
     photograph: ImageArray
     exposure: float
-    noise: list[NDArray[np.int16]]
+    grains: list[NDArray[np.int16]]
 
 
 @dataclass(frozen=True)
@@ -119,44 +117,57 @@ class RoomClip:
         """``(4,)`` x1, y1, x2, y2, metres."""
         return np.array([0.0, 0.0, *self.settings.size])
 
+    views: ClassVar[tuple[str, ...]] = tuple(f"camera{k + 1}/{IMAGES}" for k in range(CAMERAS))
+    quality: ClassVar[int] = 90
 
-@dataclass(frozen=True)
-class RoomTruth:
-    """What a frame shows.
+    def frames(self) -> Iterator[Moment[list[FrameTruth]]]:
+        """See `clip.Clip`; the truth is a list of that of each camera."""
+        views = [self.view(number) for number in range(len(self.cameras))]
+        for frame in range(self.settings.frames):
+            images, truths = zip(*(self.draw_frame(view, frame) for view in views), strict=True)
+            yield images, list(truths)
 
-    Attributes:
-        ids: ``(N,)`` from 1, the same for all cameras.
-        boxes: ``(N, 4)`` pixels: the whole silhouette, hidden parts included, clipped to the image.
-        visibility: ``(N,)`` share of the silhouette that shows.
-        places: ``(N, 2)`` where they stand, metres.
-    """
+    def view(self, number: int) -> View:
+        """What camera ``number`` sees of the empty room."""
+        rng = np.random.default_rng([self.seed, 5])
+        camera = self.cameras[number]
+        shell = random_shell(rng, np.array([*self.settings.size, float(camera.position[2]) + 0.1]))
+        empty, direct = draw_shell(shell, camera, self.light, self.furniture, SAMPLES)
+        noises = grains(np.random.default_rng([self.seed, 6, number]), NOISE, camera.width, camera.height)
+        seen = empty.colour[empty.colour.max(axis=2) > 0.004]
+        exposure = automatic_exposure(np.broadcast_to(seen[:, None], (len(seen), 1, 3))[::8].repeat(8, axis=0))
+        return View(camera, empty, direct, encoded(empty.colour, exposure), exposure, noises)
 
-    ids: IntArray
-    boxes: FloatArray
-    visibility: FloatArray
-    places: FloatArray
+    def draw_frame(self, view: View, frame: int) -> tuple[ImageArray, FrameTruth]:
+        """Frame ``frame`` as a camera sees it, ``(H, W, 3)`` uint8 RGB before JPEG, and what it shows.
 
+        Ids count the people of the plan from 1, the same for all cameras.
+        """
+        there = [i for i, walker in enumerate(self.walkers) if walker.is_there(frame)]
+        things, places = [], []
+        for walker in (self.walkers[i] for i in there):
+            t = frame - walker.first
+            places.append(walker.positions[t])
+            solids = person_solids(walker.person, walker.pose(frame), places[-1], float(walker.headings[t]))
+            things.append(Thing(solids, walker.person.look))
+        image, sightings = _with_people(view, things, self.light)
+        image = photographed(image, self.tone, BLUR, view.grains, np.random.default_rng([self.seed, 1, frame]))
+        truth, rows = people_in_view(sightings, (view.camera.width, view.camera.height), SHOWN, INSIDE)
+        ids = np.array(there, dtype=np.int64)[rows] + 1
+        return image, replace(truth, ids=ids, places=np.array(places).reshape(-1, 2)[rows])
 
-@dataclass(frozen=True)
-class _Window:
-    """A part of a camera's image as a camera of its own."""
+    def write_truth(self, folder: Path, name: str, truths: list[list[FrameTruth]]) -> None:
+        """Write ``gt/gt.txt``, ``gt/world.csv`` and ``seqinfo.ini`` of each camera, and ``cameras.yaml``.
 
-    camera: RayCamera
-    left: int
-    top: int
-    width: int
-    height: int
-
-    @property
-    def position(self) -> FloatArray:
-        return self.camera.position
-
-    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        pixels, depth = self.camera.project(points)
-        return pixels - [self.left, self.top], depth
-
-    def rays(self, pixels: NDArray[Any]) -> NDArray[Any]:
-        return self.camera.rays(pixels + np.array([self.left, self.top], dtype=pixels.dtype))
+        ``gt/world.csv`` has frame (from 1), id, x, y in metres of those in ``gt.txt``.
+        """
+        del name
+        for number, of_camera in enumerate(zip(*truths, strict=True)):
+            home = folder / f"camera{number + 1}"
+            write_ground_truth(home / "gt" / "gt.txt", ground_truth(of_camera))
+            _write_places(home / PLACES_FILE, of_camera)
+            write_info(home, home.name, self.settings)
+        write_cameras(folder / CAMERAS_FILE, cameras_of(self))
 
 
 def ceiling_lens(lens: OmnidirectionalLens | None, width: int, height: int) -> OmnidirectionalLens:
@@ -181,19 +192,15 @@ def plan_room(settings: RoomSettings, seed: int, lens: OmnidirectionalLens | Non
     """The room, its cameras and everybody's way, as ``seed`` has it."""
     rng = np.random.default_rng([seed, 4])
     size = np.array(settings.size)
-    ceiling = float(rng.uniform(*settings.ceiling))
-    pieces = round(settings.furniture * size.prod() / 10)
+    ceiling = float(rng.uniform(*CEILING))
+    pieces = round(FURNITURE * size.prod() / 10)
     furniture, obstacles = random_furniture(rng, size, pieces)
     fitted = ceiling_lens(lens, settings.width, settings.height)
     cameras = [_camera(rng, fitted, size, k, ceiling - 0.1) for k in range(CAMERAS)]
     people = dressed(rng, settings.people, settings.repeated)
-    walkers = wander(
-        rng, people, settings.frames, settings.frame_rate, size, obstacles, settings.pauses, settings.speed
-    )
-    how = random_degradation(rng, 0.5)
-    colours = tone(how)
-    colours[:, 3] *= 255
-    return RoomClip(settings, seed, cameras, lamps(rng), walkers, furniture, colours)
+    walkers = wander(rng, people, settings.frames, settings.frame_rate, size, obstacles, PAUSES, SPEED)
+    tone = level_tone(random_degradation(rng, 0.5))
+    return RoomClip(settings, seed, cameras, lamps(rng), walkers, furniture, tone)
 
 
 def _camera(
@@ -223,61 +230,25 @@ def lamps(rng: np.random.Generator) -> Light:
     return Light(*(np.asarray(v, dtype=np.float32) for v in (direction, sun, sky, sky * rng.uniform(0.45, 0.75))))
 
 
-def view_room(clip: RoomClip, number: int) -> View:
-    """What camera ``number`` sees of the empty room."""
-    rng = np.random.default_rng([clip.seed, 5])
-    settings, camera = clip.settings, clip.cameras[number]
-    height = float(camera.position[2]) + 0.1
-    shell = random_shell(rng, np.array([*settings.size, height]))
-    empty, direct = draw_shell(shell, camera, clip.light, clip.furniture, settings.samples)
-    noisy = np.random.default_rng([clip.seed, 6, number])
-    shape = settings.height + SHIFT, settings.width + SHIFT
-    noise = [(settings.noise * sensor_noise(noisy, *shape)).astype(np.int16) for _ in range(NOISES)]
-    seen = empty.colour[empty.colour.max(axis=2) > 0.004]
-    exposure = automatic_exposure(np.broadcast_to(seen[:, None], (len(seen), 1, 3))[::8].repeat(8, axis=0))
-    return View(camera, empty, direct, _encoded(empty.colour, exposure), exposure, noise)
-
-
-def draw_room_frame(clip: RoomClip, view: View, frame: int) -> tuple[ImageArray, RoomTruth]:
-    """Frame ``frame`` as a camera sees it, ``(H, W, 3)`` uint8 RGB before JPEG, and what it shows."""
-    there = [i for i, walker in enumerate(clip.walkers) if walker.is_there(frame)]
-    things, places = [], []
-    for walker in (clip.walkers[i] for i in there):
-        t = frame - walker.first
-        place = walker.positions[t]
-        solids = person_solids(walker.person, walker.pose(frame), place, float(walker.headings[t]))
-        things.append(Thing(solids, walker.person.look))
-        places.append(place)
-    image, sightings = _with_people(clip, view, things)
-    truth = _truth(sightings, np.array(there) + 1, np.array(places).reshape(-1, 2), clip.settings)
-    return _photograph(image, clip, view, frame), truth
-
-
-def _with_people(clip: RoomClip, view: View, things: list[Thing]) -> tuple[ImageArray, list[Sighting | None]]:
+def _with_people(view: View, things: list[Thing], light: Light) -> tuple[ImageArray, list[Sighting | None]]:
     image, camera = view.photograph.copy(), view.camera
-    sun = shadows(things, camera, clip.light.direction, 2.0)
+    sun = shadows(things, camera, light.direction, 2.0)
     under = shadows(things, camera, np.array([0, 0, 1], dtype=np.float32), 4.0)
-    rects = np.array([_rectangle(thing, camera) for thing in things]).reshape(-1, 4)
-    sightings: list[Sighting | None] = [None] * len(things)
-    for (x1, y1, x2, y2), members in clusters(rects, camera.width, camera.height):
-        rows, columns = slice(y1, y2), slice(x1, x2)
+
+    def below(rows: slice, columns: slice) -> Picture:
         part = _part_of(view.empty, rows, columns)
         darker = view.direct[rows, columns] * sun[rows, columns, None]
         darker += part.colour * (OCCLUSION * part.open_ground * under[rows, columns])[:, :, None]
-        window = _Window(camera, x1, y1, x2 - x1, y2 - y1)
-        people = [things[i] for i in members]
-        picture, seen = compose(replace(part, colour=part.colour - darker), people, window, clip.light)
-        image[rows, columns] = _encoded(picture.colour, view.exposure)
-        for i, sighting in zip(members, seen, strict=True):
-            if sighting is not None:
-                sightings[i] = Sighting(sighting.box + np.array([x1, y1, x1, y1]), sighting.visibility)
-    return image, sightings
+        return replace(part, colour=part.colour - darker)
+
+    rects = np.array([_rectangle(thing, camera) for thing in things]).reshape(-1, 4)
+    return image, draw_clusters(image, things, rects, camera, light, below, view.exposure)
 
 
 def _part_of(picture: Picture, rows: slice, columns: slice) -> Picture:
     n = picture.samples
     fine = slice(rows.start * n, rows.stop * n), slice(columns.start * n, columns.stop * n)
-    return Picture(picture.colour[rows, columns], picture.distance[fine], n, picture.owner[fine])
+    return Picture(picture.colour[rows, columns], picture.distance[fine], n)
 
 
 def _rectangle(thing: Thing, camera: RayCamera) -> FloatArray:
@@ -291,91 +262,17 @@ def _rectangle(thing: Thing, camera: RayCamera) -> FloatArray:
     return np.concatenate([low - margin, high + margin])
 
 
-def _encoded(colour: Float32, exposure: float) -> ImageArray:
-    return np.asarray(255 * np.sqrt(np.clip(colour * np.float32(exposure), 0, 1)) + 0.5).astype(np.uint8)
-
-
-def _photograph(image: ImageArray, clip: RoomClip, view: View, frame: int) -> ImageArray:
-    settings = clip.settings
-    rng = np.random.default_rng([clip.seed, 1, frame])
-    image = np.asarray(cv2.transform(image, clip.tone), dtype=np.uint8)
-    if settings.blur > 0.2:
-        image = np.asarray(cv2.GaussianBlur(image, (0, 0), settings.blur), dtype=np.uint8)
-    if settings.noise > 0:
-        top, left = rng.integers(0, SHIFT, 2)
-        grain = view.noise[int(rng.integers(NOISES))][top : top + settings.height, left : left + settings.width]
-        image = np.asarray(cv2.add(image, grain, dtype=cv2.CV_8U), dtype=np.uint8)
-    return image
-
-
-def _truth(sightings: list[Sighting | None], ids: IntArray, places: FloatArray, settings: RoomSettings) -> RoomTruth:
-    at = [k for k, s in enumerate(sightings) if s is not None and s.visibility >= SHOWN]
-    found = [s for k in at if (s := sightings[k]) is not None]
-    whole = np.array([s.box for s in found], dtype=np.float64).reshape(-1, 4)
-    boxes = clip_boxes(whole, settings.width, settings.height)
-    kept = areas(boxes) > INSIDE * areas(whole)
-    chosen = np.array(at, dtype=np.int64)[kept]
-    visibility = np.array([s.visibility for s in found], dtype=np.float64)
-    return RoomTruth(ids[chosen], boxes[kept], visibility[kept], places[chosen])
-
-
-Drawn: TypeAlias = tuple[ImageArray, RoomTruth]
-CAMERAS_FILE, PLACES_FILE = "cameras.yaml", "gt/world.csv"
-
-
-def write_room(
-    folder: str | Path,
-    settings: RoomSettings,
-    seed: int,
-    lens: OmnidirectionalLens | None = None,
-    overwrite: bool = False,
-    watch: Callable[[Iterator[Drawn]], Iterator[Drawn]] = iter,
-) -> Path:
-    """Write a clip: ``camera1``, ``camera2`` (``img1``, ``gt/gt.txt``, ``gt/world.csv``) and ``cameras.yaml``.
-
-    Ids are the same in all cameras. ``gt/world.csv`` has frame (from 1), id, x, y in metres of those in ``gt.txt``.
-
-    Args:
-        folder: does not exist yet or is empty, unless ``overwrite``.
-        settings: of the clip.
-        seed: of all chance.
-        lens: of the cameras, of any size; by default an equidistant one.
-        overwrite: a clip that the folder holds is replaced.
-        watch: passes the frames of a camera on as they are drawn, to show how far it is.
-
-    Raises:
-        RequestError: ``folder`` is a file, holds files while ``overwrite`` is False, or cannot be made.
-    """
-    folder = Path(folder).resolve()
-    clip = plan_room(settings, seed, lens)
-    with output_folder(folder, overwrite) as work:
-        for number in range(len(clip.cameras)):
-            _write_view(work / f"camera{number + 1}", clip, number, watch)
-        write_cameras(work / CAMERAS_FILE, cameras_of(clip))
-    return folder
-
-
 def cameras_of(clip: RoomClip) -> list[CameraOverFloor]:
     """The clip's cameras as `cameras.yaml` has them."""
     rate = clip.settings.frame_rate
     return [CameraOverFloor(f"camera{k + 1}", camera, rate, floor=clip.floor) for k, camera in enumerate(clip.cameras)]
 
 
-def _write_view(folder: Path, clip: RoomClip, number: int, watch: Callable[[Iterator[Drawn]], Iterator[Drawn]]) -> None:
-    settings = clip.settings
-    view = view_room(clip, number)
-    frames = (draw_room_frame(clip, view, frame) for frame in range(settings.frames))
-    truths = write_images(folder / "img1", watch(frames), settings.jpeg)
-    write_ground_truth(folder / "gt" / "gt.txt", ground_truth(truths))
-    write_places(folder / PLACES_FILE, truths)
-    write_info(folder, folder.name, settings)
-
-
-def write_places(path: Path, truths: list[RoomTruth]) -> None:
-    """Write frame (from 1), id, x, y (metres) a row."""
+def _write_places(path: Path, truths: Sequence[FrameTruth]) -> None:
     rows = [
         f"{frame + 1},{number},{x:.4f},{y:.4f}\n"
         for frame, truth in enumerate(truths)
+        if truth.places is not None
         for number, (x, y) in zip(truth.ids.tolist(), truth.places.tolist(), strict=True)
     ]
     path.write_text("frame,id,x,y\n" + "".join(rows), encoding="utf-8")

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip import people_in_view
 from tsuiseki.datamodules.scenes.people.activities import calling, drinking, reading, sitting
 from tsuiseki.datamodules.scenes.people.body import Pose, standing, walking
 from tsuiseki.datamodules.scenes.people.person import Person, person_solids, random_person
@@ -19,7 +20,7 @@ from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera
 from tsuiseki.datamodules.scenes.room_clip import lamps
 from tsuiseki.datamodules.scenes.things.interior import cabinet, chair, panels, plant, table
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_shell
-from tsuiseki.datamodules.scenes.training_pictures import seen_boxes
+from tsuiseki.datamodules.scenes.training_pictures import SEEN
 from tsuiseki.tracking.cameras.panorama import CylinderView, DownwardView
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -95,8 +96,8 @@ def panorama_picture(rng: np.random.Generator, settings: PanoramaPictures) -> tu
     if isinstance(camera, CylinderView) and rng.random() < 0.4:
         # The end of the image circle.
         image[: max(round(camera.horizon + settings.height * rng.uniform(-0.03, 0.05)), 0)] = rng.integers(0, 25)
-    boxes, visibility = seen_boxes(sightings, settings.width, settings.height)
-    return image, boxes, visibility
+    truth, _ = people_in_view(sightings, (settings.width, settings.height), SEEN, 0.0)
+    return image, truth.boxes, truth.visibility
 
 
 def _camera(rng: np.random.Generator, size: FloatArray, settings: PanoramaPictures) -> RayCamera:

@@ -6,21 +6,22 @@ differs from the empty room (figure 5 of the paper).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import ClassVar
 
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import numbered, write_image
+from tsuiseki.datamodules.scenes.clip import Moment, write_image
 from tsuiseki.datamodules.scenes.people.body import Pose, place, stride_length, walking
 from tsuiseki.datamodules.scenes.people.person import Person, person_solids, random_person
-from tsuiseki.datamodules.scenes.render.scene import Thing, compose, shadows
+from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, Float32, Surfaces, boxes, cone_spheres
-from tsuiseki.datamodules.scenes.things.room import Room, draw_room, furniture_around
+from tsuiseki.datamodules.scenes.things.room import Colour, draw_hall, hall_furniture
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
@@ -105,13 +106,14 @@ class CarriedBallSettings:
 
 
 @dataclass(frozen=True)
-class BallScene:
-    """Everything that a seed fixes before a picture is drawn.
+class SphereClip:
+    """A planned clip: everything that a seed fixes before a picture is drawn; see `clip.Clip`.
 
     Attributes:
         settings: as asked.
+        seed: of all random numbers.
         cameras: C cameras.
-        rooms: what each sees of the empty room.
+        rooms: what each sees of the empty room, and the light ``(H, W, 3)`` on its floor that shadows take away.
         person: who carries the ball.
         colours: sRGB of the ball and of its band.
         times: ``(T,)`` seconds.
@@ -119,12 +121,47 @@ class BallScene:
     """
 
     settings: CarriedBallSettings
+    seed: int
     cameras: tuple[PinholeCamera, ...]
-    rooms: tuple[Room, ...]
+    rooms: tuple[tuple[Picture, Float32], ...]
     person: Person
-    colours: tuple[tuple[float, float, float], tuple[float, float, float]]
+    colours: tuple[Colour, Colour]
     times: FloatArray
     truth: FloatArray
+
+    quality: ClassVar[int] = 95
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """See `clip.Clip`."""
+        return tuple(f"camera{k + 1}/{{number:06d}}.jpg" for k in range(len(self.cameras)))
+
+    def frames(self) -> Iterator[Moment[FloatArray]]:
+        """See `clip.Clip`; images are ``(600, 800, 3)``, the truth ``(3,)`` the centre of the ball, m."""
+        rng = np.random.default_rng((self.seed, 1))
+        late = self.settings.lateness or (0.0,) * len(self.cameras)
+        for index, time in enumerate(self.times):
+            images = []
+            for k in range(len(self.cameras)):
+                if any(c.camera == k and c.first <= index <= c.last for c in self.settings.covers):
+                    images.append(covered_image(self, k, rng))
+                else:
+                    images.append(expose(_shot(self, k, float(time) + late[k]), self.settings.noise, rng))
+            yield images, self.truth[index]
+
+    def backgrounds(self) -> list[ImageArray]:
+        """One image a camera of the empty room, with noise of its own."""
+        rng = np.random.default_rng((self.seed, 2))
+        return [expose(room.colour, self.settings.noise, rng) for room, _ in self.rooms]
+
+    def write_truth(self, folder: Path, name: str, truths: list[FloatArray]) -> None:
+        """Write ``background1.png`` ..., ``cameras.yaml`` and ``truth.csv``."""
+        del name, truths
+        for k, image in enumerate(self.backgrounds()):
+            write_image(folder / f"background{k + 1}.png", image)
+        placed = [PlacedCamera(f"camera{k + 1}", c, self.settings.frame_rate) for k, c in enumerate(self.cameras)]
+        write_cameras(folder / "cameras.yaml", placed)
+        write_path3d(folder / "truth.csv", Path3D(self.times, self.truth))
 
 
 def ball_cameras(count: int) -> tuple[PinholeCamera, ...]:
@@ -134,10 +171,10 @@ def ball_cameras(count: int) -> tuple[PinholeCamera, ...]:
     return tuple(PinholeCamera.look_at(s, np.array(AIM), float(focal), WIDTH, HEIGHT) for s in stands[:count])
 
 
-def make_scene(settings: CarriedBallSettings, seed: int) -> BallScene:
+def plan_sphere(settings: CarriedBallSettings, seed: int) -> SphereClip:
     """Room, person and path of ``seed``."""
     rng = np.random.default_rng(seed)
-    furniture = furniture_around(rng)
+    furniture = hall_furniture(rng)
     person = random_person(rng)
     # Bags and coats would hide the ball; the paper's scene has a person in plain clothes.
     look = replace(person.look, bag="none", lower_style="trousers")
@@ -146,29 +183,15 @@ def make_scene(settings: CarriedBallSettings, seed: int) -> BallScene:
     ball = 0.5 + 0.38 * np.cos(hue)
     colours = (_colour(ball), _colour(np.clip(ball + rng.choice([-0.25, 0.25]), 0.05, 0.95)))
     cameras = ball_cameras(settings.cameras)
-    rooms = tuple(draw_room(camera, LIGHT, furniture, settings.samples) for camera in cameras)
+    rooms = tuple(draw_hall(camera, LIGHT, furniture, settings.samples) for camera in cameras)
     times = np.arange(settings.frames) / settings.frame_rate
     truth = np.stack([_bodies(person, settings, float(t))[2] for t in times])
-    return BallScene(settings, cameras, rooms, person, colours, times, truth)
+    return SphereClip(settings, seed, cameras, rooms, person, colours, times, truth)
 
 
-def film(scene: BallScene, seed: int) -> Iterator[list[ImageArray]]:
-    """The images of all cameras, moment by moment: ``(600, 800, 3)`` uint8 RGB."""
-    rng = np.random.default_rng((seed, 1))
-    late = scene.settings.lateness or (0.0,) * len(scene.cameras)
-    for index, time in enumerate(scene.times):
-        images = []
-        for k in range(len(scene.cameras)):
-            if any(c.camera == k and c.first <= index <= c.last for c in scene.settings.covers):
-                images.append(covered_image(scene, k, rng))
-            else:
-                images.append(expose(_shot(scene, k, float(time) + late[k]), scene.settings.noise, rng))
-        yield images
-
-
-def _shot(scene: BallScene, camera: int, time: float) -> Float32:
+def _shot(clip: SphereClip, camera: int, time: float) -> Float32:
     """Linear light ``(H, W, 3)`` that a camera gathers about ``time``: smeared, row after row, out of focus."""
-    settings = scene.settings
+    settings = clip.settings
     bands = READOUT_BANDS if settings.readout else 1
     blinks = EXPOSURE_BLINKS if settings.exposure else 1
     edges = np.linspace(0, HEIGHT, bands + 1).astype(int)
@@ -176,30 +199,23 @@ def _shot(scene: BallScene, camera: int, time: float) -> Float32:
     for band, (top, bottom) in enumerate(pairwise(edges)):
         begins = time + settings.readout * ((band + 0.5) / bands - 0.5)
         for blink in range(blinks):
-            drawn = _light(scene, camera, begins + settings.exposure * ((blink + 0.5) / blinks - 0.5))
+            drawn = _light(clip, camera, begins + settings.exposure * ((blink + 0.5) / blinks - 0.5))
             colour[top:bottom] += drawn[top:bottom] / np.float32(blinks)
     return np.asarray(cv2.GaussianBlur(colour, (0, 0), settings.defocus), np.float32) if settings.defocus else colour
 
 
-def _light(scene: BallScene, camera: int, time: float) -> Float32:
+def _light(clip: SphereClip, camera: int, time: float) -> Float32:
     """Linear light ``(H, W, 3)`` in a camera at one instant."""
-    things, room, pinhole = _things(scene, time), scene.rooms[camera], scene.cameras[camera]
+    things, (room, direct), pinhole = _things(clip, time), clip.rooms[camera], clip.cameras[camera]
     dark = shadows(things, pinhole, LIGHT.direction, softness=2.5)
-    lit = replace(room.picture, colour=room.picture.colour - room.direct * dark[:, :, None])
-    picture, _ = compose(lit, things, pinhole, LIGHT)
-    return picture.colour
+    lit = replace(room, colour=room.colour - direct * dark[:, :, None])
+    return compose(lit, things, pinhole, LIGHT)[0].colour
 
 
-def covered_image(scene: BallScene, camera: int, rng: np.random.Generator) -> ImageArray:
+def covered_image(clip: SphereClip, camera: int, rng: np.random.Generator) -> ImageArray:
     """What a camera shows while a board covers its view: nothing of the scene."""
-    picture, _ = compose(scene.rooms[camera].picture, [_board(scene.cameras[camera])], scene.cameras[camera], LIGHT)
-    return expose(picture.colour, scene.settings.noise, rng)
-
-
-def backgrounds(scene: BallScene, seed: int) -> list[ImageArray]:
-    """One image a camera of the empty room, with noise of its own."""
-    rng = np.random.default_rng((seed, 2))
-    return [expose(room.picture.colour, scene.settings.noise, rng) for room in scene.rooms]
+    picture, _ = compose(clip.rooms[camera][0], [_board(clip.cameras[camera])], clip.cameras[camera], LIGHT)
+    return expose(picture.colour, clip.settings.noise, rng)
 
 
 def expose(colour: Float32, noise: float, rng: np.random.Generator) -> ImageArray:
@@ -235,12 +251,12 @@ def _bodies(
     return pose, (position, heading), grip
 
 
-def _things(scene: BallScene, time: float) -> list[Thing]:
-    pose, (position, heading), grip = _bodies(scene.person, scene.settings, time)
-    body = Thing(person_solids(scene.person, pose, position, heading), scene.person.look)
+def _things(clip: SphereClip, time: float) -> list[Thing]:
+    pose, (position, heading), grip = _bodies(clip.person, clip.settings, time)
+    body = Thing(person_solids(clip.person, pose, position, heading), clip.person.look)
     surfaces = Surfaces()
-    surfaces.add(*scene.colours, STRIPES_ACROSS, 0.8 * scene.settings.radius, 0.03)
-    radius = np.full((1, 2), scene.settings.radius)
+    surfaces.add(*clip.colours, STRIPES_ACROSS, 0.8 * clip.settings.radius, 0.03)
+    radius = np.full((1, 2), clip.settings.radius)
     sphere = cone_spheres(grip[None], grip[None], radius, np.array([[0.0, 1.0, 0.0]]), np.ones(1), surfaces)
     return [body, Thing(sphere)]
 
@@ -255,35 +271,5 @@ def _board(camera: PinholeCamera) -> Thing:
     return Thing(boxes(centre[None], np.array([[0.02, 1.0, 1.0]]), np.array([yaw]), surfaces))
 
 
-def _colour(values: FloatArray) -> tuple[float, float, float]:
+def _colour(values: FloatArray) -> Colour:
     return float(values[0]), float(values[1]), float(values[2])
-
-
-QUALITY = 95
-
-
-def write_ball(
-    folder: Path,
-    settings: CarriedBallSettings,
-    seed: int,
-    watch: Callable[[Iterable[list[ImageArray]]], Iterable[list[ImageArray]]] = iter,
-) -> None:
-    """Write ``camera1/000001.jpg`` ..., ``background1.png`` ..., ``cameras.yaml`` and ``truth.csv``.
-
-    Args:
-        folder: made where it is missing; files in it are overwritten.
-        settings: of the film.
-        seed: of all random numbers.
-        watch: passes the moments through, for progress.
-    """
-    scene = make_scene(settings, seed)
-    names = [f"camera{k + 1}" for k in range(settings.cameras)]
-    for name, image in zip(names, backgrounds(scene, seed), strict=True):
-        (folder / name).mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(folder / f"{name.replace('camera', 'background')}.png"), image[:, :, ::-1])
-    for index, images in enumerate(watch(film(scene, seed))):
-        for name, image in zip(names, images, strict=True):
-            write_image(folder / name / numbered(index), image, QUALITY)
-    placed = [PlacedCamera(n, c, settings.frame_rate) for n, c in zip(names, scene.cameras, strict=True)]
-    write_cameras(folder / "cameras.yaml", placed)
-    write_path3d(folder / "truth.csv", Path3D(scene.times, scene.truth))

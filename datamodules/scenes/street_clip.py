@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import ClassVar
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from tsuiseki.datamodules.scenes.clip import check_settings, ground_truth, write_images, write_info
+from tsuiseki.datamodules.scenes.clip import (
+    IMAGES,
+    FrameTruth,
+    Moment,
+    by_appearance,
+    check_settings,
+    ground_truth,
+    people_in_view,
+    write_info,
+)
 from tsuiseki.datamodules.scenes.people.person import person_solids
 from tsuiseki.datamodules.scenes.people.walkers import CrowdSettings, Walker, crowd
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, automatic_exposure, degrade
@@ -28,10 +37,7 @@ from tsuiseki.datamodules.scenes.things.clutter import (
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth
-from tsuiseki.tracking.geometry import areas, clip_boxes
-from tsuiseki.tracking.output import output_folder
-from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
-from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.types import FloatArray, ImageArray
 
 CAMERAS = 300
 # Share of the image in which people have a wanted size, at least.
@@ -41,6 +47,8 @@ LARGEST = 0.05
 ROOM = 5.0
 # Share of a person's box that lies inside the image, at least, for a row of the truth.
 INSIDE = 0.1
+# (lowest, highest) camera, metres, and the lens's blur, standard deviation in pixels.
+CAMERA_HEIGHT, BLUR = (2.5, 9.0), 0.5
 
 
 @dataclass(frozen=True)
@@ -54,16 +62,10 @@ class StreetSettings:
         frame_rate: frames per second.
         people: about how many are around at a time.
         occluders: things that may hide people: poles, boxes, bushes, parked cars.
-        camera_height: (lowest, highest), metres.
         person_height: (least, greatest) of a person where people walk, pixels.
-        groups: probability that somebody walks in company.
-        pauses: probability of standing still where the way turns.
         look_alikes: probability of being dressed much like somebody else around.
-        speed: (mean, standard deviation), m/s.
         exposure_drift: slow change of the brightness, share.
-        blur: standard deviation, pixels.
         noise: standard deviation, grey levels of 255.
-        jpeg: quality of the written images.
         samples: rays along each side of a pixel.
     """
 
@@ -73,49 +75,27 @@ class StreetSettings:
     frame_rate: float = 25.0
     people: int = 10
     occluders: int = 7
-    camera_height: tuple[float, float] = (2.5, 9.0)
     person_height: tuple[float, float] = (30.0, 170.0)
-    groups: float = 0.35
-    pauses: float = 0.25
     look_alikes: float = 0.15
-    speed: tuple[float, float] = (1.3, 0.2)
     exposure_drift: float = 0.06
-    blur: float = 0.5
     noise: float = 3.0
-    jpeg: int = 90
     samples: int = 2
 
     def __post_init__(self) -> None:
-        shares = (self.groups, self.pauses, self.look_alikes)
         own = (
             (self.occluders >= 0, "occluders >= 0", self.occluders),
-            (0 < self.camera_height[0] <= self.camera_height[1], "camera_height as (low, high)", self.camera_height),
             (0 < self.person_height[0] < self.person_height[1], "person_height as (low, high)", self.person_height),
-            (all(0 <= p <= 1 for p in shares), "groups, pauses and look_alikes in [0, 1]", shares),
-            (self.speed[0] > 0 and self.speed[1] >= 0, "a positive mean speed", self.speed),
+            (0 <= self.look_alikes <= 1, "look_alikes in [0, 1]", self.look_alikes),
+            (self.noise >= 0, "no negative noise", self.noise),
+            (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
             (self.exposure_drift >= 0, "no negative exposure_drift", self.exposure_drift),
         )
         check_settings("street", self, 32, own)
 
 
 @dataclass(frozen=True)
-class FrameTruth:
-    """What a frame shows.
-
-    Attributes:
-        ids: ``(N,)`` from 1.
-        boxes: ``(N, 4)`` pixels: the whole silhouette, hidden parts included, clipped to the image.
-        visibility: ``(N,)`` visible share of the silhouette, what lies outside the image included, [0, 1].
-    """
-
-    ids: IntArray
-    boxes: FloatArray
-    visibility: FloatArray
-
-
-@dataclass(frozen=True)
-class Street:
-    """A planned clip, of which every frame can be drawn on its own."""
+class StreetClip:
+    """A planned clip, of which every frame can be drawn on its own; see `clip.Clip`."""
 
     settings: StreetSettings
     seed: int
@@ -127,8 +107,39 @@ class Street:
     lens: Degradation
     drift: FloatArray
 
+    views: ClassVar[tuple[str, ...]] = (IMAGES,)
+    quality: ClassVar[int] = 90
 
-def plan_street(settings: StreetSettings, seed: int) -> Street:
+    def frames(self) -> Iterator[Moment[FrameTruth]]:
+        """See `clip.Clip`."""
+        for frame in range(self.settings.frames):
+            image, truth = self.draw_frame(frame)
+            yield (image,), truth
+
+    def draw_frame(self, frame: int) -> tuple[ImageArray, FrameTruth]:
+        """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the people of the plan from 1."""
+        camera = self.camera
+        there = [i for i, walker in enumerate(self.walkers) if walker.is_there(frame)]
+        things = []
+        for walker in (self.walkers[i] for i in there):
+            t = frame - walker.first
+            solids = person_solids(walker.person, walker.pose(frame), walker.positions[t], float(walker.headings[t]))
+            things.append(Thing(solids, walker.person.look))
+        picture, _ = darken(self.background, things, camera, self.light, self.sunlit, 1.0)
+        picture, sightings = compose(picture, things, camera, self.light)
+        rng = np.random.default_rng([self.seed, 1, frame])
+        image = degrade(picture.colour, replace(self.lens, exposure=self.lens.exposure * self.drift[frame]), rng)
+        truth, rows = people_in_view(sightings, (camera.width, camera.height), 0.0, INSIDE)
+        return image, replace(truth, ids=np.array(there, dtype=np.int64)[rows] + 1)
+
+    def write_truth(self, folder: Path, name: str, truths: list[FrameTruth]) -> None:
+        """Write ``gt/gt.txt``, with ids without gaps in the order of appearance, and ``seqinfo.ini``."""
+        labels = ground_truth(truths)
+        write_ground_truth(folder / "gt" / "gt.txt", replace(labels, ids=by_appearance(labels.ids)))
+        write_info(folder, name, self.settings)
+
+
+def plan_street(settings: StreetSettings, seed: int) -> StreetClip:
     """Camera, light, background and everybody's way, as ``seed`` has it."""
     rng = np.random.default_rng([seed, 0])
     camera, spots = _camera(rng, settings)
@@ -142,7 +153,7 @@ def plan_street(settings: StreetSettings, seed: int) -> Street:
     background, _ = compose(bare, static, camera, light)
     walkers = crowd(
         rng,
-        CrowdSettings(settings.people, settings.groups, settings.pauses, settings.speed, settings.look_alikes),
+        CrowdSettings(settings.people, look_alikes=settings.look_alikes),
         settings.frames,
         settings.frame_rate,
         lambda r: np.asarray(spots[int(r.integers(len(spots)))]),
@@ -154,83 +165,13 @@ def plan_street(settings: StreetSettings, seed: int) -> Street:
         contrast=float(np.exp(rng.normal(0.05, 0.1))),
         haze=float(max(rng.normal(-0.05, 0.08), 0)),
         saturation=float(rng.uniform(0.7, 1.15)),
-        blur=settings.blur,
+        blur=BLUR,
         noise=settings.noise,
     )
     seconds = np.arange(settings.frames) / settings.frame_rate
     waves = zip(rng.uniform(0.02, 0.3, 3), rng.uniform(0, 2 * np.pi, 3), strict=True)
     drift = np.exp(settings.exposure_drift * sum(np.sin(2 * np.pi * f * seconds + p) for f, p in waves))
-    return Street(settings, seed, camera, light, background, sunlit, walkers, lens, np.asarray(drift))
-
-
-def draw_street(street: Street, frame: int) -> tuple[ImageArray, FrameTruth]:
-    """Frame ``frame`` of a planned clip; ids count the people of the plan from 1."""
-    settings, camera = street.settings, street.camera
-    there = [i for i, walker in enumerate(street.walkers) if walker.is_there(frame)]
-    things = []
-    for walker in (street.walkers[i] for i in there):
-        t = frame - walker.first
-        solids = person_solids(walker.person, walker.pose(frame), walker.positions[t], float(walker.headings[t]))
-        things.append(Thing(solids, walker.person.look))
-    picture, _ = darken(street.background, things, camera, street.light, street.sunlit, 1.0)
-    picture, sightings = compose(picture, things, camera, street.light)
-    rng = np.random.default_rng([street.seed, 1, frame])
-    image = degrade(picture.colour, replace(street.lens, exposure=street.lens.exposure * street.drift[frame]), rng)
-    found = [(i + 1, s.box, s.visibility) for i, s in zip(there, sightings, strict=True) if s is not None]
-    ids = np.array([f[0] for f in found], dtype=np.int64)
-    whole = np.array([f[1] for f in found], dtype=np.float64).reshape(-1, 4)
-    boxes = clip_boxes(whole, settings.width, settings.height)
-    kept = areas(boxes) > INSIDE * areas(whole)
-    return image, FrameTruth(ids[kept], boxes[kept], np.array([f[2] for f in found], dtype=np.float64)[kept])
-
-
-def street_frames(settings: StreetSettings, seed: int) -> Iterator[tuple[ImageArray, FrameTruth]]:
-    """The frames of a clip as ``(H, W, 3)`` uint8 RGB images, before JPEG, and what they show."""
-    street = plan_street(settings, seed)
-    for frame in range(settings.frames):
-        yield draw_street(street, frame)
-
-
-Drawn: TypeAlias = tuple[ImageArray, FrameTruth]
-
-
-def write_street(
-    folder: str | Path,
-    settings: StreetSettings,
-    seed: int,
-    overwrite: bool = False,
-    name: str = "",
-    watch: Callable[[Iterator[Drawn]], Iterator[Drawn]] = iter,
-) -> Path:
-    """Write a clip in the MOTChallenge layout: ``img1/000001.jpg``, ..., ``gt/gt.txt``, ``seqinfo.ini``.
-
-    It is written beside and renamed: an interrupted run leaves nothing under the final name.
-
-    Args:
-        folder: does not exist yet or is empty, unless ``overwrite``.
-        settings: of the clip.
-        seed: of all chance.
-        overwrite: a clip that the folder holds is replaced, and its other files stay.
-        name: of the sequence; by default the folder's.
-        watch: passes the frames on as they are drawn, to show how far it is.
-
-    Raises:
-        RequestError: ``folder`` is a file, holds files while ``overwrite`` is False, or cannot be made.
-    """
-    folder = Path(folder).resolve()
-    with output_folder(folder, overwrite) as work:
-        truths = write_images(work / "img1", watch(street_frames(settings, seed)), settings.jpeg)
-        write_ground_truth(work / "gt" / "gt.txt", as_ground_truth(truths))
-        write_info(work, name or folder.name, settings)
-    return folder
-
-
-def as_ground_truth(truths: list[FrameTruth]) -> GroundTruth:
-    """All rows of a clip, every one evaluated, with ids without gaps in the order of appearance."""
-    truth = ground_truth(truths)
-    _, first, inverse = np.unique(truth.ids, return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))
-    return replace(truth, ids=(rank[inverse] + 1).astype(np.int64))
+    return StreetClip(settings, seed, camera, light, background, sunlit, walkers, lens, np.asarray(drift))
 
 
 def _camera(rng: np.random.Generator, settings: StreetSettings) -> tuple[PinholeCamera, FloatArray]:
@@ -238,7 +179,7 @@ def _camera(rng: np.random.Generator, settings: StreetSettings) -> tuple[Pinhole
     feet = rng.uniform([0.03, 0.05], [0.97, 1.0], (400, 2)) * [settings.width, settings.height]
     low, high = settings.person_height
     for _ in range(CAMERAS):
-        camera = random_camera(rng, settings.width, settings.height, settings.camera_height)
+        camera = random_camera(rng, settings.width, settings.height, CAMERA_HEIGHT)
         spots = camera.ground(feet)[:, :2]
         apparent = apparent_heights(camera, spots)
         heads, _ = camera.project(np.nan_to_num(np.insert(spots, 2, 1.8, axis=1)))
@@ -246,7 +187,7 @@ def _camera(rng: np.random.Generator, settings: StreetSettings) -> tuple[Pinhole
         if good.mean() >= WALKABLE and ConvexHull(spots[good]).volume >= ROOM * settings.people:
             return camera, spots[good]
     raise RequestError(
-        f"street clip: expected a person_height that cameras {settings.camera_height} m over the ground can show with "
+        f"street clip: expected a person_height that cameras {CAMERA_HEIGHT} m over the ground can show with "
         f"room for {settings.people} people, got {settings.person_height} pixels; widen one of the two or ask for fewer"
     )
 

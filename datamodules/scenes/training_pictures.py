@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip import people_in_view
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.figures.standing import Standing, dressed, pictured_things, tilt_of
 from tsuiseki.datamodules.scenes.people.person import person_solids, random_person, random_pose
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, by_night, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
-from tsuiseki.datamodules.scenes.render.motion_blur import smeared
 from tsuiseki.datamodules.scenes.render.photographs import Photographs, random_facades
 from tsuiseki.datamodules.scenes.render.scene import Sighting, Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import hard_sun, random_light
@@ -27,9 +28,10 @@ from tsuiseki.datamodules.scenes.things.clutter import (
 from tsuiseki.datamodules.scenes.things.town import random_town_thing
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+# Share of a silhouette that is in view of whoever is labelled, at least: anything at all.
+SEEN = 1e-9
 # Cameras tried until one shows people in the wanted size.
 CAMERAS = 300
 # Share of the image that one piece of clutter may cover.
@@ -40,6 +42,9 @@ TOWN = (2, 18)
 THINGS = (0, 12)
 # A hard sun's shadows have edges sharper by so much.
 SHARPER = 0.35
+
+
+BoxConvention: TypeAlias = Literal["silhouettes", "steady"]
 
 
 @dataclass(frozen=True)
@@ -81,8 +86,8 @@ class TrainingSettings:
         town: (fewest, most) things of a town that are nobody: traffic lights, signs, bicycles and the like; where
             there may be any, walls with doors and shop windows too.
         things: (fewest, most) photographed things that are nobody; where there may be any, there must be photographs.
-        motion: chance that people, and perhaps the camera, move while the shutter is open, in [0, 1].
-        boxes: how people are boxed, see `street.conventions.labelled`.
+        boxes: ``silhouettes`` go round everybody, and swing with the legs; ``steady`` boxes of rendered people are as
+            wide, and lie where, those of their whole walk are and do on average, as people label videos.
     """
 
     width: int = 640
@@ -101,7 +106,6 @@ class TrainingSettings:
     facades: float = 0.5
     town: tuple[int, int] = (0, 0)
     things: tuple[int, int] = (0, 0)
-    motion: float = 0.0
     boxes: BoxConvention = "silhouettes"
 
     def __post_init__(self) -> None:
@@ -114,9 +118,8 @@ class TrainingSettings:
                 "training scenes: expected at least 32x32 pixels, samples 1-8 and no negative degradation, "
                 f"got {self.width}x{self.height}, {self.samples} and {self.degradation}"
             )
-        for name in ("sun", "motion"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise RequestError(f"training scenes: expected {name} as a chance in [0, 1], got {getattr(self, name)}")
+        if not 0 <= self.sun <= 1:
+            raise RequestError(f"training scenes: expected sun as a chance in [0, 1], got {self.sun}")
         if self.boxes not in get_args(BoxConvention):
             named = ", ".join(get_args(BoxConvention))
             raise RequestError(f"training scenes: expected boxes as one of {named}, got {self.boxes!r}")
@@ -124,66 +127,41 @@ class TrainingSettings:
 
 def varied_settings(rng: np.random.Generator, width: int, height: int) -> TrainingSettings:
     """What one picture of a varied set shows: an ordinary street, a crowd, a view from afar, or nobody at all."""
-    night = 0.2
+    street = TrainingSettings(width, height, night=0.2)
     kinds = (
-        TrainingSettings(width, height, night=night),
-        TrainingSettings(
-            width,
-            height,
-            people=(25, 60),
-            person_height=(20.0, 170.0),
-            camera_height=(1.8, 8.0),
-            beside=0.6,
-            night=night,
-        ),
-        TrainingSettings(
-            width,
-            height,
-            people=(8, 40),
-            person_height=(14.0, 80.0),
-            camera_height=(4.0, 15.0),
-            beside=0.4,
-            night=night,
-        ),
-        TrainingSettings(width, height, people=(0, 0), clutter=(8, 30), night=night),
+        street,
+        replace(street, people=(25, 60), person_height=(20.0, 170.0), camera_height=(1.8, 8.0), beside=0.6),
+        replace(street, people=(8, 40), person_height=(14.0, 80.0), camera_height=(4.0, 15.0), beside=0.4),
+        replace(street, people=(0, 0), clutter=(8, 30)),
     )
     return kinds[int(rng.choice(len(kinds), p=(0.35, 0.3, 0.2, 0.15)))]
 
 
 def sparse_settings(width: int, height: int) -> TrainingSettings:
     """Few people among many things: what scores are calibrated on, as most of a real view shows nobody."""
-    return TrainingSettings(
-        width, height, people=(0, 2), clutter=(6, 26), person_height=(20.0, 200.0), night=0.1, facades=0.8
-    )
+    few = TrainingSettings(width, height, people=(0, 2), clutter=(6, 26), person_height=(20.0, 200.0))
+    return replace(few, night=0.1, facades=0.8)
 
 
 def near_settings(width: int, height: int) -> TrainingSettings:
     """A few people who fill a good part of the picture, among many things, from about as high as their heads."""
-    return TrainingSettings(
-        width,
-        height,
-        people=(0, 9),
-        person_height=(80.0, 0.95 * height),
-        clutter=(4, 16),
-        camera_height=(1.0, 4.5),
-        beside=0.5,
-        night=0.15,
-    )
+    near = TrainingSettings(width, height, people=(0, 9), clutter=(4, 16), person_height=(80.0, 0.95 * height))
+    return replace(near, camera_height=(1.0, 4.5), beside=0.5, night=0.15)
 
 
 def aerial_settings(width: int, height: int) -> TrainingSettings:
     """A few people among many things from 4 to 14 m above, up to nearly straight below."""
-    return TrainingSettings(
-        width,
-        height,
-        people=(0, 14),
-        person_height=(13.0, 120.0),
-        clutter=(6, 30),
-        camera_height=(4.0, 14.0),
-        night=0.05,
-        photographs=0.75,
-        facades=0.2,
-    )
+    above = TrainingSettings(width, height, people=(0, 14), clutter=(6, 30), person_height=(13.0, 120.0))
+    return replace(above, camera_height=(4.0, 14.0), night=0.05, photographs=0.75, facades=0.2)
+
+
+SETTINGS_OF_SCENE: dict[str, Callable[[np.random.Generator, int, int], TrainingSettings]] = {
+    "street": lambda _, *size: TrainingSettings(*size),
+    "varied": varied_settings,
+    "sparse": lambda _, *size: sparse_settings(*size),
+    "aerial": lambda _, *size: aerial_settings(*size),
+    "near": lambda _, *size: near_settings(*size),
+}
 
 
 def random_training_scene(
@@ -205,8 +183,8 @@ def random_training_scene(
     """
     settings = TrainingSettings() if settings is None else settings
     camera, spots = _camera_with_spots(rng, settings)
-    # Generators of their own: the rest of a picture depends neither on what there is in stock nor on sun or motion.
-    of_people, of_photographs, of_town, of_things, of_sun, of_motion, of_boxes = rng.spawn(7)
+    # Generators of their own: the rest of a picture depends neither on what there is in stock nor on the sun.
+    of_people, of_photographs, of_town, of_things, of_sun = rng.spawn(5)
     light, sunny = random_light(rng), of_sun.random() < settings.sun
     if sunny:
         light = hard_sun(of_sun)
@@ -217,51 +195,58 @@ def random_training_scene(
             _rendered(of_people, thing, spot, camera, stock.sprites, settings)
             for thing, spot in zip(people, spots, strict=True)
         ]
-    view, facades = None, []
+    view = None
     if stock.photographs is not None:
         ground, view = _photographed(of_photographs, ground, camera, stock.photographs, settings)
-    reach = float(np.linalg.norm(spots, axis=1).max(initial=12.0))
-    if stock.photographs is not None and view is None and of_photographs.random() < settings.facades:
-        facades = random_facades(of_photographs, stock.photographs, int(of_photographs.integers(1, 7)), spots, reach)
-    count = int(rng.integers(settings.clutter[0], settings.clutter[1] + 1)) // (1 if view is None else 4)
-    static = clutter_around(rng, camera, count, spots, LARGEST)
-    if view is None:
-        static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
-    static += facades
-    if settings.town[1]:
-        count = int(of_town.integers(settings.town[0], settings.town[1] + 1))
-        static += clutter_around(of_town, camera, count, spots, LARGEST, random_town_thing)
-        static += fronts_behind(of_town, int(of_town.integers(0, 4)) if view is None else 0, spots, reach)
-    if settings.things[1]:
-        if stock.photographs is None or not stock.photographs.paths["things"]:
-            raise RequestError("training scenes: expected photographs of things, got none")
-        count = int(of_things.integers(settings.things[0], settings.things[1] + 1))
-        static += pictured_things(of_things, stock.photographs, camera, count, spots, LARGEST)
+    static = _scenery((rng, of_photographs, of_town, of_things), settings, stock, camera, spots, view is not None)
     picture = empty_picture(ground, settings.samples)
     softness = float(rng.uniform(0.5, 2.5)) * (SHARPER if sunny else 1.0)
     picture, _ = darken(picture, static + people, camera, light, sunlit, softness)
     # One pass: static things and people hide each other alike.
     picture, sightings = compose(picture, people + static, camera, light)
     sightings = sightings[: len(people)]
-    colour = smeared(of_motion, picture, sightings) if of_motion.random() < settings.motion else picture.colour
     # Without nights no number is drawn: pictures of earlier seeds stay as they were.
-    colour = by_night(colour, rng) if settings.night and rng.random() < settings.night else colour
+    night = settings.night and rng.random() < settings.night
+    colour = by_night(picture.colour, rng) if night else picture.colour
     how = random_degradation(rng, settings.degradation)
     image = degrade(colour, replace(how, exposure=how.exposure * automatic_exposure(colour)), rng)
-    sightings = labelled(of_boxes, sightings, people, camera, settings.boxes)
-    boxes, visibility = seen_boxes(sightings, settings.width, settings.height)
-    return image, boxes, visibility
+    if settings.boxes == "steady":
+        sightings = [_steady(s, thing, camera) for s, thing in zip(sightings, people, strict=True)]
+    truth, _ = people_in_view(sightings, (settings.width, settings.height), SEEN, 0.0)
+    return image, truth.boxes, truth.visibility
 
 
-def seen_boxes(sightings: list[Sighting | None], width: int, height: int) -> tuple[FloatArray, FloatArray]:
-    """Boxes ``(N, 4)`` clipped to the image and visibilities ``(N,)`` of those of which anything is seen.
+def _scenery(
+    rngs: tuple[np.random.Generator, ...],
+    settings: TrainingSettings,
+    stock: Stock,
+    camera: PinholeCamera,
+    spots: FloatArray,
+    in_view: bool,
+) -> list[Thing]:
+    """What stands about people at ``spots`` ``(N, 2)``, less of it ``in_view`` of a whole photograph.
 
-    A box may lie outside although an arm is seen, unless it is the silhouette's; such people are left out.
+    ``rngs`` draw clutter, facades, things of towns, and photographed things.
     """
-    seen = [s for s in sightings if s is not None and s.visibility > 0]
-    boxes = clip_boxes(np.array([s.box for s in seen], dtype=np.float64).reshape(-1, 4), width, height)
-    inside = (boxes[:, 2:] > boxes[:, :2]).all(axis=1)
-    return boxes[inside], np.array([s.visibility for s in seen], dtype=np.float64)[inside]
+    rng, of_photographs, of_town, of_things = rngs
+    reach, facades = float(np.linalg.norm(spots, axis=1).max(initial=12.0)), []
+    if stock.photographs is not None and not in_view and of_photographs.random() < settings.facades:
+        facades = random_facades(of_photographs, stock.photographs, int(of_photographs.integers(1, 7)), spots, reach)
+    count = int(rng.integers(settings.clutter[0], settings.clutter[1] + 1)) // (4 if in_view else 1)
+    static = clutter_around(rng, camera, count, spots, LARGEST)
+    if not in_view:
+        static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
+    static += facades
+    if settings.town[1]:
+        count = int(of_town.integers(settings.town[0], settings.town[1] + 1))
+        static += clutter_around(of_town, camera, count, spots, LARGEST, random_town_thing)
+        static += fronts_behind(of_town, 0 if in_view else int(of_town.integers(0, 4)), spots, reach)
+    if settings.things[1]:
+        if stock.photographs is None or not stock.photographs.paths["things"]:
+            raise RequestError("training scenes: expected photographs of things, got none")
+        count = int(of_things.integers(settings.things[0], settings.things[1] + 1))
+        static += pictured_things(of_things, stock.photographs, camera, count, spots, LARGEST)
+    return static
 
 
 def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> tuple[PinholeCamera, FloatArray]:
@@ -332,47 +317,8 @@ def _people(rng: np.random.Generator, spots: FloatArray) -> list[Thing]:
     return things
 
 
-BoxConvention: TypeAlias = Literal["silhouettes", "steady", "random"]
-# Widths by the height of labels that all have one shape; Dollár et al., Pedestrian Detection, PAMI 2012, take 0.41.
-_ASPECT = (0.34, 0.44)
-# Most room that is left about somebody, by the height.
-_ROOM = 0.05
-
-
-def labelled(
-    rng: np.random.Generator,
-    sightings: list[Sighting | None],
-    people: list[Thing],
-    camera: PinholeCamera,
-    convention: BoxConvention,
-) -> list[Sighting | None]:
-    """The ``sightings`` of ``people``, boxed as ``convention`` has it.
-
-    ``silhouettes`` are as they are, and swing with the legs. ``steady`` boxes of rendered people are as wide, and lie
-    where, those of their whole walk are and do on average, as people label videos. With ``random``, one labeller draws
-    all boxes of the picture: round silhouettes, steady, or all of one shape about the body, each as likely, with more
-    or less room left about everybody. Of drawn people silhouettes are their steady boxes.
-    """
-    if convention == "silhouettes":
-        return sightings
-    if convention == "steady":
-        return [_steady(s, thing, camera) for s, thing in zip(sightings, people, strict=True)]
-    kind, aspect, room = rng.integers(3), rng.uniform(*_ASPECT), rng.uniform(0, _ROOM)
-    if kind:
-        sightings = labelled(rng, sightings, people, camera, "steady")
-    return [s and replace(s, box=_drawn(s.box, aspect if kind == 2 else None, room)) for s in sightings]
-
-
-def _drawn(box: FloatArray, aspect: float | None, room: float) -> FloatArray:
-    """``box`` of one shape about its middle, if an ``aspect`` is given, with ``room`` about it."""
-    x1, y1, x2, y2 = box
-    tall = y2 - y1
-    if aspect is not None:
-        x1, x2 = (x1 + x2 - aspect * tall) / 2, (x1 + x2 + aspect * tall) / 2
-    return np.asarray(np.array([x1, y1, x2, y2]) + room * tall * np.array([-1, -1, 1, 1]))
-
-
 def _steady(sighting: Sighting | None, thing: Thing, camera: PinholeCamera) -> Sighting | None:
+    """The sighting of a rendered person with the sides of the whole walk; of drawn ones the silhouette's."""
     if sighting is None or not isinstance(thing.cutout, Standing):
         return sighting
     left, right = thing.cutout.steady_sides(camera)

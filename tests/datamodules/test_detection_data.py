@@ -21,8 +21,7 @@ from tsuiseki.datamodules.detection_data import (
     collate,
 )
 from tsuiseki.datamodules.footage import Footage, Source
-from tsuiseki.datamodules.generated_pictures import write_scene_images
-from tsuiseki.datamodules.scenes.training_pictures import TrainingSettings
+from tsuiseki.datamodules.generated_pictures import write_pictures
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
@@ -126,8 +125,7 @@ def test_shares_say_where_examples_come_from(walker: Path) -> None:
         ("street", {"things": True}),
         ("drone", {"town": True}),
         ("ceiling", {"sprites": "people"}),
-        ("drone", {"boxes": "random"}),
-        ("street", {"motion": 0.5}),
+        ("drone", {"boxes": "steady"}),
     ],
 )
 def test_what_a_scene_does_not_show_is_refused(tmp_path: Path, scene: Any, given: dict[str, Any]) -> None:
@@ -144,11 +142,9 @@ def test_no_sun_shines_where_the_scene_has_none(tmp_path: Path, scene: Any) -> N
         DetectionData([source], [source], height=48, width=64)
 
 
-@pytest.mark.parametrize("name", ["sun", "motion"])
-def test_shares_of_pictures_are_shares(tmp_path: Path, name: str) -> None:
-    given: dict[str, Any] = {name: 1.5}
-    source = Source(str(tmp_path / "generated"), generate=1, scene="varied", **given)
-    with pytest.raises(RequestError, match=rf"expected `{name}` as a share in \[0, 1\], got 1.5"):
+def test_shares_of_pictures_are_shares(tmp_path: Path) -> None:
+    source = Source(str(tmp_path / "generated"), generate=1, scene="varied", sun=1.5)
+    with pytest.raises(RequestError, match=r"expected `sun` as a share in \[0, 1\], got 1.5"):
         DetectionData([source], [source], height=48, width=64)
 
 
@@ -158,11 +154,10 @@ def test_steady_boxes_are_of_rendered_people(tmp_path: Path) -> None:
         DetectionData([source], [source], height=48, width=64)
 
 
-@pytest.mark.parametrize(("scene", "what"), [("varied", "sun"), ("drone", "sun"), ("varied", "motion")])
-def test_pictures_in_sun_or_motion_are_other_pictures_of_the_same_people(tmp_path: Path, scene: Any, what: str) -> None:
+@pytest.mark.parametrize("scene", ["varied", "drone"])
+def test_pictures_in_the_sun_are_other_pictures_of_the_same_people(tmp_path: Path, scene: Any) -> None:
     for name, share in (("without", 0.0), ("with", 1.0)):
-        given: dict[str, Any] = {what: share}
-        source = Source(str(tmp_path / name), generate=2, scene=scene, size=(96, 64), seed=2, **given)
+        source = Source(str(tmp_path / name), generate=2, scene=scene, size=(96, 64), seed=2, sun=share)
         DetectionData([source], [source], height=64, width=96).prepare_data()
     without, changed = (read_ground_truth(tmp_path / name / "gt" / "gt.txt") for name in ("without", "with"))
     np.testing.assert_array_equal(without.boxes, changed.boxes)
@@ -188,7 +183,7 @@ def test_pictures_are_generated_once_and_read_as_any_sequence(tmp_path: Path) ->
 
 def test_hidden_people_are_ignored(tmp_path: Path) -> None:
     folder = tmp_path / "generated"
-    write_scene_images(folder, 4, TrainingSettings(width=96, height=72, person_height=(20, 60)), seed=1)
+    write_pictures(Source(str(folder), generate=4, seed=1), (96, 72))
     truth = read_ground_truth(folder / "gt" / "gt.txt")
     footage = Footage(Source(str(folder), least_visible=0.9))
     ignored = np.concatenate([footage.example(i).ignored for i in range(4)])

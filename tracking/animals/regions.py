@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.animals.pose import AnimalPose, Expected, pose_of
-from tsuiseki.tracking.features.background_difference import Background
-from tsuiseki.tracking.features.region_shape import Shape, shape_of
+from tsuiseki.tracking.features.background_difference import Background, Shape, shape_of
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 # A region of this many usual areas that nobody was expected in holds more than one animal, unless its shape is that of

@@ -10,9 +10,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from tsuiseki.tracking.animals.linking import Animal, AnimalSettings, link_animals
+from tsuiseki.tracking.animals.linking import Animal, link_animals
 from tsuiseki.tracking.animals.pose import AnimalPose, Expected
 from tsuiseki.tracking.animals.regions import find_animals
+from tsuiseki.tracking.animals.settings import AnimalSettings
 from tsuiseki.tracking.features.background_difference import Background
 from tsuiseki.tracking.types import FloatArray, Frame
 

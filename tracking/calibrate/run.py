@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.checkerboard import CheckerboardFit, Coefficients, find_corners, fit_checkerboards
+from tsuiseki.tracking.cameras.calibration import CheckerboardFit, Coefficients, find_corners, fit_checkerboards
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import OutputFile, Shared
 from tsuiseki.tracking.types import FloatArray, Frame

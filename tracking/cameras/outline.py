@@ -18,8 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.distortion import distort
-from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.cameras.projective import PinholeCamera, distort
 from tsuiseki.tracking.types import FloatArray
 
 POINTS_ON_BENT_ELLIPSE = 8

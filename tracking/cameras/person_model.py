@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tsuiseki.tracking.cameras.camera import Camera
+from tsuiseki.tracking.cameras.projective import Camera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.output import whole_file

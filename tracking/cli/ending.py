@@ -33,7 +33,7 @@ def ended(command: Callable[[], int | None]) -> int:
     except RunError as error:
         return complain(error, FAILED)
     except ImportError as error:
-        from tsuiseki.tracking.opencv import explained
+        from tsuiseki.tracking.errors import explained
 
         known = explained(error)
         if known is None:

@@ -273,7 +273,7 @@ def single(
     """
     from tsuiseki.tracking.evaluation.single_table import compare, single_table, single_values
     from tsuiseki.tracking.formats.single import find_single_sequences
-    from tsuiseki.tracking.report.single_plots import save_curves
+    from tsuiseki.tracking.report.plots import save_curves
 
     sequences = find_single_sequences(given.truth, attributes)
     compared = {name: compare(sequences, path, published_precision) for name, path in given.named().items()}

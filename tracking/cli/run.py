@@ -41,7 +41,7 @@ from tsuiseki.tracking.cli.ending import DONE, FAILED, complain, notes, on_signa
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, signal_of
 from tsuiseki.tracking.output import RunRecord, output_folder
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
 
 if TYPE_CHECKING:

@@ -20,7 +20,8 @@ CLIP_FOLDER, THRESHOLD = "drone", 0.4
 
 def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
     """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
-    from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
+    from tsuiseki.datamodules.scenes.clip import write_clip
+    from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import DRONE_METHODS, scored
     from tsuiseki.tracking.drone.models import DroneModels
@@ -32,11 +33,9 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
 
     with output.run() as run:
         with run.times.measure("generate the clip"):
-            clip = write_drone(
-                run.work / CLIP_FOLDER,
-                DroneSceneSettings(frames=frames),
-                output.seed,
-                watch=lambda drawn: run.watched(drawn, "generating", frames),
+            planned = plan_drone(DroneSceneSettings(frames=frames), output.seed)
+            clip = write_clip(
+                run.work / CLIP_FOLDER, planned, watch=lambda drawn: run.watched(drawn, "generating", frames)
             )
         source = open_source(clip)
         models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads))

@@ -56,7 +56,8 @@ def demo(
         return demo_drone(output, frames, threads)
     if assets is not None and not train:
         raise RequestError("`assets`: expected it with `train`, which renders people of it; leave it out otherwise")
-    from tsuiseki.datamodules.scenes.street_clip import StreetSettings, write_street
+    from tsuiseki.datamodules.scenes.clip import write_clip
+    from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import scored, shipped_street, street_inputs, street_trackers
     from tsuiseki.tracking.features.standing_camera import StandingCamera
@@ -68,10 +69,8 @@ def demo(
     with output.run() as run:
         models = make_models(run.work / "models", assets) if train else shipped_street()
         with run.times.measure("generate"):
-            settings = StreetSettings(frames=frames, frame_rate=FRAME_RATE)
-            clip = write_street(
-                run.work / scene, settings, output.seed, watch=lambda drawn: run.watched(drawn, "generating", frames)
-            )
+            planned = plan_street(StreetSettings(frames=frames, frame_rate=FRAME_RATE), output.seed)
+            clip = write_clip(run.work / scene, planned, watch=lambda drawn: run.watched(drawn, "generating", frames))
         source = open_source(clip)
         camera = StandingCamera()
         found = street_inputs(source, models, threads, camera).found(run.frames(source), run.times)

@@ -26,7 +26,7 @@ from tsuiseki.tracking.people.inputs import GivenDetections
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.tracker import FrameLog, shifted
 from tsuiseki.tracking.people.whole_flow import long_tracks
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.types.tracks import ActingTrack

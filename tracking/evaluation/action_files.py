@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.owners import NOBODY, matched_labels
+from tsuiseki.tracking.evaluation.coverage import NOBODY, matched_labels
 from tsuiseki.tracking.evaluation.result_files import result_file, warn_of_other_frames
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
 from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES

@@ -32,8 +32,7 @@ from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, Fl
 from tsuiseki.tracking.people.lifecycle import Record
 from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
-from tsuiseki.tracking.types.floor import FloorDetections
-from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 
 # Side of the square that stands for a person on the floor's plan, metres: distances in heights are then in metres.
 SQUARE = 1.0

@@ -23,10 +23,9 @@ from tsuiseki.tracking.formats.rotated import (
     read_rotated_detections,
     read_rotated_labels,
 )
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame
-from tsuiseki.tracking.types.floor import FloorDetections
-from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import Source, open_source
 

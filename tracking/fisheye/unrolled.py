@@ -17,9 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.cameras.camera import Camera
 from tsuiseki.tracking.cameras.panorama import CylinderView, DownwardView
 from tsuiseki.tracking.cameras.person_model import FloorCamera
+from tsuiseki.tracking.cameras.projective import Camera
 from tsuiseki.tracking.features.exported import Detect, SizedDetect
 from tsuiseki.tracking.fisheye.settings import UnrollingSettings
 from tsuiseki.tracking.geometry import rotated_intersections

@@ -37,7 +37,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from tsuiseki.tracking.interchange import DetectionsLike
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, Targets, Track
 
 

@@ -41,7 +41,7 @@ from tsuiseki.tracking.people.methods import (
 )
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Frame, IntArray, Targets, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.video.source import Source, open_source

@@ -4,7 +4,7 @@ It has three parts, each published on its own:
 
 * where the target is: a filter of the target alone in a wide window (`filters.correlation.regularised_correlation`: Li
   2018, Galoogahi 2017);
-* the colours of its pixels (`likelihoods.pixel_colour`: Bertinetto 2016);
+* the colours of its pixels (`colours.PixelColour`: Bertinetto 2016);
 * how large it is: a filter over sizes (`filters.correlation.scale_filter`: Danelljan 2014).
 
 The response of a place is

@@ -18,6 +18,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.single import find_single_sequences, has_labels
 from tsuiseki.tracking.geometry import corners_from_xywh
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.single.settings import (
     SingleChoice,
     SingleMethod,
@@ -26,7 +27,6 @@ from tsuiseki.tracking.single.settings import (
     warn_if_not_asked,
 )
 from tsuiseki.tracking.single.tracker import SingleTracker, follow_target
-from tsuiseki.tracking.timing import StageTimes
 from tsuiseki.tracking.types import Estimate, FloatArray, Frame, ImageArray, Status
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.video.source import Source, open_source
@@ -177,7 +177,7 @@ def single(
     import numpy as np
 
     from tsuiseki.tracking.formats.single import write_boxes
-    from tsuiseki.tracking.report.single_plots import save_peaks
+    from tsuiseki.tracking.report.plots import save_peaks
     from tsuiseki.tracking.single.page import write_target_overlay
 
     source, labelled = open_single(video.source, video.frames)

@@ -1,4 +1,11 @@
-"""How well each camera's view agrees with positions in space: by outline, background difference or measured pixel."""
+"""How well each camera's view agrees with positions in space: by outline, background difference or measured pixel.
+
+The outline counts by `ContourLikelihood`, ours, or by `PrintedContourLikelihood`, section 2.2.2 of the sphere paper to
+the letter: the likelihood of a particle in one camera is the plain sum, over all angles and radii of the polar image
+around it, of the absolute derivative along r, weighted by a Gaussian around r0. Cameras are multiplied, as 2.2.1 says.
+The weights are "normalised to 0 to 1": either divided by their sum, or scaled from least to greatest (`MinMaxWeights`);
+the paper does not say which.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +13,46 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, TypeAlias
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.cameras.outline import sphere_circles
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.sphere.background import colour_difference
-from tsuiseki.tracking.sphere.likelihood import ContourSettings, outline_support, polar_maps
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.cameras.volume import in_sight
+from tsuiseki.tracking.sphere.outline import ContourSettings, OutlinesOf, outline_sums, outline_support, polar_maps
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+
+
+def colour_difference(
+    camera: PinholeCamera, image: ImageArray, background: ImageArray, points: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """How far the colour at each projected point lies from the background's.
+
+    Args:
+        camera: the camera.
+        image: ``(H, W, 3)`` uint8.
+        background: the same view without anything that moves.
+        points: ``(N, 3)`` metres.
+
+    Returns:
+        ``(N,)`` Euclidean distance of the two colours, [0, 442], and ``(N,)`` bool whether the point is in the image;
+        elsewhere the difference is zero.
+    """
+    pixels, _ = camera.project(points)
+    inside = in_sight(camera, points)
+    maps = np.where(inside[:, None], pixels - 0.5, 0.0).astype(np.float32)[:, None]
+    colours = [
+        cv2.remap(picture, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(-1, 3)
+        for picture in (image, background)
+    ]
+    difference = np.sqrt(np.square(colours[0].astype(np.float64) - colours[1]).sum(axis=1))
+    return np.where(inside, difference, 0.0), inside
+
+
+def median_background(images: list[ImageArray]) -> ImageArray:
+    """The median over time of each pixel: the background of a fixed camera if most of the time nothing covers it."""
+    return np.asarray(np.median(np.stack(images), axis=0), dtype=np.uint8)
 
 
 def beside(count: int = 64, nearest: float = 2.0, farthest: float = 5.0) -> FloatArray:
@@ -44,7 +84,7 @@ class ViewLikelihood(Protocol):
 
 @dataclass(frozen=True)
 class ContourLikelihood:
-    """Section 2.2.2; see `tracking.likelihoods.sphere`.
+    """Section 2.2.2; see `outline`.
 
     Small and blurred outlines have less support than sharp ones, and so has all else in such an image. Where an outline
     is faint the support that says nothing is the mean of that beside the particles, at most ``settings.clutter``.
@@ -133,3 +173,86 @@ class PointLikelihood:
             density = camera.width * camera.height / (2 * np.pi * self.sigma[k] ** 2)
             ratios[:, k] = np.log(density) - 0.5 * np.nan_to_num(square, nan=1e4)
         return np.maximum(ratios, -500.0)
+
+
+@dataclass(frozen=True)
+class PrintedContourLikelihood:
+    """The logarithm of the plain sum, 2.2.2; rays that leave the image add nothing.
+
+    Attributes:
+        cameras: C cameras.
+        radius: of the sphere, metres.
+        settings: of the samples and the Gaussian; `contrast`, `steepness` and `clutter` are not used.
+        outlines_of: where r0 lies: a circle, as printed, or the true ellipse (`sphere_outlines`).
+        power: of the likelihood; 1 as printed.
+    """
+
+    cameras: Sequence[PinholeCamera]
+    radius: float
+    settings: ContourSettings = field(default_factory=ContourSettings)
+    outlines_of: OutlinesOf = sphere_circles
+    power: float = 1.0
+
+    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
+        ratios = np.zeros((len(positions), len(self.cameras)))
+        for k, (camera, image) in enumerate(zip(self.cameras, views, strict=True)):
+            if image is not None:
+                maps = polar_maps(camera, positions, self.radius, self.settings, self.outlines_of)
+                peak, _ = outline_sums(image, maps, self.settings)
+                total = np.where(maps.inside, peak, 0.0).sum(axis=1, dtype=np.float64)
+                ratios[:, k] = self.power * _logarithms(total)
+        return ratios
+
+
+@dataclass(frozen=True)
+class DividedContourLikelihood:
+    """The logarithm of the sum over the rays, each ray's sum divided by that without the Gaussian, plus `contrast`.
+
+    One strong edge weighs no more than a whole weak outline then. Not in the paper; without the exponential of
+    `ContourLikelihood`.
+
+    Attributes:
+        cameras: C cameras.
+        radius: of the sphere, metres.
+        settings: of the samples, the Gaussian and the contrast.
+        outlines_of: where r0 lies.
+    """
+
+    cameras: Sequence[PinholeCamera]
+    radius: float
+    settings: ContourSettings = field(default_factory=ContourSettings)
+    outlines_of: OutlinesOf = sphere_circles
+
+    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
+        ratios = np.zeros((len(positions), len(self.cameras)))
+        for k, (camera, image) in enumerate(zip(self.cameras, views, strict=True)):
+            if image is not None:
+                maps = polar_maps(camera, positions, self.radius, self.settings, self.outlines_of)
+                support, share = outline_support(image, maps, self.settings).T
+                ratios[:, k] = _logarithms(support * share)
+        return ratios
+
+
+@dataclass(frozen=True)
+class MinMaxWeights:
+    """The product over the cameras scaled so that the least of the particles' weights is 0 and the greatest 1.
+
+    Attributes:
+        likelihood: whose product is scaled.
+    """
+
+    likelihood: ViewLikelihood
+
+    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
+        ratios = self.likelihood(positions, views)
+        product = np.exp(ratios.sum(axis=1) - ratios.sum(axis=1).max(initial=-700.0))
+        least, greatest = float(product.min(initial=1.0)), float(product.max(initial=0.0))
+        scaled = np.zeros_like(ratios)
+        # Equal weights stay equal.
+        scaled[:, 0] = _logarithms((product - least) / (greatest - least)) if greatest > least else 0.0
+        return scaled
+
+
+def _logarithms(values: FloatArray) -> FloatArray:
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(values))

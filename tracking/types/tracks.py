@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Status, Track
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Status, Track
 
 
 @dataclass(frozen=True)
@@ -128,3 +128,28 @@ class PointTable:
         if name not in self.nodes:
             raise RequestError(f"expected a point of {', '.join(self.nodes)}, got {name!r}")
         return self.nodes.index(name)
+
+
+@dataclass(frozen=True)
+class FloorDetections:
+    """People found in one frame, and where they stand.
+
+    Attributes:
+        detections: boxes in the image, with features where something described them.
+        rotated: ``(N, 5)`` rotated boxes, see `tsuiseki.tracking.cameras.person_model`.
+        places: ``(N, 2)`` metres.
+    """
+
+    detections: Detections
+    rotated: FloatArray
+    places: FloatArray
+
+    def __post_init__(self) -> None:
+        if self.rotated.shape != (len(self.detections), 5) or self.places.shape != (len(self.detections), 2):
+            raise ValueError(
+                f"expected {len(self.detections)} rotated boxes and places, got shapes {self.rotated.shape} and "
+                f"{self.places.shape}"
+            )
+
+    def __len__(self) -> int:
+        return len(self.detections)

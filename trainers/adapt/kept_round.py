@@ -13,7 +13,7 @@ from tsuiseki.tracking.features.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt.agreement import RoundScores
-from tsuiseki.trainers.adapt.labels import TAKEN, Verdict
+from tsuiseki.trainers.adapt.track_labels import TAKEN, Verdict
 
 _DONE = "round.json"
 _COLUMNS = ("frames", "boxes", "scores", "observed")

@@ -28,8 +28,8 @@ from tsuiseki.trainers.adapt.watch import Watched
 from tsuiseki.trainers.exporting.export import export_onnx, load_module
 from tsuiseki.trainers.exporting.export_detector import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import Layout
-from tsuiseki.trainers.networks.detector import DetectorTraining, detections
 from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
+from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 from tsuiseki.trainers.networks.modules import Optimisation
 
 # A training is saved this many times, so that one that was stopped goes on.

@@ -25,9 +25,9 @@ from tsuiseki.tracking.types import Detections
 from tsuiseki.trainers.adapt.agreement import agreement_held_out, round_scores
 from tsuiseki.trainers.adapt.find import LabelledVideo, find, labelled
 from tsuiseki.trainers.adapt.kept_round import Round, keep_round, kept_round, write_everyone
-from tsuiseki.trainers.adapt.labels import TAKEN, Verdict
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
 from tsuiseki.trainers.adapt.settings import AdaptSettings
+from tsuiseki.trainers.adapt.track_labels import TAKEN, Verdict
 from tsuiseki.trainers.adapt.watch import Camera, Watched
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 

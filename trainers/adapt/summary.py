@@ -13,8 +13,8 @@ from tsuiseki.tracking.report.adapted import AdaptedReport, Compared, example_cr
 from tsuiseki.tracking.types import Detections, ImageArray, Track
 from tsuiseki.trainers.adapt.find import above
 from tsuiseki.trainers.adapt.kept_round import Round
-from tsuiseki.trainers.adapt.labels import SHORT, STILL, TAKEN, TWICE, UNSURE
 from tsuiseki.trainers.adapt.rounds import Adaptation, best_of
+from tsuiseki.trainers.adapt.track_labels import SHORT, STILL, TAKEN, TWICE, UNSURE
 from tsuiseki.trainers.adapt.watch import Watched
 
 _PICTURES, _EXAMPLES = 4, 12

@@ -19,7 +19,7 @@ from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.learnt_costs import CostChanges
 from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
 from tsuiseki.tracking.association.tracklets import MISS_OF_JOIN, MOST_FOR_JOIN, Ends, evidence_of_joins, join_parts
-from tsuiseki.tracking.evaluation.owners import IGNORED, NOBODY, owners_of
+from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, owners_of
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin

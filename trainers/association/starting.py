@@ -12,14 +12,14 @@ import onnx
 import torch
 from torch import Tensor, nn
 
-from tsuiseki.models.association import AppearanceProjection, AssociationNetwork
+from tsuiseki.models.association_network import AppearanceProjection, AssociationNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.trainers.association.graphs import Graphs
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.exported_weights import fold_normalisations, layout_of
-from tsuiseki.trainers.networks.appearance import AppearanceTraining
-from tsuiseki.trainers.networks.detector import DetectorTraining
+from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
+from tsuiseki.trainers.networks.detector_training import DetectorTraining
 
 
 def siamese_of(checkpoint: Path) -> tuple[AppearanceTraining, dict[str, Any]]:

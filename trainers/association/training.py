@@ -14,10 +14,9 @@ from lightning.pytorch.cli import instantiate_module
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
 
-from tsuiseki.models.association import AppearanceProjection, AssociationNetwork
+from tsuiseki.models.association_network import AppearanceProjection, AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import FeatureNames
 from tsuiseki.tracking.association.link_cost import LinkCost
-from tsuiseki.trainers.association.data import AssociationData, TrainingWindow
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, Problem, Solvers, cheapest, finite
 from tsuiseki.trainers.association.graphs import Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import Counts
@@ -25,8 +24,9 @@ from tsuiseki.trainers.association.starting import detector_of, heads_only, netw
 from tsuiseki.trainers.association.window_appearance import contrast_within
 from tsuiseki.trainers.association.window_costs import CostMakers
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss
-from tsuiseki.trainers.networks.appearance import AppearanceTraining
-from tsuiseki.trainers.networks.detector import DetectorTraining
+from tsuiseki.trainers.association.windows import AssociationData, TrainingWindow
+from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
+from tsuiseki.trainers.networks.detector_training import DetectorTraining
 from tsuiseki.trainers.networks.modules import Optimisation, plain_hyperparameters
 
 # Where a checkpoint says how many epochs, and how many steps at most, its training is to have; below 0 for no end.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from tsuiseki.models.association import AssociationNetwork
+from tsuiseki.models.association_network import AssociationNetwork
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
@@ -21,11 +21,11 @@ from tsuiseki.trainers.association.flow_loss import finite
 from tsuiseki.trainers.association.graphs import Graph
 from tsuiseki.trainers.association.window_appearance import averages_of, distances, features_of, repriced
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, rescored, score_logits
-from tsuiseki.trainers.networks.appearance import AppearanceTraining
-from tsuiseki.trainers.networks.detector import DetectorTraining
+from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
+from tsuiseki.trainers.networks.detector_training import DetectorTraining
 
 if TYPE_CHECKING:
-    from tsuiseki.trainers.association.data import TrainingWindow
+    from tsuiseki.trainers.association.windows import TrainingWindow
 
 
 @dataclass(frozen=True)

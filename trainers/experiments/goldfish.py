@@ -17,12 +17,14 @@ from typing import TYPE_CHECKING, TypeAlias
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, write_goldfish
-from tsuiseki.tracking.bodies.body_starts import wide_noise
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
+from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
-from tsuiseki.tracking.bodies.goldfish import Goldfish
 from tsuiseki.tracking.bodies.page import draw_contour
-from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
+from tsuiseki.tracking.bodies.settings import DeformableSettings
+from tsuiseki.tracking.bodies.starts import wide_noise
+from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import ColourRange
 from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk
 from tsuiseki.tracking.filters.motion.learnt import LearntMotion, motion_text
@@ -33,7 +35,6 @@ from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouette
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import open_source
-from tsuiseki.trainers.bodies.motion import learn_motion
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import (
     Bench,
@@ -49,6 +50,7 @@ from tsuiseki.trainers.experiments.study import (
     tabulated,
     with_interval,
 )
+from tsuiseki.trainers.learn_motion import learn_motion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -174,10 +176,14 @@ def reproduce(bench: Bench, seeds: int = 6) -> Outcome:
     return Outcome(values, tables, plots, files, [note])
 
 
+def _write_clip(folder: Path, settings: GoldfishSettings, seed: int) -> Path:
+    return write_clip(folder, plan_goldfish(settings, seed))
+
+
 def clips(store: Store, name: str, counts: Sequence[int]) -> list[Path]:
     """Folders of the clips ``NAME-01`` … of as many fish as ``counts`` says; each is made once."""
     return [
-        store.made(f"{name}-{n + 1:02d}", write_goldfish, GoldfishSettings(fish=fish), FIRST_SEEDS[name] + n)
+        store.made(f"{name}-{n + 1:02d}", _write_clip, GoldfishSettings(fish=fish), FIRST_SEEDS[name] + n)
         for n, fish in enumerate(counts)
     ]
 

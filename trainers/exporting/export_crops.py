@@ -10,8 +10,8 @@ import torch
 from tsuiseki.models.action import StreamProbability
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx, load_module
-from tsuiseki.trainers.networks.action import ActionTraining
-from tsuiseki.trainers.networks.appearance import AppearanceTraining
+from tsuiseki.trainers.networks.action_training import ActionTraining
+from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 
 
 def export_appearance(output: ModelFile, checkpoint: Path) -> float:

@@ -19,9 +19,9 @@ from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.trainers.exporting.export import ModelFile, export_onnx, load_module
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
-from tsuiseki.trainers.networks.detector import DetectorTraining
 from tsuiseki.trainers.networks.detector_labels import calibration_of
 from tsuiseki.trainers.networks.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card
+from tsuiseki.trainers.networks.detector_training import DetectorTraining
 
 OUTPUTS = ("logits", "offsets", "anchors")
 

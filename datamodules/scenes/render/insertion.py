@@ -2,20 +2,45 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.render.ground import dark_ground
 from tsuiseki.datamodules.scenes.render.scene import Picture, Sighting, Thing, compose, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import extents
+from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, extents
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 # Standard deviation of the blur of shadows, pixels.
 SOFTNESS = 1.0
+
+
+@dataclass(frozen=True)
+class _Window:
+    """A part of a camera's image as a camera of its own."""
+
+    camera: RayCamera
+    left: int
+    top: int
+    width: int
+    height: int
+
+    @property
+    def position(self) -> FloatArray:
+        return self.camera.position
+
+    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        pixels, depth = self.camera.project(points)
+        return pixels - [self.left, self.top], depth
+
+    def rays(self, pixels: NDArray[Any]) -> NDArray[Any]:
+        return self.camera.rays(pixels + np.array([self.left, self.top], dtype=pixels.dtype))
 
 
 def draw_things(
@@ -31,25 +56,53 @@ def draw_things(
         samples: rays along each side of a pixel.
     """
     _darken(image, things, camera, light)
-    rects = np.array([_rectangle(thing, camera) for thing in things]).reshape(-1, 4)
+    rects = [extents(thing.solids, camera) for thing in things]
+    rects = [np.concatenate([r[:, :2].min(axis=0), r[:, 2:].max(axis=0)]) for r in rects]
+
+    def below(rows: slice, columns: slice) -> Picture:
+        return empty_picture(np.square(image[rows, columns].astype(np.float32) * np.float32(1 / 255)), samples)
+
+    return draw_clusters(image, things, np.array(rects).reshape(-1, 4), camera, light, below)
+
+
+def draw_clusters(
+    image: ImageArray,
+    things: list[Thing],
+    rects: FloatArray,
+    camera: RayCamera,
+    light: Light,
+    below: Callable[[slice, slice], Picture],
+    exposure: float = 1.0,
+) -> list[Sighting | None]:
+    """Draw ``things`` into ``image``, cluster by cluster, and return what is seen of each (None: nothing).
+
+    Args:
+        image: ``(H, W, 3)`` uint8, light after gamma 2; changed in place.
+        things: to be drawn.
+        rects: ``(N, 4)`` pixels that hold each of them; NaN for what is not drawn.
+        camera: of the picture.
+        light: of the scene.
+        below: gives what is behind the things in rows and columns of the picture.
+        exposure: factor from the scene's light to that of the image.
+    """
     sightings: list[Sighting | None] = [None] * len(things)
-    for window, members in clusters(rects, camera.width, camera.height):
-        x1, y1, x2, y2 = window
-        part = image[y1:y2, x1:x2]
-        below = np.square(part.astype(np.float32) * np.float32(1 / 255))
-        shifted = replace(
-            camera, width=x2 - x1, height=y2 - y1, principal_point=camera.principal_point - np.array([x1, y1])
-        )
-        picture, seen = compose(empty_picture(below, samples), [things[i] for i in members], shifted, light)
-        part[:] = _encoded(picture)
+    for (x1, y1, x2, y2), members in clusters(rects, camera.width, camera.height):
+        rows, columns = slice(y1, y2), slice(x1, x2)
+        window: RayCamera = _Window(camera, x1, y1, x2 - x1, y2 - y1)
+        if isinstance(camera, PinholeCamera):
+            middle = camera.principal_point - np.array([x1, y1])
+            window = replace(camera, width=x2 - x1, height=y2 - y1, principal_point=middle)
+        picture, seen = compose(below(rows, columns), [things[i] for i in members], window, light)
+        image[rows, columns] = encoded(picture.colour, exposure)
         for i, sighting in zip(members, seen, strict=True):
             if sighting is not None:
                 sightings[i] = Sighting(sighting.box + np.array([x1, y1, x1, y1]), sighting.visibility)
     return sightings
 
 
-def _encoded(picture: Picture) -> ImageArray:
-    return np.asarray(255 * np.sqrt(np.clip(picture.colour, 0, 1)) + 0.5).astype(np.uint8)
+def encoded(colour: Float32, exposure: float = 1.0) -> ImageArray:
+    """Linear light ``(H, W, 3)`` times ``exposure`` as an image with gamma 2."""
+    return np.asarray(255 * np.sqrt(np.clip(colour * np.float32(exposure), 0, 1)) + 0.5).astype(np.uint8)
 
 
 def _darken(image: ImageArray, things: list[Thing], camera: PinholeCamera, light: Light) -> None:
@@ -59,12 +112,6 @@ def _darken(image: ImageArray, things: list[Thing], camera: PinholeCamera, light
         part = slice(int(rows[0]), int(rows[-1]) + 1)
         factor = cv2.merge([kept[part]] * 3)
         image[part] = cv2.multiply(image[part], factor, dtype=cv2.CV_8U)
-
-
-def _rectangle(thing: Thing, camera: PinholeCamera) -> FloatArray:
-    """``(4,)`` pixels that surely hold ``thing``; NaN where it is not wholly before the camera."""
-    rects = extents(thing.solids, camera)
-    return np.concatenate([rects[:, :2].min(axis=0), rects[:, 2:].max(axis=0)])
 
 
 def clusters(rects: FloatArray, width: int, height: int) -> list[tuple[tuple[int, int, int, int], IntArray]]:

@@ -60,13 +60,11 @@ class Picture:
         colour: ``(H, W, 3)`` linear light.
         distance: ``(H * samples, W * samples)`` metres to what stands there, infinite for ground and sky.
         samples: subpixels along each side of a pixel.
-        owner: likewise the index among the things of the last `compose`, -1 where none of them is seen.
     """
 
     colour: Float32
     distance: Float32
     samples: int
-    owner: Owner
 
     @property
     def open_ground(self) -> Float32:
@@ -78,7 +76,7 @@ def empty_picture(colour: Float32, samples: int) -> Picture:
     """``colour`` ``(H, W, 3)`` with nothing in it yet."""
     height, width = colour.shape[:2]
     fine = (height * samples, width * samples)
-    return Picture(colour, np.full(fine, np.inf, dtype=np.float32), samples, np.full(fine, -1, dtype=np.int16))
+    return Picture(colour, np.full(fine, np.inf, dtype=np.float32), samples)
 
 
 def compose(
@@ -113,7 +111,7 @@ def compose(
         shown = traced[index]
         count = _draw(added, owner, index, thing, layer, camera, samples, light, shown[1] if shown else None)
         sightings.append(Sighting(silhouette_box(layer, samples), count / max(int(layer.mask.sum()), 1)))
-    return Picture(added, distance, samples, owner), sightings
+    return Picture(added, distance, samples), sightings
 
 
 def _draw(

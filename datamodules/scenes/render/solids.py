@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.cameras.camera import Camera
+from tsuiseki.tracking.cameras.projective import Camera
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
 Float32 = NDArray[np.float32]

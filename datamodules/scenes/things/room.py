@@ -1,4 +1,4 @@
-"""A textured room seen from inside: floor, walls and furniture, drawn once for each fixed camera."""
+"""Textured rooms seen from inside: floor, walls and furniture, drawn once for each fixed camera."""
 
 from __future__ import annotations
 
@@ -26,104 +26,8 @@ from tsuiseki.datamodules.scenes.render.solids import (
 )
 from tsuiseki.tracking.types import FloatArray
 
-HALF_SIZE = (6.5, 6.5)
-HEIGHT = 3.4
-FLOOR, CEILING = 4, 5
-
-# Colours (sRGB), pattern and its period in metres of the walls x+, x-, y+, y-, of the floor and of the ceiling.
-SURFACES: tuple[tuple[tuple[float, float, float], tuple[float, float, float], int, float], ...] = (
-    ((0.72, 0.70, 0.64), (0.58, 0.60, 0.62), CLOUDS, 1.6),
-    ((0.62, 0.66, 0.70), (0.76, 0.74, 0.70), STRIPES_ALONG, 0.9),
-    ((0.70, 0.62, 0.54), (0.50, 0.42, 0.36), BRICKS, 0.35),
-    ((0.66, 0.70, 0.62), (0.56, 0.58, 0.52), STRIPES_ACROSS, 1.1),
-    ((0.60, 0.52, 0.42), (0.48, 0.40, 0.32), CHECKS, 1.2),
-    ((0.85, 0.85, 0.84), (0.80, 0.80, 0.80), PLAIN, 1.0),
-)
-GRAIN = 0.25
-
-
-@dataclass(frozen=True)
-class Room:
-    """What a fixed camera sees of the empty room.
-
-    Attributes:
-        picture: with the furniture in it.
-        direct: ``(H, W, 3)`` the part of the light on the floor that a shadow takes away, linear.
-    """
-
-    picture: Picture
-    direct: Float32
-
-
-def draw_room(camera: RayCamera, light: Light, furniture: list[Thing], samples: int) -> Room:
-    """The empty room around the world's origin, with ``samples`` by ``samples`` rays a pixel."""
-    width, height = camera.width * samples, camera.height * samples
-    rays = ray_grid(camera, samples, 0, 0, width, height).reshape(3, -1)
-    distance, face = _walls(rays, camera.position.astype(np.float32))
-    points = camera.position.astype(np.float32)[:, None] + rays * distance
-    albedo = _sides_albedo(points, face)
-    upward = (face == FLOOR).astype(np.float32)
-    normals = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float32)
-    ambient = 0.5 * (1 + normals[face, 2:]) * light.sky + 0.5 * (1 - normals[face, 2:]) * light.ground
-    facing = np.maximum(normals @ light.direction, 0)[face][:, None] * light.sun
-    colour = _by_pixel(albedo * (ambient + facing), camera, samples)
-    direct = _by_pixel(albedo * facing * upward[:, None], camera, samples)
-    shade = shadows(furniture, camera, light.direction, softness=2.0)
-    picture, _ = compose(empty_picture(colour - direct * shade[:, :, None], samples), furniture, camera, light)
-    # Shadows of what moves must not darken furniture, nor the floor where it is dark already.
-    return Room(picture, direct * (picture.open_ground * (1 - shade))[:, :, None])
-
-
-def furniture_around(rng: np.random.Generator, pieces: int = 7) -> list[Thing]:
-    """Boxes along the walls, in several colours and patterns."""
-    angle = rng.permutation(pieces) * (2 * np.pi / pieces) + rng.uniform(-0.2, 0.2, pieces)
-    size = np.stack([rng.uniform(0.25, 0.7, pieces), rng.uniform(0.2, 0.4, pieces), rng.uniform(0.3, 1.0, pieces)], 1)
-    reach = np.minimum(5.9 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle))), 7.0)
-    centre = np.stack([reach * np.cos(angle), reach * np.sin(angle), size[:, 2]], axis=1)
-    surfaces = Surfaces()
-    for _ in range(pieces):
-        first, second = rng.uniform(0.2, 0.85, (2, 3))
-        pattern = int(rng.choice([PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, CLOUDS]))
-        colours = [(float(c[0]), float(c[1]), float(c[2])) for c in (first, second)]
-        surfaces.add(colours[0], colours[1], pattern, float(rng.uniform(0.2, 0.6)), 0.05, phase=float(rng.random()))
-    return [Thing(boxes(centre, size, angle + np.pi / 2, surfaces))]
-
-
-def _walls(rays: Float32, origin: Float32) -> tuple[Float32, np.ndarray[tuple[int, ...], np.dtype[np.int64]]]:
-    """Distances ``(N,)`` to the walls along rays ``(3, N)`` from inside, and which wall it is."""
-    planes = np.array([HALF_SIZE[0], -HALF_SIZE[0], HALF_SIZE[1], -HALF_SIZE[1], 0.0, HEIGHT], dtype=np.float32)
-    axis = [0, 0, 1, 1, 2, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        reach = (planes - origin[axis])[:, None] / rays[axis]
-    reach = np.where(reach > 1e-6, reach, np.float32(np.inf))
-    face = reach.argmin(axis=0)
-    return reach.min(axis=0), face
-
-
-def _sides_albedo(points: Float32, face: np.ndarray[tuple[int, ...], np.dtype[np.int64]]) -> Float32:
-    """Linear reflectances ``(N, 3)`` of points ``(3, N)`` on the walls."""
-    colour = np.empty((points.shape[1], 3), dtype=np.float32)
-    for code, (first, second, pattern, period) in enumerate(SURFACES):
-        at = face == code
-        if not at.any():
-            continue
-        x, y, z = points[:, at]
-        u, v = (x, y) if code in (FLOOR, CEILING) else (y, z) if code < 2 else (x, z)
-        ones = np.ones(len(u), dtype=np.float32)
-        mix = 0 * ones if pattern == PLAIN else pattern_value(pattern, u, v, period * ones, 0.3 * ones)
-        base = np.square(np.array([first, second], dtype=np.float32))
-        grain = 1 + np.float32(GRAIN) * (noise_at(u * 60, v * 60) + noise_at(u * 13 + 91, v * 13) - 1)
-        colour[at] = (base[0] + mix[:, None] * (base[1] - base[0])) * grain[:, None]
-    return colour
-
-
-def _by_pixel(fine: Float32, camera: RayCamera, samples: int) -> Float32:
-    """Means over each pixel's subpixels of ``(H * W * samples^2, 3)`` values."""
-    image = fine.astype(np.float32).reshape(camera.height * samples, camera.width * samples, 3)
-    return np.asarray(cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA))
-
-
 Colour = tuple[float, float, float]
+Corner = tuple[float, float, float]
 FLOORS = (PLAIN, CHECKS, STRIPES_ACROSS, STRIPES_ALONG, CLOUDS, SPECKLE)
 WALLS = (PLAIN, PLAIN, CLOUDS, STRIPES_ALONG, BRICKS)
 # Rows of the picture that are drawn at a time, so that memory stays small.
@@ -142,11 +46,28 @@ class Surface:
 
 @dataclass(frozen=True)
 class Shell:
-    """The room's box from (0, 0, 0) to ``size`` ``(3,)`` metres, with surfaces x-, x+, y-, y+, floor, ceiling."""
+    """The room's box between two corners, metres, with surfaces x-, x+, y-, y+, floor, ceiling, and their grain."""
 
-    size: FloatArray
+    low: Corner
+    high: Corner
     surfaces: tuple[Surface, ...]
     grain: float
+
+
+HALL = Shell(
+    (-6.5, -6.5, 0.0),
+    (6.5, 6.5, 3.4),
+    (
+        Surface((0.62, 0.66, 0.70), (0.76, 0.74, 0.70), STRIPES_ALONG, 0.9),
+        Surface((0.72, 0.70, 0.64), (0.58, 0.60, 0.62), CLOUDS, 1.6),
+        Surface((0.66, 0.70, 0.62), (0.56, 0.58, 0.52), STRIPES_ACROSS, 1.1),
+        Surface((0.70, 0.62, 0.54), (0.50, 0.42, 0.36), BRICKS, 0.35),
+        Surface((0.60, 0.52, 0.42), (0.48, 0.40, 0.32), CHECKS, 1.2),
+        Surface((0.85, 0.85, 0.84), (0.80, 0.80, 0.80), PLAIN, 1.0),
+    ),
+    0.25,
+)
+"""The room of the sphere paper's clips, about the world's origin."""
 
 
 def random_shell(rng: np.random.Generator, size: FloatArray) -> Shell:
@@ -159,7 +80,7 @@ def random_shell(rng: np.random.Generator, size: FloatArray) -> Shell:
     first = _muted(rng, 0.2, 0.75)
     floor = Surface(first, _beside(rng, first), int(rng.choice(FLOORS)), float(rng.uniform(0.3, 1.6)))
     ceiling = Surface((0.85, 0.85, 0.84), (0.8, 0.8, 0.8), PLAIN, 1.0)
-    return Shell(np.asarray(size, dtype=np.float64), (*sides, floor, ceiling), float(rng.uniform(0.05, 0.3)))
+    return Shell((0.0, 0.0, 0.0), tuple(size.tolist()), (*sides, floor, ceiling), float(rng.uniform(0.05, 0.3)))
 
 
 def _muted(rng: np.random.Generator, low: float, high: float) -> Colour:
@@ -198,29 +119,67 @@ def random_furniture(rng: np.random.Generator, size: FloatArray, pieces: int) ->
     return things, np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
+def hall_furniture(rng: np.random.Generator, pieces: int = 7) -> list[Thing]:
+    """Boxes along the walls of `HALL`, in several colours and patterns."""
+    angle = rng.permutation(pieces) * (2 * np.pi / pieces) + rng.uniform(-0.2, 0.2, pieces)
+    size = np.stack([rng.uniform(0.25, 0.7, pieces), rng.uniform(0.2, 0.4, pieces), rng.uniform(0.3, 1.0, pieces)], 1)
+    reach = np.minimum(5.9 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle))), 7.0)
+    centre = np.stack([reach * np.cos(angle), reach * np.sin(angle), size[:, 2]], axis=1)
+    surfaces = Surfaces()
+    for _ in range(pieces):
+        first, second = rng.uniform(0.2, 0.85, (2, 3))
+        pattern = int(rng.choice([PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, CLOUDS]))
+        colours = [(float(c[0]), float(c[1]), float(c[2])) for c in (first, second)]
+        surfaces.add(colours[0], colours[1], pattern, float(rng.uniform(0.2, 0.6)), 0.05, phase=float(rng.random()))
+    return [Thing(boxes(centre, size, angle + np.pi / 2, surfaces))]
+
+
+def draw_hall(camera: RayCamera, light: Light, furniture: list[Thing], samples: int) -> tuple[Picture, Float32]:
+    """`HALL` as `draw_shell` draws a room."""
+    rays = ray_grid(camera, samples, 0, 0, camera.width * samples, camera.height * samples)
+    albedo, ambient, facing, floor = _lit(HALL, camera.position.astype(np.float32), rays.reshape(3, -1), light)
+    colour = _by_pixel(albedo * (ambient + facing), rays.shape[1:], samples)
+    return _furnished(colour, _by_pixel(albedo * facing * floor, rays.shape[1:], samples), camera, light, furniture,
+                      samples)  # fmt: skip
+
+
 def draw_shell(
     shell: Shell, camera: RayCamera, light: Light, furniture: list[Thing], samples: int
 ) -> tuple[Picture, Float32]:
     """The empty room, and ``(H, W, 3)`` the light on the floor that a shadow would take away, linear."""
-    colour = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
-    direct = np.zeros_like(colour)
+    bands = []
     for top in range(0, camera.height, BAND):
         bottom = min(top + BAND, camera.height)
-        shape = ((bottom - top) * samples, camera.width * samples)
-        rays = ray_grid(camera, samples, 0, top * samples, camera.width * samples, bottom * samples).reshape(3, -1)
-        lit, floor = _lit(shell, camera.position.astype(np.float32), rays, light)
-        for target, values in ((colour, lit), (direct, floor)):
-            fine = values.reshape(*shape, 3)
-            target[top:bottom] = cv2.resize(fine, (camera.width, bottom - top), interpolation=cv2.INTER_AREA)
+        rays = ray_grid(camera, samples, 0, top * samples, camera.width * samples, bottom * samples)
+        albedo, ambient, facing, floor = _lit(shell, camera.position.astype(np.float32), rays.reshape(3, -1), light)
+        lamps = albedo * facing
+        bands.append([_by_pixel(v, rays.shape[1:], samples) for v in (albedo * ambient + lamps, lamps * floor)])
+    colour, direct = (np.concatenate(part) for part in zip(*bands, strict=True))
+    return _furnished(colour, direct, camera, light, furniture, samples)
+
+
+def _furnished(
+    colour: Float32, direct: Float32, camera: RayCamera, light: Light, furniture: list[Thing], samples: int
+) -> tuple[Picture, Float32]:
+    """The room with furniture; shadows of what moves must not darken furniture, nor the floor where it is dark."""
     shade = shadows(furniture, camera, light.direction, softness=2.0)
     picture, _ = compose(empty_picture(colour - direct * shade[:, :, None], samples), furniture, camera, light)
     return picture, direct * (picture.open_ground * (1 - shade))[:, :, None]
 
 
-def _lit(shell: Shell, origin: Float32, rays: Float32, light: Light) -> tuple[Float32, Float32]:
-    """Linear light ``(N, 3)`` from the walls along rays ``(3, N)``, black for NaN, and the lamps' part on the floor."""
-    far = shell.size.astype(np.float32)
-    planes = np.array([0, far[0], 0, far[1], 0, far[2]], dtype=np.float32)
+def _by_pixel(fine: Float32, shape: tuple[int, ...], samples: int) -> Float32:
+    """Means over each pixel's subpixels of values ``(N, 3)`` on a grid of ``shape``."""
+    image = fine.astype(np.float32).reshape(*shape, 3)
+    size = shape[1] // samples, shape[0] // samples
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
+def _lit(shell: Shell, origin: Float32, rays: Float32, light: Light) -> tuple[Float32, Float32, Float32, Float32]:
+    """What rays ``(3, N)`` meet: reflectance, black for NaN, light from all about, light of lamps, each ``(N, 3)``.
+
+    Last is ``(N, 1)`` whether it is the floor.
+    """
+    planes = np.array([end for ends in zip(shell.low, shell.high, strict=True) for end in ends], dtype=np.float32)
     axis = [0, 0, 1, 1, 2, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = (planes - origin[axis])[:, None] / rays[axis]
@@ -233,8 +192,7 @@ def _lit(shell: Shell, origin: Float32, rays: Float32, light: Light) -> tuple[Fl
     normals = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float32)
     ambient = 0.5 * (1 + normals[:, 2:]) * light.sky + 0.5 * (1 - normals[:, 2:]) * light.ground
     facing = np.maximum(normals @ light.direction, 0)[:, None] * light.sun
-    lamps = albedo * facing[face]
-    return albedo * ambient[face] + lamps, lamps * (face == 4)[:, None]
+    return albedo, ambient[face], facing[face], (face == 4)[:, None].astype(np.float32)
 
 
 def _albedo(shell: Shell, points: Float32, face: NDArray[np.int64]) -> Float32:

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.bouncing_clip import WALL, BouncingBallSettings, ball_frames, plan_balls
-from tsuiseki.tracking.bodies.ball import Ball
+from tsuiseki.datamodules.scenes.bouncing_clip import DIAMETER, GRAVITY, WALL, BouncingBallSettings, plan_balls
+from tsuiseki.tracking.bodies.body import Ball
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.silhouettes import silhouette_of
 
@@ -16,7 +16,7 @@ SETTINGS = BouncingBallSettings(frames=300, balls=2)
 
 @pytest.fixture(scope="module")
 def ways():
-    return plan_balls(SETTINGS, np.random.default_rng(4))
+    return plan_balls(SETTINGS, 4).states
 
 
 def reach_beyond_walls(centres, radius):
@@ -29,7 +29,7 @@ def reach_beyond_walls(centres, radius):
 
 
 def test_a_touching_ball_just_fits_before_its_wall(ways):
-    radius = SETTINGS.diameter / 2
+    radius = DIAMETER / 2
     depth, direction = reach_beyond_walls(ways[..., :2], radius)
     touching = depth > 3.0  # more than a step of the simulation moves
     assert touching.sum() > 10
@@ -39,7 +39,7 @@ def test_a_touching_ball_just_fits_before_its_wall(ways):
 
 
 def test_a_free_ball_is_round_and_never_turns(ways):
-    depth, _ = reach_beyond_walls(ways[..., :2], SETTINGS.diameter / 2)
+    depth, _ = reach_beyond_walls(ways[..., :2], DIAMETER / 2)
     free = (depth[1:] < -20) & (depth[:-1] < -20)
     assert free.sum() > 100
     assert np.all(np.diff(ways[..., 2], axis=0)[free] == 0)
@@ -48,10 +48,10 @@ def test_a_free_ball_is_round_and_never_turns(ways):
 
 
 def test_gravity_alone_accelerates_a_free_ball(ways):
-    depth, _ = reach_beyond_walls(ways[..., :2], SETTINGS.diameter / 2)
+    depth, _ = reach_beyond_walls(ways[..., :2], DIAMETER / 2)
     free = (depth[2:] < -5) & (depth[1:-1] < -5) & (depth[:-2] < -5)
     bend = np.diff(ways[..., :2], n=2, axis=0)[free]
-    assert bend == pytest.approx(np.tile([0, SETTINGS.gravity / SETTINGS.frame_rate**2], (len(bend), 1)), abs=1e-6)
+    assert bend == pytest.approx(np.tile([0, GRAVITY / SETTINGS.frame_rate**2], (len(bend), 1)), abs=1e-6)
 
 
 def test_balls_never_gain_energy(ways):
@@ -59,16 +59,15 @@ def test_balls_never_gain_energy(ways):
     for k in range(2):
         energy = 0.5 * (np.diff(ways[:, k, :2], axis=0) * SETTINGS.frame_rate) ** 2
         height = SETTINGS.height - ways[1:, k, 1]
-        total = energy.sum(axis=1) + SETTINGS.gravity * height
-        depth, _ = reach_beyond_walls(ways[1:, k, :2], SETTINGS.diameter / 2)
+        total = energy.sum(axis=1) + GRAVITY * height
+        depth, _ = reach_beyond_walls(ways[1:, k, :2], DIAMETER / 2)
         free = total[depth < -25]
         assert free.max() < 1.08 * free[:5].mean()  # an explicit step of 1/240 s adds a little against a stiff wall
 
 
 def test_the_body_fits_the_drawing():
-    frames = list(ball_frames(BouncingBallSettings(frames=60), seed=3))
-    assert len(frames) == 60
-    for frame in frames[::4]:
+    clip = plan_balls(BouncingBallSettings(frames=60), seed=3)
+    for frame in (clip.draw_frame(number) for number in range(0, 60, 4)):
         own = silhouette_of(frame.silhouettes, 1).astype(np.uint8) * 255
         distance = cv2.distanceTransform(255 - cv2.Canny(own, 100, 200), cv2.DIST_L2, 5)
         at = np.clip(np.floor(Ball().contour(frame.states)[0]).astype(int), 0, [639, 479])

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.action_crops import action_sequences
+from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.drone_clip import (
     MOTIONS,
     DroneSceneSettings,
     Viewpoint,
-    draw_flight,
     fly,
-    plan_flight,
-    write_drone,
+    plan_drone,
 )
 from tsuiseki.datamodules.scenes.people.activities import LEFT, RIGHT, drinking, lying, reach, running, sip, sitting
 from tsuiseki.datamodules.scenes.people.body import Build, Manner, Pose, place
@@ -35,7 +34,7 @@ SMALL = DroneSceneSettings(width=320, height=180, frames=6, people=4, clutter=1)
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
-    return write_drone(tmp_path_factory.mktemp("drone") / "clip", SMALL, seed=3)
+    return write_clip(tmp_path_factory.mktemp("drone") / "clip", plan_drone(SMALL, 3))
 
 
 def test_a_clip_is_a_sequence_with_actions(clip):
@@ -54,7 +53,7 @@ def test_a_clip_is_a_sequence_with_actions(clip):
 
 def test_okutama_layout_holds_the_same_labels(clip, tmp_path):
     (tmp_path / "set").mkdir()
-    folder = write_drone(tmp_path / "set", SMALL, seed=3, layout="okutama")
+    folder = write_clip(tmp_path / "set", plan_drone(replace(SMALL, layout="okutama"), 3))
     (published,), (generated,) = action_sequences(folder), action_sequences(clip)
     assert published.name == "1.1.1"
     assert published.files[5].name == "5.jpg"
@@ -63,35 +62,35 @@ def test_okutama_layout_holds_the_same_labels(clip, tmp_path):
 
 
 def test_the_same_seed_makes_the_same_clip(clip):
-    flight = plan_flight(SMALL, 3)
-    image, truth = draw_flight(flight, 4)
-    again, _ = draw_flight(plan_flight(SMALL, 3), 4)
+    flight = plan_drone(SMALL, 3)
+    image, truth = flight.draw_frame(4)
+    again, _ = plan_drone(SMALL, 3).draw_frame(4)
     np.testing.assert_array_equal(image, again)
     rows = read_ground_truth(clip / "gt" / "gt.txt").between(4, 4)
-    np.testing.assert_allclose(truth.people.boxes, rows.boxes, atol=1e-3)
-    other, _ = draw_flight(plan_flight(SMALL, 4), 4)
+    np.testing.assert_allclose(truth.boxes, rows.boxes, atol=1e-3)
+    other, _ = plan_drone(SMALL, 4).draw_frame(4)
     assert np.abs(image.astype(int) - other).mean() > 5
 
 
 def test_a_hard_sun_changes_the_light_and_nothing_else():
-    plain, sunny = (plan_flight(replace(SMALL, sun=sun), 3) for sun in (0.0, 1.0))
+    plain, sunny = (plan_drone(replace(SMALL, sun=sun), 3) for sun in (0.0, 1.0))
     shade, light = (
         f.light.sky.mean() / (f.light.sky + f.light.sun * f.light.direction[2]).mean() for f in (plain, sunny)
     )
     assert light < 0.35 < shade
-    before, after = (draw_flight(flight, 4) for flight in (plain, sunny))
-    np.testing.assert_array_equal(before[1].people.boxes, after[1].people.boxes)
+    before, after = (flight.draw_frame(4) for flight in (plain, sunny))
+    np.testing.assert_array_equal(before[1].boxes, after[1].boxes)
     assert np.abs(before[0].astype(int) - after[0]).mean() > 1
 
 
 def test_everybody_in_view_is_visible_in_its_box():
     settings = replace(SMALL, people=1, clutter=0, noise=0.0, shutter=0.0, camera="still", blur=0.0)
-    flight = plan_flight(settings, 5)
-    image, truth = draw_flight(flight, 0)
-    empty, _ = draw_flight(replace(flight, gathering=replace(flight.gathering, performers=[])), 0)
+    flight = plan_drone(settings, 5)
+    image, truth = flight.draw_frame(0)
+    empty, _ = replace(flight, gathering=replace(flight.gathering, performers=[])).draw_frame(0)
     changed = np.abs(image.astype(int) - empty).max(axis=2) > 40
     rows, columns = np.nonzero(changed)
-    x1, y1, x2, y2 = truth.people.boxes[0]
+    x1, y1, x2, y2 = truth.boxes[0]
     inside = (columns >= x1 - 1) & (columns < x2 + 1) & (rows >= y1 - 1) & (rows < y2 + 1)
     assert inside.sum() > 0.15 * (x2 - x1) * (y2 - y1)
 
@@ -152,7 +151,7 @@ def test_stronger_motion_moves_the_picture_more():
 
 
 def test_the_ground_moves_as_its_homography_says():
-    flight = plan_flight(replace(SMALL, camera="calm", frames=30), 6)
+    flight = plan_drone(replace(SMALL, camera="calm", frames=30), 6)
     first, second = flight.cameras[0], flight.cameras[29]
     before, after = look_down(flight.ground, first), look_down(flight.ground, second)
     shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])
@@ -179,7 +178,8 @@ def test_clusters_do_not_touch_and_hold_everything_in_view():
 
 
 @pytest.mark.parametrize(
-    "change", [{"altitude": (1.0, 20.0)}, {"tilt": (20.0, 60.0)}, {"people": 0}, {"width": 10}, {"jpeg": 0}, {"sun": 2}]
+    "change",
+    [{"altitude": (1.0, 20.0)}, {"tilt": (20.0, 60.0)}, {"people": 0}, {"width": 10}, {"blur": -1.0}, {"sun": 2}],
 )
 def test_settings_out_of_range_are_refused(change):
     with pytest.raises(RequestError, match="drone clip: expected"):

@@ -8,9 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.fish_motion import Swimming, swim
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_frames, write_goldfish
-from tsuiseki.tracking.bodies.goldfish import Goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
+from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_states import read_states
 from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes, silhouette_of
@@ -19,9 +20,14 @@ from tsuiseki.tracking.video.source import open_source
 SHORT = GoldfishSettings(frames=12, fish=3)
 
 
+def drawn(settings, seed):
+    clip = plan_goldfish(settings, seed)
+    return [clip.draw_frame(number) for number in range(settings.frames)]
+
+
 @pytest.fixture(scope="module")
 def clip():
-    return list(goldfish_frames(replace(SHORT, size_spread=0.0), seed=5))
+    return drawn(replace(SHORT, size_spread=0.0), seed=5)
 
 
 def test_contours_of_exact_states_lie_on_the_drawn_outlines(clip):
@@ -58,7 +64,7 @@ def test_fish_are_orange_on_green_and_the_water_moves(clip):
 
 def test_same_seed_same_clip_and_another_seed_another():
     settings = replace(SHORT, frames=2)
-    one, same, other = (list(goldfish_frames(settings, seed)) for seed in (1, 1, 2))
+    one, same, other = (drawn(settings, seed) for seed in (1, 1, 2))
     for a, b in zip(one, same, strict=True):
         assert np.array_equal(a.image, b.image)
         assert np.array_equal(a.states, b.states)
@@ -77,7 +83,7 @@ def body_fixed(states):
 
 @pytest.fixture(scope="module")
 def ways():
-    return [swim(150, 15.0, (640, 480), Swimming(), np.random.default_rng(seed)) for seed in range(8)]
+    return [swim(150, 15.0, (640, 480), np.random.default_rng(seed)) for seed in range(8)]
 
 
 def test_fish_swim_forwards_and_stay_in_the_tank(ways):
@@ -101,15 +107,15 @@ def test_bend_drives_motion(ways):
 
 def test_a_fish_without_a_beat_only_glides():
     calm = Swimming(bursts=0.0, glides=1.0, lively=0.0)
-    driven = swim(150, 15.0, (640, 480), Swimming(lively=0.0), np.random.default_rng(3))
-    gliding = swim(150, 15.0, (640, 480), calm, np.random.default_rng(3))
+    driven = swim(150, 15.0, (640, 480), np.random.default_rng(3), Swimming(lively=0.0))
+    gliding = swim(150, 15.0, (640, 480), np.random.default_rng(3), calm)
     assert body_fixed(gliding)[60:, 0].mean() < 0.5 * body_fixed(driven)[60:, 0].mean()
 
 
 def test_clips_on_disk(tmp_path):
     settings = replace(SHORT, frames=3)
-    folder = write_goldfish(tmp_path / "clip", settings, seed=5)
-    frames = list(goldfish_frames(settings, seed=5))
+    folder = write_clip(tmp_path / "clip", plan_goldfish(settings, 5))
+    frames = drawn(settings, seed=5)
     source = open_source(folder)
     assert (source.frame_rate, source.length) == (15.0, 3)
     image = next(iter(source.frames())).image

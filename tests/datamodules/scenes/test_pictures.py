@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tsuiseki.datamodules.scenes.clip import people_in_view
 from tsuiseki.datamodules.scenes.people.look import look_alike, random_look
 from tsuiseki.datamodules.scenes.people.person import paste, render_person_sprite
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, by_night, degrade
@@ -14,7 +15,6 @@ from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_l
 from tsuiseki.datamodules.scenes.training_pictures import (
     TrainingSettings,
     random_training_scene,
-    seen_boxes,
     varied_settings,
 )
 from tsuiseki.tracking.errors import RequestError
@@ -173,11 +173,12 @@ def test_whose_box_lies_outside_though_an_arm_is_seen_is_left_out() -> None:
     within, beside, unseen = (
         Sighting(np.array([x, 5.0, x + 10, 30.0]), share) for x, share in ((-4, 0.5), (-11, 0.1), (40, 0.0))
     )
-    boxes, visibility = seen_boxes([within, None, beside, unseen], 60, 40)
-    assert boxes.tolist() == [[0, 5, 6, 30]]
-    assert visibility.tolist() == [0.5]
+    truth, rows = people_in_view([within, None, beside, unseen], (60, 40), 1e-9, 0.0)
+    assert truth.boxes.tolist() == [[0, 5, 6, 30]]
+    assert truth.visibility.tolist() == [0.5]
+    assert rows.tolist() == [0]
 
 
 def test_an_unknown_way_to_draw_boxes_is_refused() -> None:
-    with pytest.raises(RequestError, match="expected boxes as one of silhouettes, steady, random, got 'stedy'"):
+    with pytest.raises(RequestError, match="expected boxes as one of silhouettes, steady, got 'stedy'"):
         TrainingSettings(boxes="stedy")  # type: ignore[arg-type]

@@ -1,15 +1,15 @@
 """The ball's film: the truth is where the picture shows the ball."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.sphere_clip import (
     CarriedBallSettings,
     Cover,
-    backgrounds,
     ball_cameras,
-    film,
-    make_scene,
+    plan_sphere,
 )
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 
@@ -18,17 +18,17 @@ SEED = 1
 
 @pytest.fixture(scope="module")
 def scene():
-    return make_scene(CarriedBallSettings(frames=3, samples=2, noise=0.0), SEED)
+    return plan_sphere(CarriedBallSettings(frames=3, samples=2, noise=0.0), SEED)
 
 
 @pytest.fixture(scope="module")
 def images(scene):
-    return list(film(scene, SEED))
+    return [images for images, _ in scene.frames()]
 
 
 def test_cameras_are_those_of_the_experiment():
     cameras = ball_cameras(6)
-    truth = make_scene(CarriedBallSettings(frames=100, samples=1), SEED).truth
+    truth = plan_sphere(CarriedBallSettings(frames=100, samples=1), SEED).truth
     assert len(cameras) == 6
     for camera in cameras:
         assert (camera.width, camera.height) == (800, 600)
@@ -41,7 +41,7 @@ def test_cameras_are_those_of_the_experiment():
 
 def test_the_ball_is_drawn_within_its_true_outline(scene, images):
     # Inside the outline lies the ball (or the hand that holds it), not the room: nearly every pixel differs.
-    empty = backgrounds(scene, SEED)
+    empty = scene.backgrounds()
     for k, camera in enumerate(scene.cameras):
         outline = sphere_outlines(camera, scene.truth[:1], scene.settings.radius)
         centre, reach = outline.middle[0], np.linalg.norm(outline.second[0])
@@ -52,7 +52,7 @@ def test_the_ball_is_drawn_within_its_true_outline(scene, images):
 
 
 def test_the_person_is_in_view_besides_the_ball(scene, images):
-    empty = backgrounds(scene, SEED)
+    empty = scene.backgrounds()
     ball = np.pi * np.linalg.norm(sphere_outlines(scene.cameras[0], scene.truth[:1], 0.1).second[0]) ** 2
     changed = np.abs(images[0][0].astype(int) - empty[0]).sum(axis=2) > 12
     assert changed.sum() > 5 * ball
@@ -60,15 +60,15 @@ def test_the_person_is_in_view_besides_the_ball(scene, images):
 
 def test_the_same_seed_makes_the_same_film_and_another_one_another():
     settings = CarriedBallSettings(frames=1, samples=1)
-    first, again, other = (next(film(make_scene(settings, s), s))[0] for s in (3, 3, 4))
+    first, again, other = (next(plan_sphere(settings, s).frames())[0][0] for s in (3, 3, 4))
     np.testing.assert_array_equal(first, again)
     assert (first != other).mean() > 0.3
 
 
 def test_noise_has_the_stated_strength():
     settings = CarriedBallSettings(frames=1, samples=1, noise=3.0)
-    scene = make_scene(settings, SEED)
-    first, second = backgrounds(scene, 1), backgrounds(scene, 2)
+    scene = plan_sphere(settings, SEED)
+    first, second = replace(scene, seed=1).backgrounds(), replace(scene, seed=2).backgrounds()
     difference = first[0].astype(float) - second[0]
     # Of 1.4 million differences; rounding to grey levels adds a twelfth to each variance.
     assert difference.std() == pytest.approx(np.sqrt(2 * (9 + 1 / 12)), rel=0.02)
@@ -76,7 +76,7 @@ def test_noise_has_the_stated_strength():
 
 def test_a_board_hides_the_scene_from_one_camera_only(images):
     settings = CarriedBallSettings(frames=3, samples=2, noise=0.0, covers=(Cover(1, 1, 1),))
-    covered = list(film(make_scene(settings, SEED), SEED))
+    covered = [images for images, _ in plan_sphere(settings, SEED).frames()]
     np.testing.assert_array_equal(covered[0][1], images[0][1])
     np.testing.assert_array_equal(covered[1][0], images[1][0])
     assert (covered[1][1] != images[1][1]).mean() > 0.9

@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.cameras.distortion import distort, largest_radius, undistort
-from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.cameras.projective import PinholeCamera, distort, largest_radius, undistort
 
 LENSES = {
     "barrel": [-0.26, 0.075, -1e-4, 2e-4, -0.009],

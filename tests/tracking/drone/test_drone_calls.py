@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
 from tsuiseki.tracking.drone.models import DroneModels
 from tsuiseki.tracking.drone.tracking import track_drone
 from tsuiseki.tracking.errors import RequestError
@@ -21,7 +22,7 @@ from tsuiseki.tracking.video.source import open_source
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("flight") / "clip"
-    write_drone(folder, DroneSceneSettings(frames=8, width=320, height=240, people=3), 3)
+    write_clip(folder, plan_drone(DroneSceneSettings(frames=8, width=320, height=240, people=3), 3))
     return folder
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.tracking.evaluation.owners import IGNORED, NOBODY, matched_labels, owners_of
+from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, matched_labels, owners_of
 from tsuiseki.tracking.types.labels import GroundTruth
 
 BOXES = np.array([[0.0, 0, 40, 100], [0, 200, 40, 300], [0, 400, 40, 500]])

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
 from tsuiseki.datamodules.scenes.flow_pairs import random_flow_pair
 from tsuiseki.datamodules.scenes.render.ground import ground_homography
 from tsuiseki.tracking.features.camera_motion import camera_flow, camera_motion, undone
@@ -23,14 +23,14 @@ IDENTITY = np.eye(3)[:2]
 
 @pytest.fixture(scope="module")
 def flight():
-    return plan_flight(
+    return plan_drone(
         DroneSceneSettings(width=640, height=360, frames=16, people=3, clutter=1, camera="violent"), seed=2
     )
 
 
 @pytest.fixture(scope="module")
 def frames(flight):
-    return [draw_flight(flight, frame) for frame in range(16)]
+    return [flight.draw_frame(frame) for frame in range(16)]
 
 
 def through(matrix, points):
@@ -43,7 +43,7 @@ def test_a_flight_is_followed_to_a_pixel(flight, frames):
     errors, moves = [], []
     for k, ((before, truth), (after, _)) in enumerate(itertools.pairwise(frames)):
         exact = through(ground_homography(flight.cameras[k], flight.cameras[k + 1]), points)
-        found = camera_motion(before, after, people=truth.people.boxes)
+        found = camera_motion(before, after, people=truth.boxes)
         assert found is not None
         errors.append(np.linalg.norm(through(found, points) - exact, axis=1).max())
         moves.append(np.linalg.norm(exact - points, axis=1).max())
@@ -55,11 +55,11 @@ def test_a_flight_is_followed_to_a_pixel(flight, frames):
 @pytest.mark.parametrize(("seed", "jerk"), [(271, 11), (96, 7)])
 def test_a_jerk_by_a_quarter_of_the_width_is_found(seed, jerk):
     settings = DroneSceneSettings(width=640, height=360, frames=16, people=3, clutter=1, camera="violent")
-    plan = plan_flight(settings, seed)
+    plan = plan_drone(settings, seed)
     points = np.array([[x, y] for x in (160, 320, 480) for y in (90, 180, 270)], dtype=float)
     path = CameraPath()
     for frame in range(jerk - 2, jerk + 2):
-        path.add(draw_flight(plan, frame)[0])
+        path.add(plan.draw_frame(frame)[0])
     assert len(path.unknown) == 0
     for number, frame in enumerate(range(jerk - 1, jerk + 2), start=1):
         exact = through(ground_homography(plan.cameras[frame - 1], plan.cameras[frame]), points)

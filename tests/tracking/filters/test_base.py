@@ -24,7 +24,7 @@ from tsuiseki.tracking.filters.motion.points import (
     constant_velocity,
     coordinated_turn,
 )
-from tsuiseki.tracking.filters.motion.space import Ballistic, ConstantVelocity3D, Manoeuvring, RandomWalk3D
+from tsuiseki.tracking.filters.motion.space import Ballistic, ConstantVelocity3D, RandomWalk3D
 from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
 from tsuiseki.tracking.types import Position
 
@@ -133,7 +133,6 @@ MOTIONS = {
     "walk of filters": (PlaneWalk(np.array([2.0, 3.0])), 3),
     "walk in space": (RandomWalk3D(), 6),
     "constant velocity in space": (ConstantVelocity3D(), 6),
-    "manoeuvring": (Manoeuvring(), 6),
     "ballistic": (Ballistic(0.1), 6),
 }
 

@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.tracking.fisheye.settings import FisheyeSettings, FloorFlowSettings
 from tsuiseki.tracking.fisheye.tracker import PRUNED, FisheyeTracker, flow_on_floor
 from tsuiseki.tracking.types import Detections
-from tsuiseki.tracking.types.floor import FloorDetections
+from tsuiseki.tracking.types.tracks import FloorDetections
 
 
 def floor_detections(places, features=None, scores=None):

@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, write_blobs
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, plan_blobs
+from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_tracks
-from tsuiseki.tracking.points.blob_tracker import BlobSettings
-from tsuiseki.tracking.points.tracker import PointSettings
-from tsuiseki.tracking.points.tracking import follow_blobs, follow_points, track_blobs, track_points
+from tsuiseki.tracking.points.run import follow_blobs, follow_points, track_blobs, track_points
+from tsuiseki.tracking.points.settings import BlobSettings, PointSettings
 from tsuiseki.tracking.types import Detections
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = BlobSceneSettings(frames=8, width=240, height=180, objects=2, clutter=0, enter=0.0)
-    return write_blobs(tmp_path_factory.mktemp("blobs") / "clip", settings, seed=1)
+    return write_clip(tmp_path_factory.mktemp("blobs") / "clip", plan_blobs(settings, 1))
 
 
 def points(length: int = 25) -> list[np.ndarray]:

@@ -11,7 +11,7 @@ import pytest
 
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.types import Frame
-from tsuiseki.tracking.video.latest_frames import LatestFrames, paired
+from tsuiseki.tracking.video.synchronise import LatestFrames, paired
 
 
 def frame(index: int) -> Frame:

@@ -18,13 +18,13 @@ from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt import learn_detector
-from tsuiseki.trainers.adapt.labels import label
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, TorchDetector, fine_tune
 from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
+from tsuiseki.trainers.adapt.track_labels import label
 from tsuiseki.trainers.adapt.watch import Watched, foreground_of, watch
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.exported_weights import layout_of
-from tsuiseki.trainers.networks.detector import DetectorTraining
+from tsuiseki.trainers.networks.detector_training import DetectorTraining
 
 TINY = AdaptSettings(learning=LearningSettings(steps=5, batch_size=2, window=0.3, generated_people=3), threads=1)
 

@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
 from tsuiseki.tracking.association.evidence import JOIN_FEATURES, LINK_FEATURES
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.drone.settings import DRONE_FLOW
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.association.data import AssociationData
 from tsuiseki.trainers.association.training import AssociationTraining
 from tsuiseki.trainers.association.videos import between, detected_videos, filmed
-from tsuiseki.trainers.exporting.export_association import export_association
+from tsuiseki.trainers.association.windows import AssociationData
+from tsuiseki.trainers.exporting.export_costs import export_association
 
 FRAMES = 10
 ACTION = "action_drone_rgb_local"
@@ -27,7 +28,7 @@ ACTION = "action_drone_rgb_local"
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = DroneSceneSettings(320, 180, FRAMES, 10.0, people=6, camera="calm", altitude=(10.0, 20.0), samples=1)
-    return write_drone(tmp_path_factory.mktemp("drone") / "clip", settings, 3)
+    return write_clip(tmp_path_factory.mktemp("drone") / "clip", plan_drone(settings, 3))
 
 
 @pytest.mark.slow
@@ -77,7 +78,7 @@ def test_the_camera_is_followed_in_the_images(clip: Path) -> None:
 
 def test_videos_in_the_layout_of_okutama_have_images_and_the_rate_that_is_told(tmp_path: Path) -> None:
     settings = DroneSceneSettings(320, 180, FRAMES, 10.0, people=6, camera="calm", altitude=(10.0, 20.0), samples=1)
-    folder = write_drone(tmp_path / "okutama", settings, 3, layout="okutama")
+    folder = write_clip(tmp_path / "okutama", plan_drone(replace(settings, layout="okutama"), 3))
     (video,) = detected_videos([folder], "simulated", frame_rate=10.0)
     assert len(video.images) == len(video.detections) == FRAMES
     assert video.size == (320, 180)

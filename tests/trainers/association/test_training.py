@@ -15,11 +15,11 @@ from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.trainers.association.data import AssociationData, EveryWindow, RandomWindows, TrainingWindow
 from tsuiseki.trainers.association.flow_loss import FlowLoss, FlowLossName
 from tsuiseki.trainers.association.training import PLANNED, PLANNED_STEPS, AssociationTraining
+from tsuiseki.trainers.association.windows import AssociationData, EveryWindow, RandomWindows, TrainingWindow
 from tsuiseki.trainers.exporting.export import load_module
-from tsuiseki.trainers.exporting.export_association import TOLERANCE, export_trained
+from tsuiseki.trainers.exporting.export_costs import TOLERANCE, export_trained
 from tsuiseki.trainers.networks.fit import fit_association
 
 FRAMES = 90

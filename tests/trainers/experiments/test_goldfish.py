@@ -7,7 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish, write_goldfish
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_states, plan_goldfish
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import goldfish
 from tsuiseki.trainers.experiments.goldfish import Trial, followed_counts, sudden_turns
@@ -19,7 +20,8 @@ def folders(tmp_path_factory):
     root = tmp_path_factory.mktemp("goldfish")
     settings = GoldfishSettings(frames=16, width=400, height=300, fish=2)
     sets = {
-        name: [write_goldfish(root / f"{name}-01", settings, n)] for n, name in enumerate(("learning", "test"), start=1)
+        name: [write_clip(root / f"{name}-01", plan_goldfish(settings, n))]
+        for n, name in enumerate(("learning", "test"), start=1)
     }
 
     def kept():
@@ -81,7 +83,7 @@ def test_at_least_nine_fish_of_the_test_set_turn_suddenly():
     turning = 0
     for number, fish in enumerate(goldfish.TEST_FISH):
         rng = np.random.default_rng(goldfish.FIRST_SEEDS["test"] + number).spawn(2)[0]
-        states = plan_goldfish(GoldfishSettings(fish=fish), rng)
+        states = goldfish_states(GoldfishSettings(fish=fish), rng)
         turning += sum(sudden_turns(states[:, k]).any() for k in range(fish))
     assert turning >= 9
 

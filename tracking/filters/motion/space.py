@@ -1,7 +1,7 @@
 """How a point moves in space, for particle filters.
 
 States are ``(N, 6)``, position (m) and velocity (m/s). The motion over a longer time has the same law as several
-shorter ones in a row (`Manoeuvring`: the same mean and covariance), so frames may be dropped or uneven.
+shorter ones in a row, so frames may be dropped or uneven.
 """
 
 from __future__ import annotations
@@ -46,43 +46,6 @@ class ConstantVelocity3D:
         # Integrated white noise over T: variance T^3 / 3, of which the part T / 2 goes with the velocity's.
         position = states[:, :3] + seconds * (states[:, 3:] + 0.5 * first + second / np.sqrt(12))
         return np.concatenate([position, velocity], axis=1)
-
-    def linear(self, seconds: float) -> tuple[FloatArray, FloatArray]:
-        """Transition ``(6, 6)`` and covariance of the noise ``(6, 6)`` over ``seconds``: the same law, written out."""
-        transition = np.kron(np.array([[1.0, seconds], [0.0, 1.0]]), np.eye(3))
-        shape = np.array([[seconds**3 / 3, seconds**2 / 2], [seconds**2 / 2, seconds]])
-        return np.asarray(transition), np.asarray(self.agitation**2 * np.kron(shape, np.eye(3)))
-
-
-@dataclass(frozen=True)
-class Manoeuvring:
-    """Constant velocity with manoeuvres: now and then the velocity changes at once (a jump diffusion).
-
-    A calm motion loses a target that turns and an agile one follows every error of the measurements; here a few
-    particles turn at every step, and win where the target did.
-
-    Attributes:
-        agitation: between the manoeuvres, as in `ConstantVelocity3D`, m/s.
-        rate: of the manoeuvres, 1/s.
-        kick: standard deviation of a manoeuvre's change of velocity along each axis, m/s.
-    """
-
-    agitation: float = 1.0
-    rate: float = 1.0
-    kick: float = 3.0
-
-    def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
-        moved = ConstantVelocity3D(self.agitation)(states, seconds, rng)
-        count = rng.poisson(self.rate * seconds, len(states))
-        kicks, places = rng.standard_normal((2, len(states), 3)) * self.kick * np.sqrt(count)[:, None]
-        moved[:, 3:] += kicks
-        # Kicks at times that are uniform over the step: the moments of their position are those of white noise.
-        moved[:, :3] += seconds * (0.5 * kicks + places / np.sqrt(12))
-        return moved
-
-    def linear(self, seconds: float) -> tuple[FloatArray, FloatArray]:
-        """Transition ``(6, 6)`` and covariance of the noise ``(6, 6)`` over ``seconds``."""
-        return ConstantVelocity3D(float(np.hypot(self.agitation, np.sqrt(self.rate) * self.kick))).linear(seconds)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from tsuiseki.tracking.evaluation.owners import IGNORED, NOBODY, owners_of
+from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, owners_of
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.evaluation.owners import owners_of
+from tsuiseki.tracking.evaluation.coverage import owners_of
 from tsuiseki.tracking.evaluation.resampling import score_sums
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.association.labelled import read_labels, with_labels

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_flight
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
 from tsuiseki.datamodules.scenes.render.ground import ground_homography
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.types import FloatArray
@@ -52,7 +52,7 @@ def flight_errors(scene: DroneSceneSettings, seed: int, steps: Sequence[CameraSt
     size = np.array([scene.width, scene.height], dtype=np.float64)
     grid = np.linspace(1 / 6, 5 / 6, PLACES)
     places = np.array([(x, y) for x in grid for y in grid]) * size
-    cameras = plan_flight(scene, seed).cameras
+    cameras = plan_drone(scene, seed).cameras
     rows, unknown = [], 0
     for before, after, step in zip(cameras, cameras[1:], steps[1:], strict=False):
         exact = _moved(ground_homography(before, after), places)

@@ -11,7 +11,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.drone.models import as_detections
 from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
@@ -105,11 +106,15 @@ def prepare_clips(
     return clips
 
 
+def _write_clip(folder: Path, scene: DroneSceneSettings, seed: int) -> Path:
+    return write_clip(folder, plan_drone(scene, seed))
+
+
 def _prepare(store: Store, networks: Networks, plan: ClipPlan) -> tuple[Clip, bool]:
     """The clip, and whether it had to be drawn."""
     name, scene, seed = plan
-    missing = not store.has_made(name, write_drone, scene, seed)
-    folder = store.made(name, write_drone, scene, seed)
+    missing = not store.has_made(name, _write_clip, scene, seed)
+    folder = store.made(name, _write_clip, scene, seed)
     (clip,) = look_at([folder], observations_in(store), networks)
     return clip, missing
 

@@ -13,11 +13,11 @@ import torch
 from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.association.data import FLOWS, TrackerName, WindowImages
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fitted
 from tsuiseki.trainers.association.graphs import DetectedVideo
 from tsuiseki.trainers.association.starting import siamese_of
 from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining
+from tsuiseki.trainers.association.windows import FLOWS, TrackerName, WindowImages
 from tsuiseki.trainers.experiments.end_to_end.pictured import (
     Stretch,
     gap_links,
@@ -27,7 +27,7 @@ from tsuiseki.trainers.experiments.end_to_end.pictured import (
     sums_of,
     tracks_on,
 )
-from tsuiseki.trainers.networks.appearance import AppearanceTraining
+from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 
 Way = Literal["as it ships", "its own loss", "through the flow", "projected, its own loss", "projected, the flow"]
 WAYS: tuple[Way, ...] = get_args(Way)

@@ -8,12 +8,12 @@ import numpy as np
 
 from tsuiseki.tracking.types import Detections, FloatArray
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.association.data import affordable
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fit_network
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, cheapest
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
+from tsuiseki.trainers.association.windows import affordable
 from tsuiseki.trainers.networks.modules import Optimisation
 
 if TYPE_CHECKING:

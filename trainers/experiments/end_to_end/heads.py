@@ -16,12 +16,12 @@ from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
-from tsuiseki.trainers.association.data import FLOWS, WindowImages
 from tsuiseki.trainers.association.fitting import Fit, fitted
 from tsuiseki.trainers.association.flow_loss import FlowLoss
 from tsuiseki.trainers.association.graphs import DetectedVideo
 from tsuiseki.trainers.association.training import AssociationTraining, HeadsLearning
 from tsuiseki.trainers.association.window_detector import FrozenTrunk
+from tsuiseki.trainers.association.windows import FLOWS, WindowImages
 from tsuiseki.trainers.experiments.end_to_end.pictured import (
     Stretch,
     graphs_of_video,
@@ -29,7 +29,7 @@ from tsuiseki.trainers.experiments.end_to_end.pictured import (
     sums_of,
     tracks_on,
 )
-from tsuiseki.trainers.networks.detector import DetectorTraining, detections
+from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 
 WAYS = ("as it ships", "its own loss", "the flow's loss", "both losses")
 STEPS, SECONDS, RATE, OWN = 20, 0.6, 0.1, 0.3

@@ -21,11 +21,11 @@ from threadpoolctl import threadpool_limits
 
 from tsuiseki.tracking.association.learnt_costs import LARGEST
 from tsuiseki.tracking.types import BoolArray, FloatArray
-from tsuiseki.trainers.association.data import RandomWindows
 from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.association.flow_loss import Problem, cheapest
 from tsuiseki.trainers.association.graphs import Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import Counts
+from tsuiseki.trainers.association.windows import RandomWindows
 from tsuiseki.trainers.experiments.association.sequences import Clip
 from tsuiseki.trainers.experiments.end_to_end.runs import learnable, learnt_changes, tracked
 from tsuiseki.trainers.experiments.end_to_end.simple_changes import Mixed

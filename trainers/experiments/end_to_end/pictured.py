@@ -14,10 +14,10 @@ from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.types import Detections, FloatArray, Track
-from tsuiseki.trainers.association.data import affordable
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.videos import detected_videos, filmed
+from tsuiseki.trainers.association.windows import affordable
 from tsuiseki.trainers.experiments.association.oracle import link_counts
 
 

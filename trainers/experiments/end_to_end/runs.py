@@ -10,11 +10,11 @@ from tsuiseki.tracking.association.learnt_costs import Affinity, CostChanges
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.association.data import affordable
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fit_network
 from tsuiseki.trainers.association.flow_loss import Problem, cheapest
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
+from tsuiseki.trainers.association.windows import affordable
 from tsuiseki.trainers.experiments.association.labelled import read_labels
 from tsuiseki.trainers.experiments.association.sequences import Clip, read_clip, table_of
 from tsuiseki.trainers.experiments.end_to_end.simple_changes import Shrunk

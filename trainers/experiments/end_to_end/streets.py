@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import write_info
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, write_drone
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, as_ground_truth, street_frames, write_street
+from tsuiseki.datamodules.scenes.clip import write_clip
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
-from tsuiseki.tracking.formats.mot import read_ground_truth, write_detections, write_ground_truth
+from tsuiseki.tracking.formats.mot import read_ground_truth, write_detections
 from tsuiseki.trainers.association.videos import LIKE_REAL
 from tsuiseki.trainers.experiments.association.sequences import DataSet
 
@@ -53,9 +53,8 @@ def write_streets(folder: Path, count: StreetCount) -> None:
             samples=1,
         )
         home = folder / f"street-{number:02d}"
-        truths = [truth for _, truth in street_frames(settings, count.seed + number)]
-        write_ground_truth(home / "gt" / "gt.txt", as_ground_truth(truths))
-        write_info(home, home.name, settings)
+        clip = plan_street(settings, count.seed + number)
+        clip.write_truth(home, home.name, [truth for _, truth in clip.frames()])
         _write_det(home, settings, rng, _faults(rng))
 
 
@@ -71,7 +70,7 @@ def write_drones(folder: Path, count: StreetCount, look_alikes: float) -> None:
         640, 360, count.frames, 10.0, camera="calm", altitude=(10.0, 20.0), look_alikes=look_alikes, samples=1
     )
     for number in range(count.clips):
-        home = write_drone(folder / f"drone-{number:02d}", settings, count.seed + number)
+        home = write_clip(folder / f"drone-{number:02d}", plan_drone(settings, count.seed + number))
         _write_det(home, settings, np.random.default_rng([count.seed + number, 3]), replace(LIKE_REAL, missed=0.1))
 
 
@@ -87,7 +86,7 @@ def write_pictured(folder: Path, count: StreetCount, look_alikes: float) -> None
         settings = StreetSettings(
             frames=count.frames, frame_rate=10.0, people=12, look_alikes=look_alikes, person_height=(40.0, 170.0)
         )
-        home = write_street(folder / f"street-{number:02d}", settings, count.seed + number)
+        home = write_clip(folder / f"street-{number:02d}", plan_street(settings, count.seed + number))
         _write_det(home, settings, np.random.default_rng([count.seed + number, 2]), replace(LIKE_REAL, missed=0.1))
 
 

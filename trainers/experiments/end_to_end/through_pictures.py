@@ -10,7 +10,7 @@ import numpy as np
 
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.association.data import TrackerName
+from tsuiseki.trainers.association.windows import TrackerName
 from tsuiseki.trainers.experiments.association.runs import Result
 from tsuiseki.trainers.experiments.association.tables import values_of
 from tsuiseki.trainers.experiments.end_to_end import appearance, heads

@@ -11,17 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import ground_truth
-from tsuiseki.datamodules.scenes.room_clip import RoomTruth
+from tsuiseki.datamodules.scenes.clip import FrameTruth, ground_truth
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.fisheye.unrolled import CeilingLook, looking
 from tsuiseki.tracking.fisheye.view import CeilingView, Crops
-from tsuiseki.tracking.timing import StageTimes
+from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
-from tsuiseki.tracking.types.floor import FloorDetections
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.types.tracks import FloorDetections
 from tsuiseki.trainers.experiments.fisheye.rendered import RATE, Sequence, plan, read_rendered
 
 # Detections below it are not kept: the lowest score that the experiment chooses from.
@@ -134,7 +133,7 @@ def observe(folder: Path, sequence: Sequence, rendered: Path, networks: Networks
     np.savez_compressed(folder / "observed.npz", **kept, rate=np.array(sequence.rate))
 
 
-def _drawn_from(truth: RoomTruth, sequence: Sequence, frame: int) -> Detections:
+def _drawn_from(truth: FrameTruth, sequence: Sequence, frame: int) -> Detections:
     """What a better detector than ours might find in a frame."""
     if not len(truth.ids):
         return Detections.empty()

@@ -8,7 +8,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.room_clip import draw_room_frame, view_room
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
 from tsuiseki.tracking.geometry import iou_matrix
@@ -74,10 +73,10 @@ def _strip(clip: Clip, observed: Observed, spot: tuple[int, int], theirs: Named,
     """Three frames up to a switch, DeepSORT's ids above and those of both parts below, cut out around the person."""
     frame, person = spot
     room = plan(clip)
-    view = view_room(room, clip.camera)
+    view = room.view(clip.camera)
     rows: list[list[ImageArray]] = [[], []]
     for at in range(frame - 2, frame + 1):
-        image, _ = draw_room_frame(room, view, at * RATE)
+        image, _ = room.draw_frame(view, at * RATE)
         which = np.flatnonzero(observed.truth.frames == at)
         ids, boxes = observed.truth.ids[which], observed.truth.boxes[which]
         for row, named in zip(rows, (theirs, ours), strict=True):

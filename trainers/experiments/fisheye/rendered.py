@@ -10,15 +10,13 @@ from typing import Any, Literal
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip import FrameTruth
 from tsuiseki.datamodules.scenes.room_clip import (
     SIZES,
     Room,
     RoomClip,
     RoomSettings,
-    RoomTruth,
-    draw_room_frame,
     plan_room,
-    view_room,
 )
 from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.types import ImageArray
@@ -83,11 +81,11 @@ def frames_of(sequence: Sequence) -> range:
 def render(folder: Path, sequence: Sequence) -> None:
     """Write the pictures of a sequence and what they show to ``folder``."""
     clip = plan(sequence)
-    view = view_room(clip, sequence.camera)
+    view = clip.view(sequence.camera)
     folder.mkdir(parents=True, exist_ok=True)
     rows: dict[str, list[Any]] = {name: [] for name in ("count", *TRUTH)}
     for frame in frames_of(sequence):
-        image, truth = draw_room_frame(clip, view, frame)
+        image, truth = clip.draw_frame(view, frame)
         cv2.imwrite(str(_path(folder, frame)), image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
         rows["count"].append(np.array([len(truth.ids)]))
         for name in TRUTH:
@@ -96,13 +94,13 @@ def render(folder: Path, sequence: Sequence) -> None:
     np.savez_compressed(folder / "truth.npz", **arrays)
 
 
-def read_rendered(folder: Path, sequence: Sequence) -> Iterator[tuple[int, ImageArray, RoomTruth]]:
+def read_rendered(folder: Path, sequence: Sequence) -> Iterator[tuple[int, ImageArray, FrameTruth]]:
     """Frame number, picture ``(H, W, 3)`` uint8 RGB and truth of each frame that `render` wrote."""
     with np.load(folder / "truth.npz", allow_pickle=False) as stored:
         ends = np.cumsum(stored["count"])[:-1]
         truths = [np.split(stored[name], ends) for name in TRUTH]
     for frame, *values in zip(frames_of(sequence), *truths, strict=True):
-        yield frame, read_image(_path(folder, frame)), RoomTruth(*values)
+        yield frame, read_image(_path(folder, frame)), FrameTruth(*values)
 
 
 def _path(folder: Path, frame: int) -> Path:

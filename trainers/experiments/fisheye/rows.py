@@ -22,8 +22,7 @@ from tsuiseki.tracking.people.sort import Sort, SortSettings
 from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.types import FloatArray, Track
-from tsuiseki.tracking.types.floor import FloorDetections
-from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.trainers.experiments.fisheye.observations import Observed, restricted
 
 # Seconds that all rows keep a track without a detection, and that a new one needs detections in a row.

@@ -2,13 +2,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from tsuiseki.datamodules import generated_pictures
-from tsuiseki.datamodules.generated_pictures import VariedPictures
+from tsuiseki.datamodules.footage import Source
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.figures.figure import random_figure
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary, SpriteSettings, write_sprites
@@ -119,40 +120,6 @@ def test_pictures_with_steady_boxes_are_the_same_pictures(library: Path) -> None
     assert 0 < moved.max() < 0.3 * (boxes[:, 3] - boxes[:, 1]).max()
 
 
-def test_one_labeller_draws_all_boxes_of_a_picture_and_another_those_of_the_next(library: Path) -> None:
-    settings = TrainingSettings(160, 120, people=(4, 4), clutter=(2, 2), rendered=1.0, person_height=(20, 60))
-    stock = Stock(SpriteLibrary(library))
-    kinds = set()
-    for seed in range(16):
-        plain, steady, drawn = (
-            random_training_scene(np.random.default_rng(seed), replace(settings, boxes=boxes), stock)[1]
-            for boxes in ("silhouettes", "steady", "random")
-        )
-        if not len(plain) == len(steady) == len(drawn):
-            continue  # somebody's box lies outside the picture
-        whole = np.all([((b > 1) & (b < [158, 118, 158, 118])).all(axis=1) for b in (plain, steady, drawn)], axis=0)
-        if not whole.any():
-            continue
-        tall = (plain[:, 3] - plain[:, 1])[whole]
-        room = (plain - drawn)[whole][:, 1] / tall
-        # As much room above as below, a share of the height that is the same for all.
-        np.testing.assert_allclose((drawn - plain)[whole][:, 3] / tall, room, atol=1e-9)
-        np.testing.assert_allclose(room, room[0], atol=1e-9)
-        assert 0 <= room[0] <= 0.05
-        inner = drawn[whole] + (room * tall)[:, None] * [1, 1, -1, -1]
-        shapes = (inner[:, 2] - inner[:, 0]) / tall
-        if np.allclose(inner, plain[whole]):
-            kinds.add("silhouettes")
-        elif np.allclose(inner, steady[whole]):
-            kinds.add("steady")
-        else:
-            np.testing.assert_allclose(shapes, shapes[0], atol=1e-9)
-            np.testing.assert_allclose(inner[:, [0, 2]].sum(axis=1), steady[whole][:, [0, 2]].sum(axis=1), atol=1e-6)
-            assert 0.34 <= shapes[0] <= 0.44
-            kinds.add("one shape")
-    assert kinds == {"silhouettes", "steady", "one shape"}
-
-
 def test_a_library_without_steady_sides_is_refused(library: Path, tmp_path: Path) -> None:
     rows = (library / "sprites.csv").read_text().splitlines()
     (tmp_path / "sprites.csv").write_text("\n".join(",".join(row.split(",")[:-2]) for row in rows))
@@ -247,10 +214,14 @@ def test_rendered_people_take_the_places_of_drawn_ones_and_leave_the_rest(librar
     assert np.abs(drawn.astype(int) - shown.astype(int)).max() > 8
 
 
+def _varied(folder: Path, count: int, scene: Any = "varied", **given: Any) -> Source:
+    return Source(str(folder), generate=count, scene=scene, **given)
+
+
 def test_varied_pictures_show_them(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(generated_pictures, "on_all_cores", lambda work, items, _: map(work, items))
     folder = tmp_path / "pictures"
-    generated_pictures.write_varied_images(folder, 3, VariedPictures(96, 72, sprites=str(library)), 1)
+    generated_pictures.write_pictures(_varied(folder, 3, sprites=str(library), seed=1), (96, 72))
     assert len(list((folder / "img1").iterdir())) == 3
     assert len(read_ground_truth(folder / "gt" / "gt.txt").boxes) > 0
 
@@ -259,13 +230,9 @@ def test_things_are_refused_where_there_are_none(library: Path, tmp_path: Path) 
     (tmp_path / "photographs" / "views").mkdir(parents=True)
     cv2.imwrite(str(tmp_path / "photographs" / "views" / "grey.png"), np.full((8, 8, 3), 99, np.uint8))
     for photographs in ("", str(tmp_path / "photographs")):
+        source = _varied(tmp_path / "pictures", 1, sprites=str(library), photographs=photographs, things=True)
         with pytest.raises(RequestError, match="expected photographs of things"):
-            generated_pictures.write_varied_images(
-                tmp_path / "pictures",
-                1,
-                VariedPictures(96, 72, sprites=str(library), photographs=photographs, things=True),
-                1,
-            )
+            generated_pictures.write_pictures(source, (96, 72))
     assert not (tmp_path / "pictures").exists()
 
 
@@ -281,7 +248,7 @@ def test_aerial_pictures_look_down_on_people(library: Path, tmp_path: Path, monk
     tilts = {}
     for scene in ("varied", "aerial"):
         asked.clear()
-        generated_pictures.write_varied_images(tmp_path / scene, 12, VariedPictures(96, 72, scene, str(library)), 3)
+        generated_pictures.write_pictures(_varied(tmp_path / scene, 12, scene, sprites=str(library), seed=3), (96, 72))
         assert len(read_ground_truth(tmp_path / scene / "gt" / "gt.txt").boxes) > 5
         tilts[scene] = np.degrees(asked)
     assert np.median(tilts["aerial"]) > np.median(tilts["varied"]) + 10

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.blob_clip import HUES, as_ground_truth, blob_frames, write_blobs
+from tsuiseki.datamodules.scenes.blob_clip import HUES, as_ground_truth, plan_blobs
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings as SceneSettings
+from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_mask
 from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, PatchBirths
@@ -27,7 +28,9 @@ from tsuiseki.tracking.filters.motion.points import SteppingBox
 from tsuiseki.tracking.filters.particles.resampling import logarithms
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.points.blob_tracker import BlobSettings, BlobTracker, SingleBlobTracker
+from tsuiseki.tracking.points.blobs import SingleBlobTracker
+from tsuiseki.tracking.points.settings import BlobSettings
+from tsuiseki.tracking.points.tracker import BlobTracker
 from tsuiseki.tracking.types import Frame
 
 SCENE = SceneSettings(frames=40, width=320, height=240, objects=3, enter=0.0, stay=True, speed=2.0, clutter=4)
@@ -82,7 +85,7 @@ def test_equal_means_keep_the_shares_where_equal_tops_do_not():
 
 def follow(tracker, scene, seed):
     truth = []
-    for index, (image, boxes) in enumerate(blob_frames(scene, seed)):
+    for index, ((image,), boxes) in enumerate(plan_blobs(scene, seed).frames()):
         tracker.update(Frame(index, index / 25, image))
         truth.append(boxes)
     return np.stack(truth)
@@ -222,7 +225,8 @@ def test_filter_refuses_what_is_no_probability():
 
 @pytest.mark.parametrize("colour", HUES)
 def test_natural_clutter_has_little_of_a_named_colour_and_the_object_much(colour):
-    image, boxes = next(blob_frames(SceneSettings(frames=1, objects=1, clutter=0, enter=0.0, colour=colour), seed=0))
+    scene = SceneSettings(frames=1, objects=1, clutter=0, enter=0.0, colour=colour)
+    (image,), boxes = next(plan_blobs(scene, 0).frames())
     mask = colour_mask(image, NAMED_COLOURS[colour])
     x1, y1, x2, y2 = np.round(boxes[0]).astype(int)
     assert mask[y1:y2, x1:x2].mean() > 0.8
@@ -232,15 +236,15 @@ def test_natural_clutter_has_little_of_a_named_colour_and_the_object_much(colour
 
 def test_clips_are_written_read_and_repeatable(tmp_path):
     scene = SceneSettings(**{**vars(SCENE), "frames": 3})
-    folder = write_blobs(tmp_path / "clip", scene, seed=4)
+    folder = write_clip(tmp_path / "clip", plan_blobs(scene, 4))
     sequence = read_sequence(folder)
     assert (sequence.length, sequence.width, sequence.height) == (3, 320, 240)
     truth = read_ground_truth(sequence.ground_truth_path)
-    first, second = (list(blob_frames(scene, 4)) for _ in range(2))
+    first, second = (list(plan_blobs(scene, 4).frames()) for _ in range(2))
     np.testing.assert_array_equal(first[2][0], second[2][0])
     np.testing.assert_allclose(truth.boxes[truth.frames == 2], first[2][1][np.isfinite(first[2][1][:, 0])], atol=1e-3)
     with pytest.raises(RequestError, match="overwrite"):
-        write_blobs(folder, scene, seed=4)
+        write_clip(folder, plan_blobs(scene, 4))
 
 
 @pytest.mark.parametrize(

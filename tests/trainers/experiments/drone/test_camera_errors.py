@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_flight
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
 from tsuiseki.datamodules.scenes.render.ground import ground_homography
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.trainers.experiments.drone.camera_errors import _best_similarity, _moved, flight_errors
@@ -16,7 +16,7 @@ STILL = CameraStep(np.eye(3)[:2])
 
 
 def best_steps():
-    cameras = plan_flight(SCENE, 5).cameras
+    cameras = plan_drone(SCENE, 5).cameras
     places = np.array([(x, y) for x in np.linspace(20, 300, 9) for y in np.linspace(20, 160, 9)])
     exact = [ground_homography(a, b) for a, b in pairwise(cameras)]
     return [None, *(CameraStep(_best_similarity(places, _moved(one, places))) for one in exact)]

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone_clip import draw_flight, plan_flight
+from tsuiseki.datamodules.scenes.drone_clip import plan_drone
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.trainers.experiments.drone.camera_errors import flight_errors
@@ -25,11 +25,11 @@ UNKNOWN = CameraStep(np.eye(3)[:2], np.inf)
 
 def errors_of(seed, frames):
     """Of the steps between ``frames``, which follow each other; all others count as unknown."""
-    plan, path = plan_flight(SCENE, seed), CameraPath()
+    plan, path = plan_drone(SCENE, seed), CameraPath()
     steps = [UNKNOWN] * SCENE.frames
     for number, frame in enumerate(frames):
-        image, truth = draw_flight(plan, frame)
-        path.add(image, truth.people.boxes)
+        image, truth = plan.draw_frame(frame)
+        path.add(image, truth.boxes)
         if number:
             steps[frame] = path.step(number)
     return flight_errors(SCENE, seed, steps)

@@ -9,9 +9,8 @@ import pytest
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import Detections, Track
-from tsuiseki.tracking.types.floor import FloorDetections
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.trainers.experiments.experiment import Bench
 from tsuiseki.trainers.experiments.fisheye import selection
 from tsuiseki.trainers.experiments.fisheye.observations import STAGES, Observed

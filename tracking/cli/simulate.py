@@ -1,0 +1,289 @@
+"""`tsuiseki simulate`: generated clips with exact truth, and rendered people."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
+
+from tsuiseki.tracking.cli.options import SeededOutput
+from tsuiseki.tracking.cli.progress import progress
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.options import Shared
+
+if TYPE_CHECKING:
+    from tsuiseki.datamodules.scenes.clip import Clip
+
+T = TypeVar("T")
+LARGEST, LONGEST = 16_384, 1_000_000
+
+
+@dataclass(frozen=True)
+class Length(Shared):
+    """How long is drawn.
+
+    Attributes:
+        frames: length of the clip.
+    """
+
+    frames: int
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        for name, most in (("frames", LONGEST), ("width", LARGEST), ("height", LARGEST)):
+            value = getattr(self, name, 1)
+            if not 1 <= value <= most:
+                raise RequestError(f"`{name}`: expected 1 to {most}, got {value}")
+
+    @property
+    def told(self) -> str:
+        """What is drawn, for people."""
+        return f"{self.frames} frames"
+
+
+@dataclass(frozen=True)
+class Size(Length):
+    """How much is drawn.
+
+    Attributes:
+        width: of the images, pixels.
+        height: of the images, pixels.
+    """
+
+    width: int = 640
+    height: int = 480
+
+    @property
+    def told(self) -> str:
+        """What is drawn, for people."""
+        return f"{self.frames} frames of {self.width}x{self.height}"
+
+
+@dataclass(frozen=True)
+class Footage(Size):
+    """How much is drawn, and how fast.
+
+    Attributes:
+        frame_rate: frames per second.
+    """
+
+    frame_rate: float = 25.0
+
+
+STREET, BLOBS, DRONE = Footage(200), Footage(150), Footage(300, 1280, 720, 30.0)
+FISHEYE, GOLDFISH, SPHERE = Footage(900, 1280, 960, 15.0), Size(150), Length(100)
+
+
+def street(output: SeededOutput, clip: Footage = STREET, people: int = 10, occluders: int = 7) -> int:
+    """Make a clip of people walking on a street, before a fixed camera, as a MOTChallenge sequence.
+
+    Args:
+        out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
+        people: about how many are around at a time.
+        occluders: poles, bushes, parked cars and the like that may hide them.
+    """
+    from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+
+    settings = StreetSettings(**asdict(clip), people=people, occluders=occluders)
+    return _make(output, clip, partial(plan_street, settings, output.seed))
+
+
+def blobs(
+    output: SeededOutput,
+    clip: Footage = BLOBS,
+    objects: int = 5,
+    colour: str = "red",
+    purity: tuple[float, float] = (0.45, 0.95),
+    clutter: int = 12,
+) -> int:
+    """Make a clip of coloured objects moving over natural clutter, as a MOTChallenge sequence.
+
+    Args:
+        out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
+        objects: how many appear in all.
+        colour: of the objects: red, orange, yellow, green, cyan, blue or magenta.
+        purity: least and greatest share of an object's pixels that has the colour.
+        clutter: patches of the same colour, smaller than objects, in the background.
+    """
+    from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, plan_blobs
+
+    settings = BlobSceneSettings(**asdict(clip), objects=objects, colour=colour, purity=purity, clutter=clutter)
+    return _make(output, clip, partial(plan_blobs, settings, output.seed))
+
+
+def drone(
+    output: SeededOutput,
+    clip: Footage = DRONE,
+    people: int = 9,
+    camera: Literal["still", "calm", "violent"] = "violent",
+    altitude: tuple[float, float] = (10.0, 45.0),
+    tilt: tuple[float, float] = (45.0, 90.0),
+    look_alikes: float = 0.3,
+    sun: float = 0.0,
+    layout: Literal["mot", "okutama"] = "mot",
+) -> int:
+    """Make a clip of people who act under a drone, with a box, an id and one or two actions each in every frame.
+
+    Args:
+        out: folder for the clip; gets img1/000001.jpg and so on, gt/gt.txt, gt/actions.txt and seqinfo.ini.
+        people: that act in view.
+        camera: how much the drone moves.
+        altitude: lowest and highest, metres.
+        tilt: flattest and steepest view under the horizon, degrees.
+        look_alikes: share of people dressed much like somebody else.
+        sun: probability of a hard sun, in which one side of everybody is dark; else anything from overcast to mild.
+        layout: mot is a MOTChallenge sequence with gt/actions.txt as Okutama-Action's; okutama is that data set's own.
+    """
+    from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+
+    settings = DroneSceneSettings(
+        **asdict(clip), people=people, camera=camera, altitude=altitude, tilt=tilt, look_alikes=look_alikes, sun=sun,
+        layout=layout,
+    )  # fmt: skip
+    return _make(output, clip, partial(plan_drone, settings, output.seed))
+
+
+def fisheye(
+    output: SeededOutput,
+    clip: Footage = FISHEYE,
+    room: Literal["large", "small"] = "large",
+    people: int = 6,
+    repeated: float = 0.5,
+    calibration: Path | None = None,
+) -> int:
+    """Make a clip of people in a room under two fisheye cameras on its ceiling, with their boxes and places.
+
+    DIR gets camera1 and camera2, MOTChallenge sequences with img1, gt/gt.txt and gt/world.csv (frame, id, x, y in
+    metres), the ids the same in both, and cameras.yaml for tsuiseki track fisheye.
+
+    Args:
+        out: folder for the clip.
+        room: large is 8 by 16 m, small 4 by 9 m.
+        people: who wander about.
+        repeated: share of people who wear the clothes of another, or nearly.
+        calibration: lens of the cameras, enlarged to fill the images; by default an equidistant one.
+    """
+    from tsuiseki.datamodules.scenes.room_clip import SIZES, RoomSettings, plan_room
+    from tsuiseki.tracking.cameras.lens_files import read_lens
+
+    settings = RoomSettings(**asdict(clip), size=SIZES[room], people=people, repeated=repeated)
+    lens = None if calibration is None else read_lens(calibration)
+    return _make(output, clip, partial(plan_room, settings, output.seed, lens))
+
+
+def goldfish(
+    output: SeededOutput,
+    size: Size = GOLDFISH,
+    body: Literal["goldfish", "ball"] = "goldfish",
+    count: int | None = None,
+    frame_rate: float | None = None,
+) -> int:
+    """Make a clip of goldfish seen from above, or of balls that squash where they bounce, with exact states.
+
+    DIR gets img1/000001.jpg and so on, states.csv (frame,id,a,b,theta,phi: centre in pixels, heading and bend in
+    radians; for balls frame,id,a,b,theta,squash), silhouettes/000001.png and so on (the body lies at a pixel where bit
+    id - 1 is set) and seqinfo.ini.
+
+    Args:
+        out: folder for the clip.
+        body: what moves, goldfish or ball.
+        count: how many, 1 to 5; by default three fish or one ball.
+        frame_rate: frames per second; by default 15 for fish and 30 for balls.
+    """
+    from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, plan_balls
+    from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
+
+    rate: dict[str, Any] = {} if frame_rate is None else {"frame_rate": frame_rate}
+    if body == "ball":
+        balls = BouncingBallSettings(**asdict(size), **rate, balls=1 if count is None else count)
+        return _make(output, size, partial(plan_balls, balls, output.seed))
+    fish = GoldfishSettings(**asdict(size), **rate, fish=3 if count is None else count)
+    return _make(output, size, partial(plan_goldfish, fish, output.seed))
+
+
+def sphere(
+    output: SeededOutput,
+    length: Length = SPHERE,
+    cameras: int = 2,
+    frame_rate: float = 15.0,
+    radius: float = 0.10,
+    noise: float = 3.0,
+    cover: tuple[int, int, int] | None = None,
+) -> int:
+    """Film a ball that a walking person carries through a textured room, from two to six sides.
+
+    Args:
+        out: folder; gets camera1/000001.jpg and so on, background1.png, cameras.yaml and truth.csv.
+        cameras: 2 to 6, each 800x600 pixels with a field of 60 degrees.
+        frames: of each camera.
+        frame_rate: frames per second.
+        radius: of the ball, metres.
+        noise: of the sensor, standard deviation in grey levels of 255.
+        cover: CAMERA,FIRST,LAST: a board hides the view of that camera in these frames, counted from 1.
+    """
+    from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, Cover, plan_sphere
+
+    covers: tuple[Cover, ...] = ()
+    if cover is not None:
+        if not (1 <= cover[0] <= cameras and 1 <= cover[1] <= cover[2]):
+            raise RequestError(f"`cover`: expected CAMERA,FIRST,LAST counted from 1, got {','.join(map(str, cover))}")
+        covers = (Cover(cover[0] - 1, cover[1] - 1, cover[2] - 1),)
+    settings = CarriedBallSettings(cameras, length.frames, frame_rate, radius, noise=noise, covers=covers)
+    return _make(output, length, partial(plan_sphere, settings, output.seed), f" of {cameras} cameras")
+
+
+def sprites(
+    output: SeededOutput,
+    assets: Path,
+    people: int = 260,
+    views: int = 5,
+    height: int = 256,
+    tilts: tuple[float, float] = (-0.08, 0.95),
+) -> int:
+    """Render people from body meshes and clothes, cut out, to be shown in the pictures that detectors learn from.
+
+    DIR gets two pictures of each view, colours and normals, and sprites.csv. Training takes it as data.train's sprites.
+
+    Args:
+        out: folder for the sprites.
+        assets: folder with the unpacked body packages; docs/methods/rendered-people.md says how to get them.
+        people: how many.
+        views: poses and sides of each.
+        height: of a person, pixels.
+        tilts: least and greatest angle that cameras look down, radians; 0.2,1.3 for people under drones.
+    """
+    from tsuiseki.datamodules.scenes.figures.library import SpriteSettings, write_sprites
+
+    settings = SpriteSettings(people, views, height, tilts=tilts)
+    told = f"{people} people of {height} pixels in {views} views each"
+
+    def write(folder: Path) -> object:
+        return write_sprites(folder, assets, settings, output.seed, watch=_watched("rendering", people))
+
+    return _fill(output, told, write)
+
+
+def _make(output: SeededOutput, length: Length, plan: Callable[[], Clip[Any]], more: str = "") -> int:
+    """Plan a clip and let it fill the output folder; ``more`` is said of it."""
+    from tsuiseki.datamodules.scenes.clip import write_clip
+
+    def write(folder: Path) -> object:
+        return write_clip(folder, plan(), watch=_watched("drawing", length.frames))
+
+    return _fill(output, length.told + more, write)
+
+
+def _watched(doing: str, count: int) -> Callable[[Iterable[T]], Iterator[T]]:
+    """Passes what is drawn through, and shows how much went by."""
+    return lambda drawn: progress(drawn, doing, count)
+
+
+def _fill(output: SeededOutput, what: str, write: Callable[[Path], object]) -> int:
+    """Let ``write`` fill the output folder; ``what`` is told when it is whole."""
+    with output.run() as run:
+        with run.times.measure("draw"):
+            run.fill(write)
+        run.done(f"{what}: {output.out}")
+    return run.status

@@ -1,1 +1,0 @@
-"""`tsuiseki simulate`: a file for each of its commands."""
