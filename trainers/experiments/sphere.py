@@ -297,7 +297,9 @@ class _Run:
         self.radius = scene.settings.radius * (1 + way.radius_error)
         self.likelihood = LIKELIHOODS[way.likelihood](self.cameras, self.radius, empty[: way.cameras])
         self.way, self.scene = way, scene
-        self.tracker = SphereTracker(self.likelihood, way.motion, Covering() if way.notices else None, way.stages)
+        self.tracker = SphereTracker(
+            self.likelihood, way.motion, Covering() if way.notices else None, stages=way.stages
+        )
         self.rng = np.random.default_rng((seed, 4))
         # The paper measures where the ball is at the start.
         self.state: SphereState = self.tracker.start_at(

@@ -288,8 +288,8 @@ class Curve:
     """
 
     label: str
-    x: Sequence[float]
-    y: Sequence[float]
+    x: Sequence[float] | FloatArray
+    y: Sequence[float] | FloatArray
     error: FloatArray | Sequence[float] | None = None
     style: str = "o-"
 
