@@ -114,10 +114,12 @@ COMMANDS: Tree = {
         {
             "detector": Command(
                 "from a checkpoint, or from torchvision's COCO weights",
-                "trainers.exporting.export_detector",
+                "trainers.exporting.export_networks:export_detector",
             ),
-            "appearance": Command("from a checkpoint", "trainers.exporting.export_crops:export_appearance"),
-            "action": Command("from a checkpoint, one file a stream", "trainers.exporting.export_crops:export_action"),
+            "appearance": Command("from a checkpoint", "trainers.exporting.export_networks:export_appearance"),
+            "action": Command(
+                "from a checkpoint, one file a stream", "trainers.exporting.export_networks:export_action"
+            ),
             "association": Command(
                 "costs of the flow, from a checkpoint", "trainers.exporting.export_costs:export_trained"
             ),

@@ -18,10 +18,10 @@ from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.flow_loss import FlowLoss
 from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining
-from tsuiseki.trainers.association.window_appearance import averaged, contrast_within, distances, repriced
+from tsuiseki.trainers.association.window_costs import averaged, contrast_within, distances, repriced
 from tsuiseki.trainers.association.windows import AssociationData, EveryWindow
 from tsuiseki.trainers.exporting.export import ModelFile
-from tsuiseki.trainers.exporting.export_crops import export_appearance
+from tsuiseki.trainers.exporting.export_networks import export_appearance
 from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 from tsuiseki.trainers.networks.fit import fit_association
 

@@ -1,4 +1,4 @@
-"""`tsuiseki export detector`: a person detector as ONNX, from a checkpoint or from torchvision's COCO weights."""
+"""`tsuiseki export detector`, `export appearance` and `export action`: networks that look at pictures, as ONNX."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ from typing import Literal, cast
 import torch
 from torch import Tensor, nn
 
+from tsuiseki.models.action import StreamProbability
 from tsuiseki.models.backbones import TrunkName, build_trunk
 from tsuiseki.models.detector import Detector, OneClass, people_detector
 from tsuiseki.models.ssd import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
-from tsuiseki.trainers.exporting.export import ModelFile, export_onnx, load_module
+from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx, load_module
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
+from tsuiseki.trainers.networks.action_training import ActionTraining
+from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 from tsuiseki.trainers.networks.detector_labels import calibration_of
 from tsuiseki.trainers.networks.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card
 from tsuiseki.trainers.networks.detector_training import DetectorTraining
@@ -170,3 +173,62 @@ def _written(network: Detector | OneClass, card: ModelCard, output: ModelFile, c
         card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
     heads = RawHeads(network, calibration)
     return export_onnx(heads, card, output.out, example, OUTPUTS, output.float16, output.overwrite)
+
+
+def export_appearance(output: ModelFile, checkpoint: Path) -> float:
+    """Write an appearance network as ONNX, and check that it gives what torch gives.
+
+    Args:
+        checkpoint: best.ckpt of tsuiseki train appearance.
+
+    Returns:
+        The largest relative difference to torch that the parity check saw.
+
+    Raises:
+        RequestError: a missing or foreign file.
+        RunError: the exported file does not give what torch gives.
+    """
+    difference = write_appearance(load_module(AppearanceTraining, checkpoint), output)
+    output.report(output.out, difference)
+    return difference
+
+
+def write_appearance(module: AppearanceTraining, output: ModelFile) -> float:
+    """Write the appearance network of a training; the largest relative difference to torch."""
+    card = dataclasses.replace(module.card, training_data=output.training_data)
+    network = module.network.to(memory_format=torch.contiguous_format)
+    example = torch.zeros(2, 3, card.input_height, card.input_width)
+    return export_onnx(network, card, output.out, example, ("features",), output.float16, output.overwrite)
+
+
+def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
+    """Write the streams of an action network as ONNX, a file each, and check that they give what torch gives.
+
+    Args:
+        out: ONNX file to write; action.onnx becomes action_rgb_local.onnx, action_rgb_global.onnx and so on.
+        checkpoint: best.ckpt of tsuiseki train action.
+
+    Returns:
+        Of each file that was written the largest relative difference to torch that the parity check saw.
+
+    Raises:
+        RequestError: a missing or foreign file.
+        RunError: an exported file does not give what torch gives.
+    """
+    module = load_module(ActionTraining, checkpoint)
+    paths = {name: output.out.with_name(f"{output.out.stem}_{name}.onnx") for name in module.inputs}
+    for path in paths.values():
+        check_output_file(path, output.overwrite)
+    module.network.to(memory_format=torch.contiguous_format)
+    written = {}
+    for name, path in paths.items():
+        card = dataclasses.replace(module.card(name), training_data=output.training_data)
+        example = torch.zeros(2, module.inputs[name].channels, card.input_height, card.input_width)
+        # Flow is nearly nothing nearly everywhere; noise as strong as in colours would saturate every sigmoid.
+        spread = 0.1 if module.inputs[name].is_flow else 1.0
+        probability = StreamProbability(module.network.streams[name])  # type: ignore[arg-type]
+        how = output.float16, output.overwrite, spread
+        written[path] = export_onnx(probability, card, path, example, ("probability",), *how)
+    for path, difference in written.items():
+        output.report(path, difference)
+    return written
