@@ -28,9 +28,9 @@ from tsuiseki.datamodules.scenes.render.solids import (
     TRUNK,
     Float32,
     Layer,
+    Parts,
     Solids,
-    Surfaces,
-    cone_spheres,
+    Surface,
     trace,
 )
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -52,16 +52,10 @@ def random_person(rng: np.random.Generator) -> Person:
 
 
 class _Flesh:
-    """Rows of cone-spheres while a person is put together; radii are fractions of the height."""
+    """Cone-spheres while a person is put together; radii are fractions of the height."""
 
     def __init__(self, height: float, phase: float) -> None:
-        self.height, self.phase = height, phase
-        self.start: list[FloatArray] = []
-        self.end: list[FloatArray] = []
-        self.radius: list[tuple[float, float]] = []
-        self.front: list[FloatArray] = []
-        self.flat: list[float] = []
-        self.surfaces = Surfaces()
+        self.height, self.phase, self.parts, self.count = height, phase, Parts(), 0
 
     def add(
         self,
@@ -77,22 +71,10 @@ class _Flesh:
         relief: float = 0.14,
         detail: int = NO_DETAIL,
     ) -> None:
-        self.start.append(start)
-        self.end.append(end)
-        self.radius.append((radius[0] * self.height, radius[1] * self.height))
-        self.front.append(front)
-        self.flat.append(flat)
-        self.surfaces.add(colour, second, pattern, period, relief, detail, self.phase + 1.7 * len(self.start))
-
-    def solids(self) -> Solids:
-        return cone_spheres(
-            np.array(self.start),
-            np.array(self.end),
-            np.array(self.radius),
-            np.array(self.front),
-            np.array(self.flat),
-            self.surfaces,
-        )
+        """One more, with the surface of the rest."""
+        self.count += 1
+        surface = Surface(colour, second, pattern, period, relief, detail, self.phase + 1.7 * self.count)
+        self.parts.cone(start, end, (radius[0] * self.height, radius[1] * self.height), surface, flat, front)
 
 
 def person_solids(person: Person, pose: Pose, position: FloatArray, heading: float) -> Solids:
@@ -106,7 +88,7 @@ def person_solids(person: Person, pose: Pose, position: FloatArray, heading: flo
         _leg(flesh, person, skeleton, k)
     _skirt(flesh, person, skeleton)
     _bag(flesh, person, skeleton)
-    return flesh.solids()
+    return flesh.parts.solids()
 
 
 def _trunk(flesh: _Flesh, person: Person, s: Skeleton) -> None:
