@@ -5,146 +5,90 @@
     tracker = tsuiseki.Sort()
     people = tracker.update(detections)
 
-`docs/how-to/python.md` shows them all at work. What is not named here is internal and may change.
+What is not named here is internal and may change.
 """
 
 from __future__ import annotations
 
+import ast
 import importlib
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+# The one list of public names: type checkers read it as it stands, `_homes` reads where each name comes from.
 if TYPE_CHECKING:
-    from tsuiseki.tracking.animals.linking import AnimalSettings
-    from tsuiseki.tracking.animals.tracking import SkeletonSettings, track_animals
-    from tsuiseki.tracking.bodies.tracker import DeformableSettings
-    from tsuiseki.tracking.bodies.tracking import follow_deformable, track_deformable
-    from tsuiseki.tracking.drone.settings import DroneSettings
-    from tsuiseki.tracking.drone.tracking import track_drone
-    from tsuiseki.tracking.errors import RequestError, RunError
-    from tsuiseki.tracking.evaluation.calls import evaluate_people, evaluate_points, evaluate_target
-    from tsuiseki.tracking.features.exported import Appearance, Detector
-    from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
-    from tsuiseki.tracking.interchange import as_detections
-    from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings
-    from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
-    from tsuiseki.tracking.people.flow import FlowTracker
-    from tsuiseki.tracking.people.flow_input import FlowSettings
-    from tsuiseki.tracking.people.ocsort import OcSort, OcSortSettings
-    from tsuiseki.tracking.people.sort import Sort, SortSettings
-    from tsuiseki.tracking.people.tracking import follow_people, track_people
-    from tsuiseki.tracking.points.blob_tracker import BlobSettings
-    from tsuiseki.tracking.points.measurement_tracking import follow_measurements, track_measurements
-    from tsuiseki.tracking.points.tracker import PointSettings, PointTracker
-    from tsuiseki.tracking.points.tracking import follow_blobs, follow_points, track_blobs, track_points
-    from tsuiseki.tracking.single.run import follow
-    from tsuiseki.tracking.sphere.points import track_sphere_points
-    from tsuiseki.tracking.sphere.settings import SphereSettings
-    from tsuiseki.tracking.sphere.tracking import follow_sphere, track_sphere
-    from tsuiseki.tracking.types import Detections, Estimate, Frame, Position, Target, Targets, Track
-    from tsuiseki.tracking.types.labels import GroundTruth
-    from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
-    from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack
-    from tsuiseki.tracking.weights import shipped
+    from tsuiseki.tracking.animals.linking import AnimalSettings as AnimalSettings
+    from tsuiseki.tracking.animals.tracking import SkeletonSettings as SkeletonSettings
+    from tsuiseki.tracking.animals.tracking import track_animals as track_animals
+    from tsuiseki.tracking.bodies.tracker import DeformableSettings as DeformableSettings
+    from tsuiseki.tracking.bodies.tracking import follow_deformable as follow_deformable
+    from tsuiseki.tracking.bodies.tracking import track_deformable as track_deformable
+    from tsuiseki.tracking.drone.settings import DroneSettings as DroneSettings
+    from tsuiseki.tracking.drone.tracking import track_drone as track_drone
+    from tsuiseki.tracking.errors import RequestError as RequestError
+    from tsuiseki.tracking.errors import RunError as RunError
+    from tsuiseki.tracking.evaluation.calls import evaluate_people as evaluate_people
+    from tsuiseki.tracking.evaluation.calls import evaluate_points as evaluate_points
+    from tsuiseki.tracking.evaluation.calls import evaluate_target as evaluate_target
+    from tsuiseki.tracking.features.exported import Appearance as Appearance
+    from tsuiseki.tracking.features.exported import Detector as Detector
+    from tsuiseki.tracking.formats.mot import read_tracks as read_tracks
+    from tsuiseki.tracking.formats.mot import write_tracks as write_tracks
+    from tsuiseki.tracking.interchange import as_detections as as_detections
+    from tsuiseki.tracking.people.bytetrack import ByteTrack as ByteTrack
+    from tsuiseki.tracking.people.bytetrack import ByteTrackSettings as ByteTrackSettings
+    from tsuiseki.tracking.people.deepsort import DeepSort as DeepSort
+    from tsuiseki.tracking.people.deepsort import DeepSortSettings as DeepSortSettings
+    from tsuiseki.tracking.people.flow import FlowTracker as FlowTracker
+    from tsuiseki.tracking.people.flow_input import FlowSettings as FlowSettings
+    from tsuiseki.tracking.people.ocsort import OcSort as OcSort
+    from tsuiseki.tracking.people.ocsort import OcSortSettings as OcSortSettings
+    from tsuiseki.tracking.people.sort import Sort as Sort
+    from tsuiseki.tracking.people.sort import SortSettings as SortSettings
+    from tsuiseki.tracking.people.tracking import follow_people as follow_people
+    from tsuiseki.tracking.people.tracking import track_people as track_people
+    from tsuiseki.tracking.points.blob_tracker import BlobSettings as BlobSettings
+    from tsuiseki.tracking.points.measurement_tracking import follow_measurements as follow_measurements
+    from tsuiseki.tracking.points.measurement_tracking import track_measurements as track_measurements
+    from tsuiseki.tracking.points.tracker import PointSettings as PointSettings
+    from tsuiseki.tracking.points.tracker import PointTracker as PointTracker
+    from tsuiseki.tracking.points.tracking import follow_blobs as follow_blobs
+    from tsuiseki.tracking.points.tracking import follow_points as follow_points
+    from tsuiseki.tracking.points.tracking import track_blobs as track_blobs
+    from tsuiseki.tracking.points.tracking import track_points as track_points
+    from tsuiseki.tracking.single.run import follow as follow
+    from tsuiseki.tracking.sphere.points import track_sphere_points as track_sphere_points
+    from tsuiseki.tracking.sphere.settings import SphereSettings as SphereSettings
+    from tsuiseki.tracking.sphere.tracking import follow_sphere as follow_sphere
+    from tsuiseki.tracking.sphere.tracking import track_sphere as track_sphere
+    from tsuiseki.tracking.types import Detections as Detections
+    from tsuiseki.tracking.types import Estimate as Estimate
+    from tsuiseki.tracking.types import Frame as Frame
+    from tsuiseki.tracking.types import Position as Position
+    from tsuiseki.tracking.types import Target as Target
+    from tsuiseki.tracking.types import Targets as Targets
+    from tsuiseki.tracking.types import Track as Track
+    from tsuiseki.tracking.types.labels import GroundTruth as GroundTruth
+    from tsuiseki.tracking.types.measurements import Scan as Scan
+    from tsuiseki.tracking.types.measurements import SensedTargets as SensedTargets
+    from tsuiseki.tracking.types.measurements import SensedTrack as SensedTrack
+    from tsuiseki.tracking.types.measurements import SensingModel as SensingModel
+    from tsuiseki.tracking.types.tracks import ActingTrack as ActingTrack
+    from tsuiseki.tracking.types.tracks import BodyTrack as BodyTrack
+    from tsuiseki.tracking.weights import shipped as shipped
 
     __version__: str
 
-# Where each name comes from.
-_MODULES = {
-    "errors": "RequestError RunError",
-    "features.networks.exported": "Appearance Detector",
-    "formats.mot": "read_tracks write_tracks",
-    "interchange": "as_detections",
-    "animals.tracking": "SkeletonSettings track_animals",
-    "points.tracking": "follow_blobs follow_points track_blobs track_points",
-    "bodies.tracking": "follow_deformable track_deformable",
-    "drone.tracking": "track_drone",
-    "evaluation.calls": "evaluate_people evaluate_points evaluate_target",
-    "points.measurement_tracking": "follow_measurements track_measurements",
-    "people.tracking": "follow_people track_people",
-    "single.run": "follow",
-    "sphere.tracking": "follow_sphere track_sphere",
-    "sphere.points": "track_sphere_points",
-    "sphere.settings": "SphereSettings",
-    "animals.linking": "AnimalSettings",
-    "points.blob_tracker": "BlobSettings",
-    "people.bytetrack": "ByteTrack ByteTrackSettings",
-    "people.deepsort": "DeepSort DeepSortSettings",
-    "bodies.tracker": "DeformableSettings",
-    "drone.tracker": "DroneSettings",
-    "people.flow": "FlowSettings FlowTracker",
-    "people.ocsort": "OcSort OcSortSettings",
-    "points.tracker": "PointSettings PointTracker",
-    "people.sort": "Sort SortSettings",
-    "types": "Detections Estimate Frame Position Target Targets Track",
-    "types.labels": "GroundTruth",
-    "types.measurements": "Scan SensedTargets SensedTrack SensingModel",
-    "types.tracks": "ActingTrack BodyTrack",
-    "weights": "shipped",
-}
-_HOMES = {name: f"tsuiseki.tracking.{module}" for module, names in _MODULES.items() for name in names.split()}
 
-__all__ = [
-    "ActingTrack",
-    "AnimalSettings",
-    "Appearance",
-    "BlobSettings",
-    "BodyTrack",
-    "ByteTrack",
-    "ByteTrackSettings",
-    "DeepSort",
-    "DeepSortSettings",
-    "DeformableSettings",
-    "Detections",
-    "Detector",
-    "DroneSettings",
-    "Estimate",
-    "FlowSettings",
-    "FlowTracker",
-    "Frame",
-    "GroundTruth",
-    "OcSort",
-    "OcSortSettings",
-    "PointSettings",
-    "PointTracker",
-    "Position",
-    "RequestError",
-    "RunError",
-    "Scan",
-    "SensedTargets",
-    "SensedTrack",
-    "SensingModel",
-    "SkeletonSettings",
-    "Sort",
-    "SortSettings",
-    "SphereSettings",
-    "Target",
-    "Targets",
-    "Track",
-    "__version__",
-    "as_detections",
-    "evaluate_people",
-    "evaluate_points",
-    "evaluate_target",
-    "follow",
-    "follow_blobs",
-    "follow_deformable",
-    "follow_measurements",
-    "follow_people",
-    "follow_points",
-    "follow_sphere",
-    "read_tracks",
-    "shipped",
-    "track_animals",
-    "track_blobs",
-    "track_deformable",
-    "track_drone",
-    "track_measurements",
-    "track_people",
-    "track_points",
-    "track_sphere",
-    "track_sphere_points",
-    "write_tracks",
-]
+def _homes() -> dict[str, str]:
+    """The module of each public name."""
+    listed = next(node for node in ast.parse(Path(__file__).read_text("utf-8")).body if isinstance(node, ast.If))
+    imports = [node for node in listed.body if isinstance(node, ast.ImportFrom)]
+    return {alias.name: str(node.module) for node in imports for alias in node.names}
+
+
+_HOMES = _homes()
+__all__ = sorted([*_HOMES, "__version__"])
 
 
 def __getattr__(name: str) -> Any:
