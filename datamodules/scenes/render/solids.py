@@ -6,7 +6,7 @@ or the cube has unit size, keeps the distance along the ray, so one closed form 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
@@ -201,7 +201,7 @@ class Parts:
         for rows in ends:
             if rows:
                 *columns, surfaces = zip(*rows, strict=True)
-                make = cone_spheres if rows is self._cones else boxes
+                make: Callable[..., Solids] = cone_spheres if rows is self._cones else boxes
                 self._groups.append(make(*(np.array(column, dtype=np.float64) for column in columns), surfaces))
                 rows.clear()
 
