@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import Moment, write_image
-from tsuiseki.datamodules.scenes.people.body import Pose, place, stride_length, walking
 from tsuiseki.datamodules.scenes.people.person import Person, person_solids, random_person
+from tsuiseki.datamodules.scenes.people.posture import Pose, place, stride_length, walking
 from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, Float32, Parts, Surface

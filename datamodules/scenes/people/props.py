@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.body import Skeleton
 from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE, Colour
+from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
 from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, UP, Parts, Solids, Surface
 from tsuiseki.tracking.types import FloatArray
 
@@ -52,7 +52,7 @@ def random_prop(rng: np.random.Generator, kind: Kind) -> Prop:
     return Prop(kind, colour, second, float(rng.uniform(0.85, 1.2)))
 
 
-def in_hand(prop: Prop, skeleton: Skeleton, hand: int) -> Solids:
+def in_hand(prop: Prop, skeleton: PersonSkeleton, hand: int) -> Solids:
     """A book, phone or bottle where the hands of ``skeleton`` hold it."""
     parts = Parts()
     if prop.kind == "book":
