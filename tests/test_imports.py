@@ -29,7 +29,7 @@ LAYERS = ("errors", "weights", "types", "geometry", "output", "options", "proces
           "preprocessing", "interchange", "formats", "result", "video", "cameras", "features", "filters", "association",
           "evaluation", "report", "cli", "single", "people", "drone", "fisheye", "animals", "bodies", "points",
           "sphere", "calibrate", "demo", "front")  # fmt: skip
-TORCH_FREE = ("tracking", "datamodules/scenes", "datamodules/readers", *(f"datamodules/{name}.py" for name in (
+TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (
     "labelled_images", "identity_crops", "action_crops", "footage", "generated_pictures")))  # fmt: skip
 
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.bodies.contacts import MEETINGS, Contact, meeting, told
 from benchmarks.machine import machine
-from tsuiseki.tracking.animals.tracking import track_animals
+from tsuiseki.tracking.animals.run import track_animals
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 WIDTH, HEIGHT, FRAMES = 320, 240, 100

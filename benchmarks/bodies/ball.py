@@ -14,13 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, plan_balls
-from tsuiseki.tracking.bodies.ball import Ball
+from tsuiseki.tracking.bodies.body import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
-from tsuiseki.tracking.bodies.tracker import DeformableSettings, DeformableTracker
+from tsuiseki.tracking.bodies.settings import DeformableSettings
+from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.filters.motion.bodies import BodyMotion, Noise, RandomWalk
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.bodies.motion import learn_motion
+from tsuiseki.trainers.learn_motion import learn_motion
 
 BODY = Ball()
 EXTRACTION = Extraction(parse_colour("red"))

@@ -13,10 +13,10 @@ import argparse
 import numpy as np
 
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_states
-from tsuiseki.tracking.bodies.goldfish import Goldfish
+from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.filters.motion.learnt import LearntMotion, PrincipalComponents
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.bodies.motion import learn_motion
+from tsuiseki.trainers.learn_motion import learn_motion
 
 RATES = (15.0, 30.0, 60.0)
 SECONDS = 10

@@ -18,12 +18,12 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
-from tsuiseki.tracking.bodies.body_starts import wide_noise
+from tsuiseki.tracking.bodies.contour import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk
 from tsuiseki.tracking.formats.silhouettes import centre_inside
-from tsuiseki.trainers.bodies.motion import learn_motion
 from tsuiseki.trainers.experiments.goldfish import BODY, TRACKER, FishClip, prepare_clip
+from tsuiseki.trainers.learn_motion import learn_motion
 
 FISH, FIRST_SEED = 5, 8_000_000
 

@@ -25,7 +25,7 @@ from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
-from tsuiseki.trainers.adapt.silhouettes import FARTHEST, usual_offset
+from tsuiseki.trainers.adapt.foreground import FARTHEST, usual_offset
 from tsuiseki.trainers.adapt.watch import foreground_of, watch
 
 SHARES, OWN = (0.0, 0.25, 0.5, 1.0), 0.5

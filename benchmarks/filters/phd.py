@@ -25,12 +25,12 @@ from tsuiseki.tracking.filters.finite_sets.clusters import Clusters, PhdState
 from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
 from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
-from tsuiseki.trainers.experiments.finite_sets.runs import start_filter
-from tsuiseki.trainers.experiments.finite_sets.scenarios import (
+from tsuiseki.trainers.experiments.finite_sets import (
     PointScenario,
     read_scenario,
     scenario_births,
     scenario_model,
+    start_filter,
 )
 
 SURVIVING, BORN = 10_000, 4_000

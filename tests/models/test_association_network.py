@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
-from tsuiseki.models.association import LARGEST, AppearanceProjection, AssociationNetwork, CostChange
+from tsuiseki.models.association_network import LARGEST, AppearanceProjection, AssociationNetwork, CostChange
 from tsuiseki.tracking.association.learnt_costs import LARGEST as LARGEST_IN_THE_TRACKER
 
 

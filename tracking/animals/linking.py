@@ -1,7 +1,9 @@
 """Which poses of all frames are one animal: the flow, appearance across contacts, and heads.
 
-The flow of `FlowTracker` links poses by motion and size, `identity` exchanges what appearance contradicts after
-a contact, `heading` finds the heads, and gaps of up to a second are filled on straight lines.
+The flow of `FlowTracker` links poses by motion and size, and carries identities through a contact. Size and brightness
+are steadier than that: for two tracks that were in contact, what each looked like before and after is compared, both
+ways round, and the two are exchanged where appearance says so. `heading` finds the heads, and gaps of up to a second
+are filled on straight lines.
 """
 
 from __future__ import annotations
@@ -14,14 +16,107 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter
 
-from tsuiseki.tracking.animals.heading import head_signs, heads, seconds_of_walking, stretches_of
-from tsuiseki.tracking.animals.identity import exchanged_after_contacts
-from tsuiseki.tracking.animals.pose import AnimalPose
-from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.animals.pose import AnimalPose, head_signs, heads, seconds_of_walking, stretches_of
+from tsuiseki.tracking.animals.settings import AnimalSettings
+from tsuiseki.tracking.errors import InputWarning
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings, InputSettings
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
+
+EVIDENCE = 4.0
+"""By how much the exchanged way must be likelier, in units of log-likelihood."""
+FEWEST = 5
+# Frames before and after a contact that are compared, and the farthest that appearances may differ, in deviations.
+WINDOW = 100
+FARTHEST = 5.0
+NEAR = 1.0
+"""Two animals are in contact where their pixels were told apart and they are nearer than this many lengths."""
+
+
+def exchanged_after_contacts(
+    labels: list[IntArray], poses: list[list[AnimalPose]], evidence: float = EVIDENCE
+) -> tuple[list[IntArray], int]:
+    """Tracks of the poses in each frame, exchanged where their appearance says so, and how often they were.
+
+    Args:
+        labels: for each frame ``(N,)`` the track of each pose, 0 for none.
+        poses: of each frame.
+        evidence: see `EVIDENCE`.
+    """
+    labels = [row.copy() for row in labels]
+    exchanges = 0
+    pending = contacts(labels, poses)
+    while pending:
+        first, last, one, other = pending.pop(0)
+        before, after = (range(max(0, first - WINDOW), first), range(last + 1, min(len(labels), last + 1 + WINDOW)))
+        appearances = [
+            _appearance(labels, poses, frames, track) for frames in (before, after) for track in (one, other)
+        ]
+        if min(map(len, appearances)) < FEWEST:
+            continue
+        if _gain(appearances) > evidence:
+            for row in labels[last + 1 :]:
+                was_one, was_other = row == one, row == other
+                row[was_one], row[was_other] = other, one
+            pending = [_renamed(contact, last, {one: other, other: one}) for contact in pending]
+            exchanges += 1
+    return labels, exchanges
+
+
+def contacts(labels: list[IntArray], poses: list[list[AnimalPose]]) -> list[tuple[int, int, int, int]]:
+    """First and last frame of each contact, and the two tracks, by the first frame; short partings do not end one."""
+    running: dict[tuple[int, int], tuple[int, int]] = {}
+    ended: list[tuple[int, int, int, int]] = []
+    for frame, (row, found) in enumerate(zip(labels, poses, strict=True)):
+        touching = [n for n, pose in enumerate(found) if pose.contact and row[n] > 0]
+        for i, a in enumerate(touching):
+            for b in touching[i + 1 :]:
+                away = float(np.linalg.norm(found[a].place - found[b].place))
+                if away > NEAR * max(found[a].length, found[b].length):
+                    continue
+                pair = (int(min(row[a], row[b])), int(max(row[a], row[b])))
+                first, last = running.get(pair, (frame, frame))
+                if frame - last > FEWEST:
+                    ended.append((first, last, *pair))
+                    first = frame
+                running[pair] = (first, frame)
+    return sorted(ended + [(*span, *pair) for pair, span in running.items()])
+
+
+def _renamed(contact: tuple[int, int, int, int], after: int, names: dict[int, int]) -> tuple[int, int, int, int]:
+    """A contact with the names that its tracks have since an exchange ``after`` that frame."""
+    first, last, a, b = contact
+    if first <= after:
+        return contact
+    a, b = sorted((names.get(a, a), names.get(b, b)))
+    return first, last, a, b
+
+
+def _appearance(labels: list[IntArray], poses: list[list[AnimalPose]], frames: range, track: int) -> FloatArray:
+    """``(T, 3)`` appearance of a track in frames in which nothing touches it."""
+    found = [
+        pose.appearance
+        for frame in frames
+        for label, pose in zip(labels[frame], poses[frame], strict=True)
+        if label == track and not pose.contact
+    ]
+    return np.array(found).reshape(-1, 3)
+
+
+def _gain(appearances: list[FloatArray]) -> float:
+    """How much likelier it is that the two were exchanged: one and other before, one and other after."""
+    middle = [np.median(part, axis=0) for part in appearances]
+    spread = np.concatenate([part - centre for part, centre in zip(appearances, middle, strict=True)])
+    deviation = np.maximum(1.4826 * np.median(np.abs(spread), axis=0), 0.02)
+    # Frames that follow each other look alike: each side counts as one observation.
+
+    def away(a: FloatArray, b: FloatArray) -> float:
+        return float((np.minimum(np.abs(a - b) / deviation, FARTHEST) ** 2).sum())
+
+    one, other, then_one, then_other = middle
+    return 0.5 * (away(one, then_one) + away(other, then_other) - away(one, then_other) - away(other, then_one))
+
 
 FIELDS = ("a", "b", "theta", "length", "width")
 CONTACT_SCORE = 0.5
@@ -29,37 +124,6 @@ WALKED = 0.4
 """Seconds of walking, of all animals together, from which heads are more than a guess."""
 STEADY = 0.4
 """Seconds over which the ends of a body, seen by region, are taken together."""
-
-
-@dataclass(frozen=True)
-class AnimalSettings:
-    """Settings of the tracker of animals.
-
-    Attributes:
-        smallest: share of the usual animal's core from which a region holds one, in (0, 1).
-        area: usual pixels of the core of one animal; by default found in the video.
-        shortest: seconds that an animal must be seen.
-        forward: how far ahead of the middle the reported place lies, in lengths of the animal; from -0.5 (tail) to 0.5
-            (head).
-        evidence: log-likelihood ratio of appearance that exchanges two animals after a contact.
-    """
-
-    smallest: float = 0.3
-    area: float | None = None
-    shortest: float = 0.4
-    forward: float = 0.0
-    evidence: float = 4.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.smallest < 1:
-            raise RequestError(f"`smallest`: expected a share between 0 and 1, got {self.smallest:g}")
-        if not -0.5 <= self.forward <= 0.5:
-            raise RequestError(f"`forward`: expected -0.5 to 0.5 lengths, got {self.forward:g}")
-        if self.area is not None and not 0 < self.area < np.inf:
-            raise RequestError(f"`area`: expected pixels above 0, got {self.area:g}")
-        for name in ("shortest", "evidence"):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise RequestError(f"`{name}`: expected a number from 0, got {getattr(self, name):g}")
 
 
 @dataclass(frozen=True)
@@ -120,7 +184,9 @@ def _flow(
 ) -> list[IntArray]:
     """For each frame the track of each pose, 0 for none."""
     flow = FlowTracker(
-        FlowSettings(input=InputSettings(camera=None), smoothing=None, min_time=settings.shortest, fill=0.0).alike(),
+        FlowSettings(
+            input=InputSettings(follow_camera=False), smoothing=False, min_time=settings.shortest, fill=0.0
+        ).alike(),
         frame_rate=frame_rate,
         size=size,
     )

@@ -1,14 +1,19 @@
-"""What the deformable tracker, motion learning and plots need to know of a body."""
+"""What the deformable tracker, motion learning and plots need to know of a body, and two bodies drawn by hand.
+
+`Goldfish` is that of section 3.1 of the goldfish paper, Figs. 3 and 4; `Ball` is the paper's own outlook (section 6).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
 
 Contours: TypeAlias = NDArray[np.float32]
@@ -42,7 +47,7 @@ class Body(Protocol):
         limits: ``(D, 2)`` least and greatest value of each component; infinite where there is none.
         strokes: which contour points form lines.
         radius: no contour point is ever farther from the centre, pixels.
-        card: sizes that rebuild the body (:func:`tsuiseki.tracking.bodies.choice.body_of_card`), for files.
+        card: sizes that rebuild the body (:func:`tsuiseki.tracking.bodies.learnt.body_of_card`), for files.
     """
 
     @property
@@ -103,3 +108,165 @@ def ellipse(length: float, width: float, points: int) -> Contours:
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(outline, axis=0), axis=1))])
     at = np.interp(np.arange(points) * way[-1] / points, way, fine)
     return np.stack([length / 2 * np.cos(at), width / 2 * np.sin(at)], axis=1).astype(np.float32)
+
+
+LARGEST_BEND = np.pi / 2
+
+
+@dataclass(frozen=True)
+class Goldfish:
+    """An ellipse about ``(a, b)`` whose long axis points along ``theta``, and a tail line bent by ``phi``.
+
+    The line starts at the rear end of the ellipse and points to ``theta + pi - phi``: straight back for ``phi = 0``,
+    and to the side of growing ``theta`` for ``phi > 0``, so that a fish curled to one side turns there with both
+    positive. The sizes are those of one fish before one camera and stay as they are: the state has none.
+
+    Attributes:
+        length: of the ellipse's long axis, pixels.
+        width: of its short axis, pixels.
+        tail: length of the tail line, pixels.
+        ellipse_points: contour points on the ellipse, at least 8.
+        tail_points: contour points on the line, the last at its end, at least 1.
+    """
+
+    length: float = 56.0
+    width: float = 24.0
+    tail: float = 32.0
+    ellipse_points: int = 24
+    tail_points: int = 6
+
+    def __post_init__(self) -> None:
+        if not (0 < self.width <= self.length < np.inf and 0 < self.tail < np.inf):
+            raise RequestError(
+                "goldfish: expected sizes above 0 and a width up to the length, "
+                f"got length {self.length:g}, width {self.width:g}, tail {self.tail:g}"
+            )
+        if self.ellipse_points < 8 or self.tail_points < 1:
+            raise RequestError("goldfish: expected at least 8 points on the ellipse and 1 on the tail")
+
+    @property
+    def name(self) -> str:
+        return "goldfish"
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        return ("a", "b", "theta", "phi")
+
+    @property
+    def angles(self) -> tuple[int, ...]:
+        return (2, 3)
+
+    @cached_property
+    def limits(self) -> FloatArray:
+        limits = unlimited(4)
+        limits[3] = -LARGEST_BEND, LARGEST_BEND
+        return limits
+
+    @property
+    def strokes(self) -> tuple[Stroke, ...]:
+        return (
+            Stroke(0, self.ellipse_points, closed=True),
+            Stroke(self.ellipse_points, self.ellipse_points + self.tail_points, closed=False),
+        )
+
+    @property
+    def radius(self) -> float:
+        return self.length / 2 + self.tail
+
+    @property
+    def card(self) -> Mapping[str, object]:
+        return {"body": self.name, **asdict(self)}
+
+    def contour(self, states: FloatArray) -> Contours:
+        """See :class:`~tsuiseki.tracking.bodies.body.Body`; the ellipse first, then the tail from root to end.
+
+        >>> Goldfish(length=40, width=20, tail=30).contour(np.array([[0, 0, 0, 0.0]]))[0, [0, -1]].tolist()
+        [[20.0, 0.0], [-50.0, 0.0]]
+        """
+        phi = np.asarray(states[:, 3:4], dtype=np.float32)
+        terms = np.concatenate([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
+        return placed(terms, states, self._turning)
+
+    @cached_property
+    def _turning(self) -> Contours:
+        """Of the unbent body without its tail, and of the tail along and across it."""
+        basis = np.zeros((3, self.ellipse_points + self.tail_points, 2), dtype=np.float32)
+        basis[0, : self.ellipse_points] = ellipse(self.length, self.width, self.ellipse_points)
+        basis[0, self.ellipse_points :, 0] = -self.length / 2
+        # The root of the tail lies on the ellipse already.
+        along = np.linspace(0.0, self.tail, self.tail_points + 1)[1:]
+        basis[1, self.ellipse_points :, 0] = -along
+        basis[2, self.ellipse_points :, 1] = along
+        return turning_basis(basis)
+
+
+LARGEST_SQUASH = 0.6
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A disc about ``(a, b)`` squashed along ``theta`` by the share ``squash``, its area kept.
+
+    The axis along ``theta`` is ``1 - squash`` diameters long, the other ``1 / (1 - squash)``. ``theta`` and
+    ``theta + pi`` look the same, and any ``theta`` does at ``squash = 0``.
+
+    Attributes:
+        diameter: of the ball at rest, pixels.
+        points: contour points, at least 8.
+    """
+
+    diameter: float = 60.0
+    points: int = 24
+
+    def __post_init__(self) -> None:
+        if not 0 < self.diameter < np.inf or self.points < 8:
+            raise RequestError(
+                f"ball: expected a diameter above 0 and at least 8 points, got {self.diameter:g} and {self.points}"
+            )
+
+    @property
+    def name(self) -> str:
+        return "ball"
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        return ("a", "b", "theta", "squash")
+
+    @property
+    def angles(self) -> tuple[int, ...]:
+        return (2,)
+
+    @cached_property
+    def limits(self) -> FloatArray:
+        limits = unlimited(4)
+        limits[3] = 0.0, LARGEST_SQUASH
+        return limits
+
+    @property
+    def strokes(self) -> tuple[Stroke, ...]:
+        return (Stroke(0, self.points, closed=True),)
+
+    @property
+    def radius(self) -> float:
+        return self.diameter / 2 / (1 - LARGEST_SQUASH)
+
+    @property
+    def card(self) -> Mapping[str, object]:
+        return {"body": self.name, **asdict(self)}
+
+    def contour(self, states: FloatArray) -> Contours:
+        """See :class:`~tsuiseki.tracking.bodies.body.Body`; squashes beyond the limits are drawn at the limit.
+
+        >>> Ball(diameter=20).contour(np.array([[0, 0, 0, 0.5]]))[0, [0, 6]].round(3).tolist()
+        [[5.0, 0.0], [0.0, 20.0]]
+        """
+        length = np.float32(1) - np.clip(states[:, 3:4], *self.limits[3]).astype(np.float32)
+        return placed(np.concatenate([length, 1 / length], axis=1), states, self._turning)
+
+    @cached_property
+    def _turning(self) -> Contours:
+        """Of the circle along and across the squash."""
+        angle = np.arange(self.points) * 2 * np.pi / self.points
+        basis = np.zeros((2, self.points, 2), dtype=np.float32)
+        basis[0, :, 0], basis[1, :, 1] = np.cos(angle), np.sin(angle)
+        return turning_basis(basis * np.float32(self.diameter / 2))

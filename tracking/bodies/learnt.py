@@ -1,19 +1,21 @@
 """A body that nobody drew by hand: the mean outline of silhouettes and how it bends, the paper's closing wish.
 
-`tsuiseki train body` learns it and saves one JSON file, which :func:`read_body` loads.
+`tsuiseki train body` learns it and saves one JSON file, which :func:`read_body` loads; :func:`parse_body` finds any
+body by its name or file.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.bodies.body import Contours, Stroke, placed, turning_basis, unlimited
+from tsuiseki.tracking.bodies.body import Ball, Body, Contours, Goldfish, Stroke, placed, turning_basis, unlimited
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.learnt import read_learnt
 from tsuiseki.tracking.types import FloatArray
@@ -110,3 +112,56 @@ def read_body(path: Path) -> LearntBody:
         return LearntBody(str(values["name"]), *parts)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise RequestError(f"{path}: broken body file ({error}); make it again with tsuiseki train body") from error
+
+
+BODIES: Mapping[str, Callable[..., Body]] = {"goldfish": Goldfish, "ball": Ball}
+
+
+def parse_body(text: str) -> Body:
+    """A body by name, with its sizes where they differ from the usual ones, or a file of `tsuiseki train body`.
+
+    >>> parse_body("goldfish,length=40,width=14").card["length"]
+    40.0
+
+    Raises:
+        RequestError: there is no such body, size or file, or a size is no number.
+    """
+    if text.endswith(".json"):
+        return read_body(Path(text))
+    name, *sizes = (part.strip() for part in text.split(","))
+    values: dict[str, object] = {"body": name}
+    for size in sizes:
+        key, equals, value = size.partition("=")
+        if not equals:
+            raise RequestError(f"expected sizes of a body as name=number, got {size!r} in {text!r}")
+        values[key.strip()] = value.strip()
+    return body_of_card(values)
+
+
+def body_of_card(card: Mapping[str, object]) -> Body:
+    """The goldfish or ball that a :attr:`Body.card` describes; numbers may be text.
+
+    Raises:
+        RequestError: as :func:`parse_body`.
+    """
+    make = BODIES.get(str(card.get("body")))
+    if make is None:
+        raise RequestError(
+            f"expected a body of {', '.join(BODIES)} or a file .json of tsuiseki train body, got {card.get('body')!r}"
+        )
+    known = {field.name: _number_type(field.type) for field in fields(make)}  # type: ignore[arg-type]
+    sizes: dict[str, Any] = {}
+    for key, value in card.items():
+        if key == "body":
+            continue
+        if key not in known:
+            raise RequestError(f"expected sizes of the {card['body']} among {', '.join(known)}, got {key!r}")
+        try:
+            sizes[key] = known[key](value)
+        except (TypeError, ValueError) as error:
+            raise RequestError(f"expected a number for {key} of the {card['body']}, got {value!r}") from error
+    return make(**sizes)
+
+
+def _number_type(annotation: object) -> Callable[[Any], float | int]:
+    return int if annotation == "int" else float

@@ -1,9 +1,164 @@
-"""`tsuiseki track deformable`: bodies that bend, such as fish seen from above."""
+"""Bodies that bend through a video, such as fish seen from above: in one call, and by `tsuiseki track deformable`."""
 
 from __future__ import annotations
 
-from tsuiseki.tracking.bodies.tracking import BodyChoice
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tsuiseki.tracking.bodies.contour import BodyPixels, Extraction
+from tsuiseki.tracking.bodies.learnt import parse_body
+from tsuiseki.tracking.bodies.settings import (
+    CONTRASTS,
+    BodyChoice,
+    DeformableSettings,
+    MotionPreset,
+    chosen_motion,
+    starting_states,
+)
+from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.cli.options import SeededOutput, Video
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.background_difference import StandingOut, video_background
+from tsuiseki.tracking.features.colour_region import parse_colour
+from tsuiseki.tracking.types import Frame
+from tsuiseki.tracking.types.frame_range import parse_frames
+from tsuiseki.tracking.types.tracks import BodyTrack
+from tsuiseki.tracking.video.source import Source, open_source
+
+
+def track_deformable(
+    source: str | Path | int,
+    body: str = "goldfish",
+    *,
+    colour: str = "any",
+    motion: str | Path | None = None,
+    preset: MotionPreset | None = None,
+    init: ArrayLike | None = None,
+    frames: str | None = None,
+    settings: DeformableSettings | None = None,
+    seed: int = 0,
+) -> list[BodyTrack]:
+    """Bodies that bend: place, heading and bend of each in every frame.
+
+    Args:
+        source: a video file, a folder of images, or a MOTChallenge sequence folder.
+        body: ``goldfish`` or ``ball``, with its sizes in pixels where they differ, such as
+            ``"goldfish,length=40,width=14,tail=20"``, or a file of `tsuiseki train body`.
+        colour: theirs, by name or as ``"H1-H2,S1-S2,V1-V2"`` with hues in degrees; or ``any``, ``bright`` or ``dark``
+            for what stands out in this way from a background that a fixed camera sees behind them. A live source needs
+            a colour.
+        motion: file of `tsuiseki train motion`, what was learnt of this body.
+        preset: how the body is expected to move; by default ``learnt`` with ``motion`` and ``wide`` without.
+        init: ``(K, D)`` states of the bodies in the first frame; by default they are found there.
+        frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
+        settings: see `DeformableSettings`.
+        seed: of the particles.
+
+    Returns:
+        The tracks by id, frames counted from 0 at the beginning of the video.
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+        RunError: the video breaks off.
+    """
+    opened, tracker = _prepared(source, frames, _choice(body, motion, preset, init, colour, settings), seed)
+    if opened.live and opened.frames_wanted.last is None:
+        raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_deformable")
+    for frame in opened.frames():
+        tracker.update(frame)
+    return tracker.tracks()
+
+
+def follow_deformable(
+    source: str | Path | int,
+    body: str = "goldfish",
+    *,
+    colour: str = "any",
+    motion: str | Path | None = None,
+    preset: MotionPreset | None = None,
+    init: ArrayLike | None = None,
+    frames: str | None = None,
+    settings: DeformableSettings | None = None,
+    seed: int = 0,
+) -> Iterator[tuple[Frame, list[BodyTrack]]]:
+    """Each frame with the bodies in it, each as a track of this one frame, while the video comes.
+
+    Arguments and errors are those of `track_deformable`.
+    """
+    opened, tracker = _prepared(source, frames, _choice(body, motion, preset, init, colour, settings), seed)
+
+    def each() -> Iterator[tuple[Frame, list[BodyTrack]]]:
+        for frame in opened.frames():
+            tracker.update(frame)
+            yield frame, tracker.tracks()
+            tracker.forget()
+
+    return each()
+
+
+def body_pixels(choice: BodyChoice, source: Source) -> BodyPixels:
+    """How bodies are told from what lies behind them; for a contrast the video is played once.
+
+    Raises:
+        RequestError: there is no such colour, or a contrast is asked of a live source.
+    """
+    if choice.colour not in CONTRASTS:
+        return Extraction(parse_colour(choice.colour), choice.deformable.smooth)
+    if source.live:
+        raise RequestError(
+            f"`colour`: expected one with a live source, which cannot be played twice, got {choice.colour}"
+        )
+    return StandingOut(video_background(source, CONTRASTS[choice.colour]), choice.deformable.smooth)
+
+
+def body_tracker(choice: BodyChoice, source: Source, seed: int = 0) -> DeformableTracker:
+    """A fresh tracker for the bodies in a video.
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+    """
+    body = parse_body(choice.body)
+    moves = chosen_motion(body, choice.motion, choice.preset, source.frame_rate, choice.widen)
+    states = starting_states(choice.init, body, source)
+    return DeformableTracker(body, moves, body_pixels(choice, source), choice.deformable, states, seed)
+
+
+def columns_of(tracks: Sequence[BodyTrack], frames: Sequence[int]) -> dict[str, list[Any]]:
+    """Frame from 1, bodies that are tracked in it, and the score of each body."""
+    seen = [0] * len(frames)
+    scores: dict[str, list[Any]] = {}
+    for track in tracks:
+        scores[f"score_{track.id}"] = [round(float(score), 4) for score in track.scores]
+        for frame, tracking in zip(track.frames, track.tracking, strict=True):
+            seen[int(frame) - frames[0]] += int(tracking)
+    return {"frame": [index + 1 for index in frames], "tracking": list(seen), **scores}
+
+
+def _prepared(
+    source: str | Path | int, frames: str | None, choice: BodyChoice, seed: int
+) -> tuple[Source, DeformableTracker]:
+    opened = open_source(str(source), parse_frames(frames))
+    if not opened.has_images:
+        raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
+    return opened, body_tracker(choice, opened, seed)
+
+
+def _choice(
+    body: str,
+    motion: str | Path | None,
+    preset: MotionPreset | None,
+    init: ArrayLike | None,
+    colour: str,
+    settings: DeformableSettings | None,
+) -> BodyChoice:
+    """What is asked from Python."""
+    states = None if init is None else np.atleast_2d(np.asarray(init, dtype=np.float64)).tolist()
+    path, chosen = None if motion is None else Path(motion), settings or DeformableSettings()
+    return BodyChoice(body, path, preset, init=states, colour=colour, deformable=chosen)
 
 
 def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
@@ -15,14 +170,12 @@ def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
     Args:
         seed: of the particles.
     """
-    from tsuiseki.tracking.bodies.page import write_contours
-    from tsuiseki.tracking.bodies.state_plots import plot_states
-    from tsuiseki.tracking.bodies.tracking import CONTRASTS, columns_of
+    from tsuiseki.tracking.bodies.page import plot_states, write_contours
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.formats.body_states import write_states
 
     source = video.open(images=True)
-    tracker = choice.tracker(source, output.seed)
+    tracker = body_tracker(choice, source, output.seed)
     body, frames = tracker.body, list[int]()
     with output.run() as run:
         run.facts["frame_rate"] = source.frame_rate

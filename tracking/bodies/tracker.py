@@ -13,21 +13,23 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.bodies.body import Body
-from tsuiseki.tracking.bodies.body_starts import find_starts, near_mask, visible_distance, within_limits
 from tsuiseki.tracking.bodies.contour import (
-    FARTHEST,
     BodyPixels,
     BodyView,
     ContourLikelihood,
     EdgeImage,
     Mask,
     Points,
+    find_starts,
+    near_mask,
+    visible_distance,
+    within_limits,
 )
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.filters.base import Proposal, bootstrap
 from tsuiseki.tracking.filters.motion.bodies import BodyMotion
-from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.particles.resampling import weighted_mean
+from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.resampling import weighted_mean
 from tsuiseki.tracking.types import FloatArray, Frame, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 
@@ -35,44 +37,6 @@ MOSTLY = 0.8
 """A body of which a greater share is hidden is not seen."""
 SEARCH_EVERY = 5
 """Frames between two searches of the whole image for a lost body."""
-
-
-@dataclass(frozen=True)
-class DeformableSettings:
-    """Settings of the tracker of bodies.
-
-    Attributes:
-        particles: of each body.
-        spread: ``sigma_d`` of (7), pixels squared.
-        hidden_cost: of a contour that is hidden behind other bodies in full, in units of log-likelihood.
-        margin: pixels around another body's expected contour that count as that body.
-        searching_beyond: a body whose contour is farther than this from the edges is not seen there, pixels.
-        patience: frames unseen until a body is lost.
-        smooth: side in pixels of the median filter of the extraction; 1 leaves it out.
-    """
-
-    particles: int = 500
-    spread: float = 40.0
-    hidden_cost: float = 14.0
-    margin: int = 4
-    searching_beyond: float = 15.0
-    patience: int = 10
-    smooth: int = 5
-
-    def __post_init__(self) -> None:
-        for name, least in (("particles", 1), ("margin", 0), ("patience", 0)):
-            if getattr(self, name) < least:
-                raise RequestError(f"`{name}`: expected a whole number from {least}, got {getattr(self, name)}")
-        if self.smooth < 1 or self.smooth % 2 == 0:
-            raise RequestError(f"`smooth`: expected an odd number of pixels, got {self.smooth}")
-        if not 0 < self.spread < np.inf:
-            raise RequestError(f"`spread`: expected squared pixels above 0, got {self.spread:g}")
-        if not 0 <= self.hidden_cost < np.inf:
-            raise RequestError(f"`hidden_cost`: expected a number from 0, got {self.hidden_cost:g}")
-        if not 0 < self.searching_beyond <= FARTHEST:
-            raise RequestError(
-                f"`searching_beyond`: expected pixels above 0, at most {FARTHEST:g}, got {self.searching_beyond:g}"
-            )
 
 
 @dataclass(frozen=True)

@@ -94,17 +94,18 @@ COMMANDS: Tree = {
             "appearance": Command("what they look like", "trainers.networks.fit:fit_appearance", forwarded=True),
             "action": Command("what they do", "trainers.networks.fit:fit_action", forwarded=True),
             "affinity": Command(
-                "whether two detections are the same person", "trainers.affinity.affinity:fit_affinity"
+                "whether two detections are the same person", "trainers.association.affinity_fit:fit_affinity"
             ),
             "affinity-drone": Command(
-                "what differences of actions cost, seen from a drone", "trainers.affinity.action_cost:fit_action_costs"
+                "what differences of actions cost, seen from a drone",
+                "trainers.association.action_cost_fit:fit_action_costs",
             ),
             "association": Command(
                 "who follows whom, by whole tracks", "trainers.networks.fit:fit_association", forwarded=True
             ),
-            "objectness": Command("which boxes look like an object", "trainers.objectness.train_objectness"),
-            "body": Command("a body that bends, from silhouettes", "trainers.bodies.train_body"),
-            "motion": Command("how a body that bends moves, from its tracks", "trainers.bodies.train_motion"),
+            "objectness": Command("which boxes look like an object", "trainers.train_objectness"),
+            "body": Command("a body that bends, from silhouettes", "trainers.learn_body:train_body"),
+            "motion": Command("how a body that bends moves, from its tracks", "trainers.learn_motion:train_motion"),
         },
     ),
     "adapt": Command("learn a camera from its unlabelled video (needs the train extra)"),
@@ -113,12 +114,14 @@ COMMANDS: Tree = {
         {
             "detector": Command(
                 "from a checkpoint, or from torchvision's COCO weights",
-                "trainers.exporting.export_detector",
+                "trainers.exporting.export_networks:export_detector",
             ),
-            "appearance": Command("from a checkpoint", "trainers.exporting.export_crops:export_appearance"),
-            "action": Command("from a checkpoint, one file a stream", "trainers.exporting.export_crops:export_action"),
+            "appearance": Command("from a checkpoint", "trainers.exporting.export_networks:export_appearance"),
+            "action": Command(
+                "from a checkpoint, one file a stream", "trainers.exporting.export_networks:export_action"
+            ),
             "association": Command(
-                "costs of the flow, from a checkpoint", "trainers.exporting.export_association:export_trained"
+                "costs of the flow, from a checkpoint", "trainers.exporting.export_costs:export_trained"
             ),
         },
     ),
@@ -140,7 +143,7 @@ COMMANDS: Tree = {
             "single": Command("one target, from its box in the first frame", "tracking.single.run:single"),
             "sphere": Command("a ball in space, from calibrated cameras", "tracking.sphere.run:sphere"),
             "drone": Command("people seen from a drone, and what they do", "tracking.drone.run:drone"),
-            "blobs": Command("objects of a colour, or measured points", "tracking.points.blob_run:blobs"),
+            "blobs": Command("objects of a colour, or measured points", "tracking.points.run:blobs"),
             "points": Command("targets from the measurements of a sensor", "tracking.points.run:points"),
             "deformable": Command("bodies that bend, such as fish from above", "tracking.bodies.run:deformable"),
             "animals": Command("several animals before a fixed camera", "tracking.animals.run:animals"),
@@ -164,27 +167,18 @@ COMMANDS: Tree = {
     "reproduce": Group(
         "a paper's table or figure: paper and here, plus the plot (needs the train extra)",
         {
-            "multi-correlation-filter": Experiment(
-                "correlation filters selected by a particle filter", "single.multi_correlation_filter"
-            ),
-            "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets.phd"),
+            "multi-correlation-filter": Experiment("correlation filters selected by a particle filter", "single"),
+            "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets"),
             "pca-particle-filter": Experiment("how many particles a goldfish needs", "goldfish"),
-            "drone-action-features": Experiment(
-                "tracks and actions from a drone improve each other", "drone.action_features"
-            ),
-            "drone-crowd": Experiment("where what people do tells them apart", "drone.crowd"),
-            "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "finite_sets.unseen"),
-            "phd-motions": Experiment("targets that are calm and agile by turns", "finite_sets.motions"),
-            "blobs": Experiment("coloured objects, beside components and SORT", "finite_sets.blobs"),
-            "phd-equalisation": Experiment("equal likelihoods keep the weak target", "finite_sets.equalisation"),
-            "association": Experiment(
-                "people and cars linked on given detections, with peers", "association.association"
-            ),
-            "end-to-end": Experiment("costs learnt through the flow", "end_to_end.end_to_end"),
+            "drone-action-features": Experiment("tracks and actions from a drone improve each other", "drone"),
+            "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "sensed"),
+            "blobs": Experiment("coloured objects, beside components and SORT", "coloured:blobs"),
+            "phd-equalisation": Experiment("equal likelihoods keep the weak target", "coloured:equalisation"),
+            "association": Experiment("people and cars linked on given detections, with peers", "association"),
+            "end-to-end": Experiment("costs learnt through the flow", "end_to_end"),
             "omnidirectional": Experiment("people under ceiling fisheye cameras", "fisheye.omnidirectional"),
-            "stereo-sphere": Experiment("a ball in space from two cameras", "sphere.stereo_sphere"),
-            "sphere-points": Experiment("a thrown ball from its measured pixels", "sphere.measured_points"),
-            "multiview-drone": Experiment("a drone in space from measured pixels", "sphere.multiview_drone"),
+            "stereo-sphere": Experiment("a ball in space from two cameras", "sphere"),
+            "sphere-points": Experiment("a thrown ball from its measured pixels", "sphere_points"),
         },
     ),
 }

@@ -4,25 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.evaluation.coverage import spans
-from tsuiseki.tracking.report.overlay import track_colour
-from tsuiseki.tracking.report.page import (
-    BOXES_NOTE,
-    embedded_video,
-    frame_ticks,
-    html_page,
-    scrolling,
-    seconds_table,
-    section,
-)
+from tsuiseki.tracking.people.page import followed
+from tsuiseki.tracking.report.page import BOXES_NOTE, embedded_video, html_page, seconds_table, section
+from tsuiseki.tracking.report.timeline import Bar, timeline
 from tsuiseki.tracking.types.tracks import ActingTrack
 
-ROW, LEFT, WIDTH = 15, 150, 750
 MOST_NAMED = 3
 
 
@@ -86,31 +77,11 @@ def action_timelines(report: ActionReport) -> str:
 def _timeline(person: ActingTrack, report: ActionReport) -> str:
     track = person.track
     first, length = report.frames[0], report.frames[-1] - report.frames[0] + 1
-    scale = WIDTH / length
-    paint = "rgb({},{},{})".format(*track_colour(track.id))
-    rows = [(f"person {track.id}", track.observed.astype(np.int64) + 1)]
+    rows = [followed(track)]
     if person.multi is not None:
         called = person.multi > report.threshold
-        rows += [(report.names[a], called[:, a].astype(np.int64)) for a in np.flatnonzero(called.any(axis=0)).tolist()]
-    marks = []
-    for number, (label, values) in enumerate(rows):
-        y = number * ROW
-        marks.append(f'<text x="{LEFT - 6}" y="{y + 11}" text-anchor="end">{escape(label)}</text>')
-        for span in spans(track.frames, values):
-            if span.value == 0:
-                continue
-            x, size = LEFT + (span.first - first) * scale, (span.last - span.first + 1) * scale
-            pale = ' fill-opacity="0.35"' if number == 0 and span.value == 1 else ""
-            tip = f"<title>{escape(label)}, frames {span.first + 1}-{span.last + 1}</title>"
-            marks.append(
-                f'<rect x="{x:.1f}" y="{y + 2}" width="{size:.1f}" height="{ROW - 4}" fill="{paint}"{pale}>{tip}</rect>'
-            )
-    height = ROW * len(rows)
-    for frame in frame_ticks(first, length):
-        x = LEFT + (frame - first - 0.5) * scale
-        marks.append(f'<path d="M{x:.1f} 0V{height}" stroke="currentColor" stroke-opacity="0.15"/>')
-        marks.append(f'<text x="{x:.1f}" y="{height + 11}" text-anchor="middle">{frame}</text>')
-    return scrolling(
-        f'<svg class="plot" viewBox="0 0 {LEFT + WIDTH + 20} {height + 20}" role="img" '
-        f'aria-label="person {track.id}" font-size="11" fill="currentColor">{"".join(marks)}</svg>'
-    )
+        for a in np.flatnonzero(called.any(axis=0)).tolist():
+            found = spans(track.frames, called[:, a].astype(np.int64))
+            name = report.names[a]
+            rows.append((name, [Bar(span.first, span.last, name, track.id) for span in found if span.value]))
+    return timeline(rows, first, length, f"person {track.id}", left=150)

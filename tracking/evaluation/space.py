@@ -68,11 +68,3 @@ def distance_to_path(points: FloatArray, path: FloatArray) -> FloatArray:
     share = np.clip(np.einsum("tkj,kj->tk", away, along) / length, 0.0, 1.0)
     gap = away - share[:, :, None] * along
     return np.asarray(np.sqrt(np.einsum("tkj,tkj->tk", gap, gap).min(axis=1)))
-
-
-def acceleration(times: FloatArray, points: FloatArray, step: float) -> float:
-    """Root-mean-square acceleration over all three neighbours ``step`` seconds apart, m/s^2; NaN if there are none."""
-    even = np.abs(np.diff(times) - step) < 0.01 * step
-    triples = even[1:] & even[:-1] & np.isfinite(points[2:] + points[1:-1] + points[:-2]).all(axis=1)
-    second = (points[2:] - 2 * points[1:-1] + points[:-2])[triples] / step**2
-    return float(np.sqrt(np.mean(np.square(second).sum(axis=1)))) if len(second) else float("nan")

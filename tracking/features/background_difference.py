@@ -3,7 +3,8 @@
 The background of each pixel is a quantile of its values over the video: the middle one where animals differ in any
 way, a low one where they are brighter and a high one where they are darker, so that an animal that rests for most of
 the video still stands out. What rests all the time is part of that quantile; where the background itself holds regions
-as large and as distinct as the animals, they are painted over from their surroundings.
+as large and as distinct as the animals, they are painted over from their surroundings. The usual `Shape` of a region
+tells one body from two that touch, whatever their size.
 """
 
 from __future__ import annotations
@@ -17,8 +18,57 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.region_shape import Shape, usual_shape
-from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.video.source import Source
+
+SAMPLED = 32
+"""Frames, spread over the video, that the background is learnt from."""
+# Regions of so many usual areas, and of so many pixels, tell the usual shape.
+LONE = (0.5, 1.6)
+FEWEST = 20
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A region, but for its place, direction and size.
+
+    Attributes:
+        aspect: deviation of its pixels along its longer axis over that across, at least 1.
+        fill: its area over that of the ellipse with the same deviations: 1 for an ellipse, less for what bends or has
+            gaps.
+    """
+
+    aspect: float
+    fill: float
+
+
+def shape_of(pixels: FloatArray) -> Shape:
+    """The shape of a region.
+
+    Args:
+        pixels: ``(P, 2)`` centres of all its pixels, in either order of the columns.
+    """
+    # A pixel is a square with a deviation of its own, so that a single row has one across.
+    low, high = np.linalg.eigvalsh(np.cov(pixels.T) + np.eye(2) / 12)
+    return Shape(float(np.sqrt(high / low)), float(len(pixels) / (4 * np.pi * np.sqrt(low * high))))
+
+
+def usual_shape(masks: Sequence[NDArray[np.bool_]], area: float) -> Shape | None:
+    """The median shape of the regions that have about the usual area; None without any.
+
+    Args:
+        masks: ``(H, W)`` each.
+        area: usual pixels of one body.
+    """
+    found = []
+    for mask in masks:
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+        for n in range(1, count):
+            if max(LONE[0] * area, FEWEST) <= stats[n, cv2.CC_STAT_AREA] <= LONE[1] * area:
+                shape = shape_of(np.argwhere(np.asarray(labels) == n).astype(np.float64))
+                found.append((shape.aspect, shape.fill))
+    return Shape(*np.median(found, axis=0).tolist()) if found else None
+
 
 Contrast = Literal["auto", "bright", "dark", "any"]
 Grey: TypeAlias = NDArray[np.uint8]
@@ -27,7 +77,6 @@ Grey: TypeAlias = NDArray[np.uint8]
 QUANTILES = {"bright": 0.05, "dark": 0.95, "any": 0.5}
 # One sign of difference is taken for the animals' where it makes up this share of all that stands out.
 ONE_SIDED = 0.75
-FEWEST = 20
 # Deviations of the noise of a difference, and grey levels, below which nothing stands out.
 NOISE, LEAST = 6.0, 8.0
 # Sides of the surroundings that a background is compared with, as a share of the image's shorter side.
@@ -207,3 +256,23 @@ def _filled_up(cores: Grey, mask: NDArray[np.bool_]) -> Grey:
     _, labels = cv2.connectedComponents(mask.astype(np.uint8))
     held = np.unique(labels[cores > 0])
     return np.asarray(np.isin(labels, held[held > 0]), dtype=np.uint8)
+
+
+def video_background(source: Source, contrast: Contrast = "auto", threshold: float | None = None) -> Background:
+    """The background of a video, from frames spread over it.
+
+    Raises:
+        RequestError: the source is live and cannot be played twice.
+    """
+    if source.live:
+        raise RequestError("expected a video that can be played again, got a live source; record it first")
+    kept: list[ImageArray] = []
+    every = 1
+    for number, frame in enumerate(source.frames()):
+        if number % every:
+            continue
+        kept.append(frame.image)
+        if len(kept) == 2 * SAMPLED:
+            kept, every = kept[::2], 2 * every
+    chosen = np.unique(np.linspace(0, len(kept) - 1, SAMPLED).round().astype(int))
+    return learn_background([kept[n] for n in chosen], contrast, threshold=threshold)

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 # The one list of public names: type checkers read it as it stands, `_homes` reads where each name comes from.
 if TYPE_CHECKING:
-    from tsuiseki.tracking.animals.linking import AnimalSettings as AnimalSettings
-    from tsuiseki.tracking.animals.tracking import SkeletonSettings as SkeletonSettings
-    from tsuiseki.tracking.animals.tracking import track_animals as track_animals
-    from tsuiseki.tracking.bodies.tracker import DeformableSettings as DeformableSettings
-    from tsuiseki.tracking.bodies.tracking import follow_deformable as follow_deformable
-    from tsuiseki.tracking.bodies.tracking import track_deformable as track_deformable
+    from tsuiseki.tracking.animals.run import track_animals as track_animals
+    from tsuiseki.tracking.animals.settings import AnimalSettings as AnimalSettings
+    from tsuiseki.tracking.animals.settings import SkeletonSettings as SkeletonSettings
+    from tsuiseki.tracking.bodies.run import follow_deformable as follow_deformable
+    from tsuiseki.tracking.bodies.run import track_deformable as track_deformable
+    from tsuiseki.tracking.bodies.settings import DeformableSettings as DeformableSettings
     from tsuiseki.tracking.drone.settings import DroneSettings as DroneSettings
     from tsuiseki.tracking.drone.tracking import track_drone as track_drone
     from tsuiseki.tracking.errors import RequestError as RequestError
@@ -47,20 +47,20 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.people.sort import SortSettings as SortSettings
     from tsuiseki.tracking.people.tracking import follow_people as follow_people
     from tsuiseki.tracking.people.tracking import track_people as track_people
-    from tsuiseki.tracking.points.blob_tracker import BlobSettings as BlobSettings
-    from tsuiseki.tracking.points.measurement_tracking import follow_measurements as follow_measurements
-    from tsuiseki.tracking.points.measurement_tracking import track_measurements as track_measurements
-    from tsuiseki.tracking.points.tracker import PointSettings as PointSettings
+    from tsuiseki.tracking.points.run import follow_blobs as follow_blobs
+    from tsuiseki.tracking.points.run import follow_measurements as follow_measurements
+    from tsuiseki.tracking.points.run import follow_points as follow_points
+    from tsuiseki.tracking.points.run import track_blobs as track_blobs
+    from tsuiseki.tracking.points.run import track_measurements as track_measurements
+    from tsuiseki.tracking.points.run import track_points as track_points
+    from tsuiseki.tracking.points.settings import BlobSettings as BlobSettings
+    from tsuiseki.tracking.points.settings import PointSettings as PointSettings
     from tsuiseki.tracking.points.tracker import PointTracker as PointTracker
-    from tsuiseki.tracking.points.tracking import follow_blobs as follow_blobs
-    from tsuiseki.tracking.points.tracking import follow_points as follow_points
-    from tsuiseki.tracking.points.tracking import track_blobs as track_blobs
-    from tsuiseki.tracking.points.tracking import track_points as track_points
     from tsuiseki.tracking.single.run import follow as follow
     from tsuiseki.tracking.sphere.points import track_sphere_points as track_sphere_points
+    from tsuiseki.tracking.sphere.run import follow_sphere as follow_sphere
+    from tsuiseki.tracking.sphere.run import track_sphere as track_sphere
     from tsuiseki.tracking.sphere.settings import SphereSettings as SphereSettings
-    from tsuiseki.tracking.sphere.tracking import follow_sphere as follow_sphere
-    from tsuiseki.tracking.sphere.tracking import track_sphere as track_sphere
     from tsuiseki.tracking.types import Detections as Detections
     from tsuiseki.tracking.types import Estimate as Estimate
     from tsuiseki.tracking.types import Frame as Frame

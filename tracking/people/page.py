@@ -9,20 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.evaluation.coverage import spans
-from tsuiseki.tracking.report.overlay import track_colour
-from tsuiseki.tracking.report.page import (
-    BOXES_NOTE,
-    embedded_video,
-    frame_ticks,
-    html_page,
-    listing,
-    scrolling,
-    seconds_table,
-    section,
-)
+from tsuiseki.tracking.report.page import BOXES_NOTE, embedded_video, html_page, listing, seconds_table, section
+from tsuiseki.tracking.report.timeline import Bar, timeline
 from tsuiseki.tracking.types import Track
-
-ROW, LEFT, WIDTH = 15, 90, 810
 
 
 @dataclass(frozen=True)
@@ -63,29 +52,18 @@ def people_page(report: PeopleReport) -> str:
 
 
 def _timeline(report: PeopleReport) -> str:
-    """A row for each person, as SVG."""
+    """A row for each person."""
     if not report.tracks:
         return "<p>Nobody was followed.</p>"
     first, length = report.frames[0], report.frames[-1] - report.frames[0] + 1
-    scale, height = WIDTH / length, ROW * len(report.tracks)
-    marks = []
-    for number, track in enumerate(report.tracks):
-        y, paint = number * ROW, "rgb({},{},{})".format(*track_colour(track.id))
-        marks.append(f'<text x="{LEFT - 6}" y="{y + 11}" text-anchor="end">person {track.id}</text>')
-        for span in spans(track.frames, track.observed.astype(np.int64) + 1):
-            x, size = LEFT + (span.first - first) * scale, (span.last - span.first + 1) * scale
-            pale = ' fill-opacity="0.35"' if span.value == 1 else ""
-            tip = f"<title>person {track.id}, frames {span.first + 1}-{span.last + 1}</title>"
-            marks.append(
-                f'<rect x="{x:.1f}" y="{y + 2}" width="{size:.1f}" height="{ROW - 4}" fill="{paint}"{pale}>{tip}</rect>'
-            )
-    for frame in frame_ticks(first, length):
-        x = LEFT + (frame - first - 0.5) * scale
-        marks.append(f'<path d="M{x:.1f} 0V{height}" stroke="currentColor" stroke-opacity="0.15"/>')
-        marks.append(f'<text x="{x:.1f}" y="{height + 11}" text-anchor="middle">{frame}</text>')
     note = "<p class=note>A bar is the time a person was followed, pale where no detection supports it.</p>"
-    svg = (
-        f'<svg class="plot" viewBox="0 0 {LEFT + WIDTH + 20} {height + 20}" role="img" aria-label="timeline" '
-        f'font-size="11" fill="currentColor">{"".join(marks)}</svg>'
-    )
-    return scrolling(svg) + note
+    return timeline([followed(track) for track in report.tracks], first, length, "timeline") + note
+
+
+def followed(track: Track) -> tuple[str, list[Bar]]:
+    """The row of a person: when they were followed, pale where no detection supports it."""
+    name = f"person {track.id}"
+    return name, [
+        Bar(span.first, span.last, name, track.id, pale=not span.value)
+        for span in spans(track.frames, track.observed.astype(np.int64))
+    ]

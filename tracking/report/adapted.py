@@ -12,7 +12,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.geometry import clip_boxes, grown, iou_matrix
-from tsuiseki.tracking.report.page import html_page, section
+from tsuiseki.tracking.report.page import html_page, html_table, section
 from tsuiseki.tracking.types import Detections, ImageArray, IntArray
 
 HEADINGS = {
@@ -102,17 +102,15 @@ def adapted_page(report: AdaptedReport) -> str:
 
 def _table(report: AdaptedReport) -> str:
     """A table with a row for each round, the one that is kept marked."""
-    head = "".join(f"<th scope=col>{escape(heading)}</th>" for heading in HEADINGS.values())
-    rows = []
-    for number, values in enumerate(report.rounds):
-        name = "start" if number == 0 else f"round {number}"
-        mark = ' class="best"' if 0 < number == report.best else ""
-        cells = "".join(f"<td{mark}>{_number(values[key])}</td>" for key in HEADINGS)
-        rows.append(f"<tr><th scope=row>{name}</th>{cells}</tr>")
-    return (
-        f'<div class="wide"><table><thead><tr><th scope=col></th>{head}</tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-    )
+    rows = [
+        (
+            "start" if number == 0 else f"round {number}",
+            [_number(values[key]) for key in HEADINGS],
+            [0 < number == report.best] * len(HEADINGS),
+        )
+        for number, values in enumerate(report.rounds)
+    ]
+    return html_table(["", *HEADINGS.values()], rows)
 
 
 def _number(value: float) -> str:

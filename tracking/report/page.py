@@ -14,14 +14,13 @@ from pathlib import Path
 from tsuiseki.tracking.evaluation.coverage import Coverage, coverage, spans
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
 from tsuiseki.tracking.evaluation.tables import COLUMNS, cells
-from tsuiseki.tracking.report.overlay import track_colour
 from tsuiseki.tracking.report.plots import comparison_figure, count_figure, inline_svg
+from tsuiseki.tracking.report.timeline import Bar, timeline
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.webm import video_type
 
 LOWER_IS_BETTER = {"id_switches", "false_positives", "false_negatives"}
-TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)
 
 
 BOXES_NOTE = "Each colour and number is one person. A dashed box is filled in: no detection supports it."
@@ -126,22 +125,33 @@ def listing(values: Mapping[str, str]) -> str:
     return f"<dl>{rows}</dl>" if rows else ""
 
 
+def html_table(head: Sequence[str], rows: Iterable[tuple[str, Sequence[str], Sequence[bool]]]) -> str:
+    """A table with a heading for each column and row.
+
+    Args:
+        head: headings, the first of the names of the rows.
+        rows: name and cells of each, and which of the cells are marked as the best.
+    """
+    lines = []
+    for name, values, best in rows:
+        marks = [' class="best"' if mark else "" for mark in best]
+        shown = "".join(f"<td{mark}>{text}</td>" for mark, text in zip(marks, values, strict=True))
+        lines.append(f"<tr><th scope=row>{escape(name)}</th>{shown}</tr>")
+    headings = "".join(f"<th scope=col>{escape(heading)}</th>" for heading in head)
+    return scrolling(f"<table><thead><tr>{headings}</tr></thead><tbody>{''.join(lines)}</tbody></table>")
+
+
 def _table(methods: Sequence[ReportedMethod]) -> str:
     best = {
         name: (min if name in LOWER_IS_BETTER else max)(getattr(m.scores, name) for m in methods)
         for _, name, _ in COLUMNS
     }
-    head = "".join(f"<th scope=col>{heading}</th>" for heading, _, _ in COLUMNS)
-    rows = []
-    for method in methods:
-        marks = [
-            ' class="best"' if len(methods) > 1 and getattr(method.scores, n) == best[n] else "" for _, n, _ in COLUMNS
-        ]
-        values = "".join(f"<td{mark}>{text}</td>" for mark, text in zip(marks, cells(method.scores), strict=True))
-        rows.append(f"<tr><th scope=row>{escape(method.name)}</th>{values}</tr>")
-    return scrolling(
-        f"<table><thead><tr><th scope=col>Method</th>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
-    )
+    several = len(methods) > 1
+    rows = [
+        (m.name, cells(m.scores), [several and getattr(m.scores, name) == best[name] for _, name, _ in COLUMNS])
+        for m in methods
+    ]
+    return html_table(["Method", *(heading for heading, _, _ in COLUMNS)], rows)
 
 
 def _glossary() -> str:
@@ -169,9 +179,10 @@ def embedded_video(path: Path, label: str = "", note: str = "") -> str:
 
 
 def _timelines(report: Report) -> str:
-    parts = [
-        f"<h3>{escape(m.name)}</h3>{_timeline(coverage(report.truth, m.tracks), report.length)}" for m in report.methods
-    ]
+    parts = []
+    for m in report.methods:
+        rows = [_followed(person) for person in coverage(report.truth, m.tracks)]
+        parts.append(f"<h3>{escape(m.name)}</h3>{timeline(rows, 0, report.length, m.name, left=44)}")
     note = (
         "<p class=note>A row is a person of the ground truth, a bar the time they are in view, its colour the id they "
         "were given: one colour from end to end is perfect, a change of colour an id switch, grey a miss.</p>"
@@ -179,36 +190,14 @@ def _timelines(report: Report) -> str:
     return section("Who was followed when", note + "".join(parts))
 
 
-def _timeline(people: Sequence[Coverage], length: int) -> str:
-    """Rows of bars as SVG."""
-    left, width, row = 44, 856, 16
-    height = row * len(people) + 22
-    scale = width / max(length, 1)
-    marks = []
-    for number, person in enumerate(people):
-        y = number * row
-        marks.append(f'<text x="{left - 6}" y="{y + 12}" text-anchor="end">{person.id}</text>')
-        for span in spans(person.frames, person.track_ids):
-            x, size = left + span.first * scale, (span.last - span.first + 1) * scale
-            red, green, blue = track_colour(span.value)
-            paint = f'fill="rgb({red},{green},{blue})"' if span.value else 'fill="currentColor" fill-opacity="0.18"'
-            what = f"id {span.value}" if span.value else "missed"
-            tip = f"<title>person {person.id}: {what}, frames {span.first + 1}-{span.last + 1}</title>"
-            marks.append(f'<rect x="{x:.1f}" y="{y + 2}" width="{size:.1f}" height="{row - 4}" {paint}>{tip}</rect>')
-    for frame in frame_ticks(0, length):
-        x = left + (frame - 0.5) * scale
-        marks.append(f'<path d="M{x:.1f} 0V{row * len(people)}" stroke="currentColor" stroke-opacity="0.15"/>')
-        marks.append(f'<text x="{x:.1f}" y="{height - 6}" text-anchor="middle">{frame}</text>')
-    return scrolling(
-        f'<svg class="plot" viewBox="0 0 {left + width + 8} {height}" role="img" aria-label="timeline" '
-        f'font-size="11" fill="currentColor">{"".join(marks)}</svg>'
-    )
-
-
-def frame_ticks(first: int, length: int) -> range:
-    """1-based numbers of frames to mark on an axis of ``length`` frames from the 0-based ``first`` on."""
-    step = next((t for t in TICKS if length / t <= 10), TICKS[-1])
-    return range((first // step + 1) * step, first + length + 1, step)
+def _followed(person: Coverage) -> tuple[str, list[Bar]]:
+    bars = [
+        Bar(span.first, span.last, f"person {person.id}: id {span.value}", span.value)
+        if span.value
+        else Bar(span.first, span.last, f"person {person.id}: missed", pale=True)
+        for span in spans(person.frames, person.track_ids)
+    ]
+    return str(person.id), bars
 
 
 def seconds_table(seconds: Mapping[str, float], frames: int) -> str:

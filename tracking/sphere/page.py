@@ -1,22 +1,221 @@
-"""`report.html` of a ball in space."""
+"""What is drawn of a ball in space: `report.html`, plots of its path, and its outline over each camera's video."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from itertools import takewhile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
+from tsuiseki.tracking.cameras.outline import sphere_outlines
+from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path, distance_to_position
+from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.report.page import embedded_video, html_page, listing, scrolling, section
-from tsuiseki.tracking.report.plots import inline_svg
-from tsuiseki.tracking.sphere.space_plots import deviation_figure, path_figure
-from tsuiseki.tracking.sphere.sphere_run import SphereLog
-from tsuiseki.tracking.types import STATUSES, FloatArray, Position
+from tsuiseki.tracking.report.plots import COLOURS, inline_svg
+from tsuiseki.tracking.sphere.following import SphereLog
+from tsuiseki.tracking.types import STATUSES, FloatArray, Frame, ImageArray, Position
 from tsuiseki.tracking.types.tracks import Path3D
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+STATUS_COLOURS = {"tracking": COLOURS[0], "searching": COLOURS[1], "lost": COLOURS[4]}
+# An ellipse of so many standard deviations holds 95 % of a Gaussian in the plane.
+ELLIPSE = 2.4477
+MOST_ELLIPSES = 40
+
+
+def path_figure(
+    positions: Sequence[Position],
+    cameras: Sequence[PlacedCamera] = (),
+    truth: Path3D | None = None,
+    ink: str = "black",
+) -> Figure:
+    """The path among the cameras from above, and close up from above (x right, y up) and from the side (z up).
+
+    The ellipses hold 95 % by the covariances.
+
+    Args:
+        positions: the estimates.
+        cameras: drawn in the first plot.
+        truth: drawn below the estimates.
+        ink: colour of text and axes.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12, 4.2), layout="constrained")
+    points = np.array([p.point for p in positions]) if positions else np.empty((0, 3))
+    views = (("Among the cameras, from above", (0, 1)), ("From above", (0, 1)), ("From the side", (0, 2)))
+    for number, (axes, (title, pair)) in enumerate(zip(figure.subplots(1, 3), views, strict=True)):
+        _view(axes, positions, points, pair, truth, ink)
+        if number == 0:
+            _cameras(axes, cameras, pair, points, ink)
+        axes.set_title(title, loc="left", color=ink)
+        axes.set_xlabel("x, m", color=ink)
+        axes.set_ylabel(f"{'xyz'[pair[1]]}, m", color=ink)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.margins(0.12)
+        axes.set_facecolor("none")
+        axes.grid(alpha=0.2, color=ink)
+        axes.tick_params(colors=ink)
+        for spine in axes.spines.values():
+            spine.set_color(ink)
+    handles, names = figure.axes[0].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, names, loc="outside lower center", ncols=5, frameon=False, labelcolor=ink)
+    return figure
+
+
+def deviation_figure(positions: Sequence[Position], truth: Path3D | None = None, ink: str = "black") -> Figure:
+    """The standard deviation that the filter states over time, and the true error where it is known, cm."""
+    from matplotlib.figure import Figure
+
+    from tsuiseki.tracking.evaluation.space import distance_to_position
+
+    figure = Figure(figsize=(10, 2.8), layout="constrained")
+    axes = figure.subplots()
+    times = np.array([p.time for p in positions])
+    stated = np.array([np.sqrt(np.trace(p.covariance)) for p in positions])
+    axes.plot(times, 100 * stated, color=COLOURS[1], label="stated standard deviation")
+    if truth is not None:
+        track = Path3D(times, np.array([p.point for p in positions]))
+        axes.plot(times, 100 * distance_to_position(track, truth), color=COLOURS[0], label="distance to the truth")
+    axes.set_xlabel("time, s", color=ink)
+    axes.set_ylabel("cm", color=ink)
+    axes.set_ylim(bottom=0)
+    axes.set_facecolor("none")
+    axes.grid(alpha=0.2, color=ink)
+    axes.tick_params(colors=ink)
+    axes.legend(frameon=False, labelcolor=ink)
+    for spine in axes.spines.values():
+        spine.set_color(ink)
+    return figure
+
+
+def _view(
+    axes: Axes,
+    positions: Sequence[Position],
+    points: FloatArray,
+    pair: tuple[int, int],
+    truth: Path3D | None,
+    ink: str,
+) -> None:
+    from matplotlib.patches import Ellipse
+
+    a, b = pair
+    if truth is not None:
+        axes.plot(truth.points[:, a], truth.points[:, b], color=ink, alpha=0.35, linewidth=4, label="truth")
+    for position in positions[:: max(1, len(positions) // MOST_ELLIPSES)]:
+        values, vectors = np.linalg.eigh(position.covariance[np.ix_(pair, pair)])
+        size = 2 * ELLIPSE * np.sqrt(np.maximum(values, 0))
+        angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
+        centre = (float(position.point[a]), float(position.point[b]))
+        axes.add_patch(Ellipse(centre, size[1], size[0], angle=angle, color=COLOURS[5], alpha=0.3, linewidth=0))
+    axes.plot(points[:, a], points[:, b], color=COLOURS[0], linewidth=0.8, alpha=0.6)
+    for status, colour in STATUS_COLOURS.items():
+        which = np.array([p.status == status for p in positions], dtype=np.bool_)
+        if which.any():
+            axes.plot(points[which, a], points[which, b], ".", markersize=3.5, color=colour, label=status)
+
+
+def _cameras(axes: Axes, cameras: Sequence[PlacedCamera], pair: tuple[int, int], points: FloatArray, ink: str) -> None:
+    a, b = pair
+    for placed in cameras:
+        place = placed.camera.position
+        axes.plot(place[a], place[b], marker="^", color=ink, markersize=7)
+        axes.annotate(placed.name, (place[a], place[b]), (4, 4), textcoords="offset points", color=ink, fontsize=8)
+        if len(points):
+            ahead = points.mean(axis=0) - place
+            axes.plot([place[a], place[a] + 0.12 * ahead[a]], [place[b], place[b] + 0.12 * ahead[b]], color=ink)
+
+
+OUTLINE_COLOURS = {"tracking": (40, 230, 90), "searching": (255, 190, 40), "lost": (255, 70, 60)}
+POINTS, DASH = 48, 3
+# Fractions of a pixel that OpenCV draws to.
+SHIFT = 4
+TRAIL_MOMENTS = 30
+FONT, SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
+
+
+def draw_sphere(
+    image: ImageArray, camera: PinholeCamera, position: Position, radius: float, view: int, trail: FloatArray
+) -> ImageArray:
+    """A copy of ``image`` with the outline, its centre, the way there and the status.
+
+    Args:
+        image: ``(H, W, 3)`` uint8 RGB.
+        camera: that took it.
+        position: the estimate.
+        radius: of the ball, m.
+        view: number of the camera, from 0; a dashed outline says that it does not contribute.
+        trail: ``(T, 3)`` recent positions, m.
+    """
+    drawn = image.copy()
+    colour = OUTLINE_COLOURS[position.status]
+    way, _ = camera.project(trail.reshape(-1, 3))
+    way = way[np.isfinite(way).all(axis=1)]
+    if len(way) > 1:
+        cv2.polylines(drawn, [_fixed(way)], False, colour, 1, cv2.LINE_AA, SHIFT)
+    outlines = sphere_outlines(camera, position.point[None], radius)
+    points = outlines.points(POINTS)[0]
+    used = len(position.open) <= view or position.open[view] > 0.5
+    if np.isfinite(points).all() and np.abs(points).max() < 1e4:
+        ring = _fixed(np.concatenate([points, points[:1]]))
+        parts = [ring] if used else [ring[k : k + DASH] for k in range(0, POINTS, 2 * DASH)]
+        cv2.polylines(drawn, parts, False, colour, 2, cv2.LINE_AA, SHIFT)
+        cv2.drawMarker(drawn, _whole(outlines.centre[0]), colour, cv2.MARKER_CROSS, 7, 1, cv2.LINE_AA)
+    x, y, z = position.point
+    text = f"{position.time:6.2f} s   x {x:+.2f}  y {y:+.2f}  z {z:+.2f} m   {position.status}"
+    text += "" if used else ", this camera is covered"
+    width = cv2.getTextSize(text, FONT, SIZE, 1)[0][0]
+    cv2.rectangle(drawn, (0, 0), (12 + width, 22), (20, 20, 20), cv2.FILLED)
+    cv2.putText(drawn, text, (6, 15), FONT, SIZE, (255, 255, 255), 1, cv2.LINE_AA)
+    return drawn
+
+
+def _fixed(points: FloatArray) -> NDArray[np.int32]:
+    # OpenCV counts from the first pixel's centre.
+    return np.asarray(np.round((points - 0.5) * 2**SHIFT), dtype=np.int32)
+
+
+def _whole(point: FloatArray) -> tuple[int, int]:
+    return round(float(point[0] - 0.5)), round(float(point[1] - 0.5))
+
+
+def write_sphere_overlay(
+    path: Path,
+    frames: Iterable[Frame],
+    frame_rate: float,
+    log: SphereLog,
+    camera: PinholeCamera,
+    radius: float,
+    view: int,
+) -> None:
+    """Write the video of one camera with the ball's outline, up to the last frame that was used.
+
+    Raises:
+        RunError: the video breaks off, or cannot be written.
+    """
+    at = {m.frames[view]: k for k, m in enumerate(log.moments) if m.frames[view] is not None}
+    points = np.array([p.point for p in log.positions])
+    last = max((frame for frame in at if frame is not None), default=-1)
+
+    def draw(frame: Frame) -> ImageArray:
+        moment = at.get(frame.index)
+        if moment is None:
+            return frame.image
+        trail = points[max(moment - TRAIL_MOMENTS, 0) : moment + 1]
+        return draw_sphere(frame.image, camera, log.positions[moment], radius, view, trail)
+
+    write_drawn(path, takewhile(lambda frame: frame.index <= last, frames), frame_rate, draw)
 
 
 def sphere_page(

@@ -12,12 +12,11 @@ from tsuiseki.tracking.cameras.camera_files import read_projective_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.particles.stages import Covering
+from tsuiseki.tracking.filters.resampling import Covering
 from tsuiseki.tracking.formats.correspondences import read_ball_points
 from tsuiseki.tracking.result import StageTimes
-from tsuiseki.tracking.sphere.runs import FrameTimes, SphereRun
-from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
-from tsuiseki.tracking.sphere.sphere_run import Seen, Start
+from tsuiseki.tracking.sphere.following import Seen, SphereRun, Start
+from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.tracker import SphereTracker
 from tsuiseki.tracking.sphere.views import PointLikelihood, Views
 from tsuiseki.tracking.types import FloatArray, Position

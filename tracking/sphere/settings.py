@@ -1,20 +1,29 @@
-"""How a ball in space is followed: the settings of `tsuiseki track sphere`."""
+"""How a ball in space is followed and when its frames were taken: the settings of `tsuiseki track sphere`."""
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera
+from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion.space import Ballistic, ConstantVelocity3D, RandomWalk3D
+from tsuiseki.tracking.filters.motion.points import Ballistic, ConstantVelocity3D, RandomWalk3D
 from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.synchronise import read_timestamps
 
 PresetName = Literal["extended", "paper"]
 MotionName = Literal["constant-velocity", "random-walk", "ballistic"]
 LikelihoodName = Literal["contour", "background"]
+# Frames of different length at the end of two videos that are still taken for the same recording.
+SLACK_FRAMES = 2
 
 
 @dataclass(frozen=True)
@@ -83,3 +92,104 @@ def chosen_motion(settings: SphereSettings, radius: float) -> Motion:
             spin=settings.spin,
         )  # fmt: skip
     return ConstantVelocity3D(1.5 if agitation is None else agitation)
+
+
+@dataclass(frozen=True)
+class FrameTimes(Shared):
+    """When the frames were taken, where the camera file does not say it all.
+
+    Attributes:
+        offsets: time of each video's first frame, seconds, separated by commas; wins over cameras.yaml.
+        timestamps: one text file per video with the time of each frame, separated by commas.
+    """
+
+    offsets: list[float] | None = None
+    timestamps: list[Path] | None = None
+
+    def of_videos(self, sources: Sequence[Source], placed: Sequence[PlacedCamera]) -> list[FloatArray]:
+        """``(T,)`` the time of every frame of every video, seconds.
+
+        Raises:
+            RequestError: offsets, times and videos differ in number or length, or a source is live.
+        """
+        self._check_number(len(sources), "video")
+        lengths = [frame_count(source) for source in sources]
+        if self.timestamps is None:
+            rates = [p.frame_rate or s.frame_rate for p, s in zip(placed, sources, strict=True)]
+            stamps = self._even(lengths, rates, placed)
+            if self.offsets is None and not any(p.offset for p in placed):
+                check_lengths(stamps, [s.name for s in sources])
+            return stamps
+        stamps = [read_timestamps(path) for path in self.timestamps]
+        for path, stamp, length in zip(self.timestamps, stamps, lengths, strict=True):
+            if len(stamp) != length:
+                raise RequestError(f"{path}: expected {length} times, one a frame, got {len(stamp)}")
+        return self._shifted(stamps)
+
+    def of_pixels(self, pixels: Sequence[FloatArray], placed: Sequence[PlacedCamera]) -> list[FloatArray]:
+        """Likewise of the rows of every file of measured pixels.
+
+        Raises:
+            RequestError: offsets, times and files differ in number, or a frame rate is not known.
+        """
+        self._check_number(len(pixels), "file")
+        lengths = [len(found) for found in pixels]
+        if self.timestamps is None:
+            if without := [camera.name for camera in placed if camera.frame_rate is None]:
+                raise RequestError(f"`timestamps`: expected times, or a frame_rate of {without[0]} in the camera file")
+            return self._even(lengths, [float(camera.frame_rate or 1.0) for camera in placed], placed)
+        stamps = [read_timestamps(path) for path in self.timestamps]
+        for path, stamp, length in zip(self.timestamps, stamps, lengths, strict=True):
+            if len(stamp) < length:
+                raise RequestError(f"{path}: expected at least {length} times, one a frame, got {len(stamp)}")
+        return self._shifted([stamp[:length] for stamp, length in zip(stamps, lengths, strict=True)])
+
+    def _check_number(self, expected: int, what: str) -> None:
+        for name, given in (("`offsets`", self.offsets), ("`timestamps`", self.timestamps)):
+            if given is not None and len(given) != expected:
+                raise RequestError(f"{name}: expected {expected} values, one a {what}, got {len(given)}")
+
+    def _even(self, lengths: Sequence[int], rates: Sequence[float], placed: Sequence[PlacedCamera]) -> list[FloatArray]:
+        starts = [p.offset for p in placed] if self.offsets is None else self.offsets
+        return [o + np.arange(n) / r for o, n, r in zip(starts, lengths, rates, strict=True)]
+
+    def _shifted(self, stamps: Sequence[FloatArray]) -> list[FloatArray]:
+        offsets = self.offsets or [0.0] * len(stamps)
+        return [stamp + offset for stamp, offset in zip(stamps, offsets, strict=True)]
+
+
+def frame_count(source: Source) -> int:
+    """Number of frames; a video file is decoded once to count, for its header only estimates.
+
+    Raises:
+        RequestError: the source is live.
+    """
+    if source.live:
+        raise RequestError(f"{source.name}: expected recorded videos beside recorded ones, got a live camera")
+    if source.length is not None:
+        return source.length
+    count = 0
+    try:
+        for frame in source.frames():
+            count = frame.index + 1
+    except RunError as error:
+        if not count:
+            raise
+        warnings.warn(f"{error}; it is used up to there", InputWarning, stacklevel=2)
+    return count
+
+
+def check_lengths(times: Sequence[FloatArray], names: Sequence[str]) -> None:
+    """Refuse videos that cannot have been recorded side by side, frame for frame.
+
+    Raises:
+        RequestError: they end more than `SLACK_FRAMES` frames apart.
+    """
+    ends = np.array([t[-1] for t in times])
+    step = max(float(np.median(np.diff(t))) if len(t) > 1 else 0.0 for t in times)
+    first, last = int(ends.argmin()), int(ends.argmax())
+    if ends[last] - ends[first] > SLACK_FRAMES * step + 1e-9:
+        raise RequestError(
+            f"expected videos of one length, but {names[first]} ends at {ends[first]:.2f} s and {names[last]} at "
+            f"{ends[last]:.2f} s; say how they lie in time with `timestamps` or `offsets`"
+        )

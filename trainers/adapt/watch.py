@@ -19,8 +19,8 @@ from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.tracking.video.source import Source, open_source
+from tsuiseki.trainers.adapt.foreground import Difference, difference
 from tsuiseki.trainers.adapt.settings import AdaptSettings
-from tsuiseki.trainers.adapt.silhouettes import Difference, difference
 from tsuiseki.trainers.adapt.standing import CameraMotion, edge_correlation, motion_of
 
 FEWEST_FRAMES = 100

@@ -9,13 +9,13 @@ import numpy as np
 import torch
 from torch.optim import AdamW
 
-from tsuiseki.models.association import AssociationNetwork
+from tsuiseki.models.association_network import AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import LARGEST
 from tsuiseki.tracking.types import Detections, FloatArray
-from tsuiseki.trainers.association.data import RandomWindows, WindowImages
 from tsuiseki.trainers.association.flow_loss import FlowLoss, finite
 from tsuiseki.trainers.association.graphs import Graphs
 from tsuiseki.trainers.association.training import AssociationTraining
+from tsuiseki.trainers.association.windows import RandomWindows, WindowImages
 from tsuiseki.trainers.networks.modules import Optimisation, warmup_cosine
 
 

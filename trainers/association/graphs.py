@@ -28,6 +28,7 @@ class DetectedVideo:
         images: files, one a frame; none where nothing looks at them.
         anchors: of each frame the ``(N,)`` anchors of a detector that its detections come from; none where unknown.
         camera: its step into each frame, from the images; none takes the boxes.
+        given: file of detections beside the labels; None where there is none.
     """
 
     name: str
@@ -38,6 +39,7 @@ class DetectedVideo:
     images: tuple[Path, ...] = ()
     anchors: tuple[IntArray, ...] = ()
     camera: tuple[CameraStep, ...] = ()
+    given: Path | None = None
 
     def path(self) -> CameraPath | None:
         """Where the frames lie, from the images; None where the boxes have to tell."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import owners_of
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.features.camera_path import CameraPath
-from tsuiseki.tracking.features.exported import Appearance, Detector
+from tsuiseki.tracking.features.exported import Describe, Detector
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences
@@ -27,54 +27,107 @@ from tsuiseki.trainers.association.graphs import DetectedVideo
 LIKE_REAL = DetectorFaults(jitter=0.03, steady=0.8)
 # Okutama-Action's videos.
 OTHER_RATE = 30.0
+# Where detections come from: det/det.txt, drawn from the labels, or a detector that looks at the images.
+Find: TypeAlias = Detector | Literal["given", "simulated"]
 
 
-def detected_videos(
-    folders: Sequence[Path],
-    find: Detector | Literal["given", "simulated"],
-    frames: tuple[int, int] | None = None,
-    seed: int = 0,
-    faults: DetectorFaults | None = None,
-    frame_rate: float = OTHER_RATE,
-) -> Iterator[DetectedVideo]:
-    """The labelled sequences of folders, with detections.
+def labelled_sequences(folders: Sequence[Path], frame_rate: float = OTHER_RATE) -> Iterator[DetectedVideo]:
+    """The labelled sequences of folders, without detections.
 
     Args:
         folders: sequences, or folders of them.
-        find: det/det.txt, detections drawn from the labels, or a detector that looks at the images.
-        frames: first and last frame, 1-based.
-        seed: of drawn detections.
-        faults: of drawn detections; by default `LIKE_REAL`.
         frame_rate: of layouts that do not tell it, frames a second.
 
     Raises:
-        RequestError: labels without detections, an id twice in a frame, nobody who counts, or detections that lie on
-            nobody.
+        RequestError: nothing known is there, or an id stands twice in a frame.
     """
-    rng = np.random.default_rng(seed)
     for folder in folders:
         for labelled in open_labelled(folder):
             sequence = _sequence(folder, labelled.name)
             truth = labelled.people()
             length = labelled.length or int(truth.frames.max(initial=-1)) + 1
             images = _images(sequence, labelled.files)
-            rate = frame_rate if sequence is None else sequence.frame_rate
-            size = _size(sequence, images)
-            anchors: list[IntArray] = []
-            if find == "given":
-                found = _given(folder, labelled.name, sequence, length)
-            elif find == "simulated":
-                wide, tall = size or np.ceil(truth.boxes[:, 2:].max(axis=0)).astype(int).tolist()
-                found = simulate_detections(rng, truth, length, wide, tall, faults or LIKE_REAL)
-            else:
-                found, anchors = _detected(labelled.name, images, find, frames)
-            video = DetectedVideo(labelled.name, found, truth, rate, size, images, tuple(anchors))
-            check_video(video)
-            yield video if frames is None else between(video, frames[0] - 1, frames[1])
+            yield DetectedVideo(
+                labelled.name,
+                [Detections.empty()] * length,
+                truth,
+                frame_rate if sequence is None else sequence.frame_rate,
+                _size(sequence, images),
+                images,
+                given=None if sequence is None else sequence.detections_path,
+            )
 
 
-def described(video: DetectedVideo, appearance: Appearance | None) -> DetectedVideo:
+def detected(
+    video: DetectedVideo,
+    find: Find,
+    rng: np.random.Generator,
+    faults: DetectorFaults = LIKE_REAL,
+    frames: tuple[int, int] | None = None,
+) -> DetectedVideo:
+    """The sequence with detections.
+
+    Args:
+        video: the sequence.
+        find: where they come from.
+        rng: of drawn detections.
+        faults: of drawn detections.
+        frames: first and last frame that a detector looks at, 1-based; by default all.
+
+    Raises:
+        RequestError: labels without detections, or images for a detector that are not there.
+    """
+    if find == "given":
+        if video.given is None or not video.given.is_file():
+            raise RequestError(
+                f"expected det/det.txt beside the labels of {video.name}, found none; give a detector, or detections "
+                "simulated"
+            )
+        return replace(video, detections=read_detections(video.given, len(video.detections)))
+    if find == "simulated":
+        wide, tall = video.size or np.ceil(video.truth.boxes[:, 2:].max(axis=0)).astype(int).tolist()
+        drawn = simulate_detections(rng, video.truth, len(video.detections), wide, tall, faults)
+        return replace(video, detections=drawn)
+    if not video.images:
+        raise RequestError(
+            f"{video.name}: expected images for the detector, in img1/ say; found none, so give detections"
+        )
+    first, last = frames or (1, len(video.images))
+    nothing = Detections.empty(), np.empty(0, dtype=np.int64)
+    found: list[tuple[Detections, IntArray]] = [
+        find.detect_at_anchors([read_image(path)])[0] if first <= number <= last else nothing
+        for number, path in enumerate(video.images, start=1)
+    ]
+    return replace(video, detections=[here for here, _ in found], anchors=tuple(anchors for _, anchors in found))
+
+
+def detected_videos(
+    folders: Sequence[Path],
+    find: Find,
+    frames: tuple[int, int] | None = None,
+    seed: int = 0,
+    faults: DetectorFaults = LIKE_REAL,
+    frame_rate: float = OTHER_RATE,
+) -> Iterator[DetectedVideo]:
+    """The labelled sequences of folders with detections, cut to ``frames``; see `labelled_sequences` and `detected`.
+
+    Raises:
+        RequestError: see these two; nobody who counts, or detections that lie on nobody.
+    """
+    rng = np.random.default_rng(seed)
+    for sequence in labelled_sequences(folders, frame_rate):
+        video = detected(sequence, find, rng, faults, frames)
+        check_video(video)
+        yield video if frames is None else between(video, frames[0] - 1, frames[1])
+
+
+def described(video: DetectedVideo, appearance: Describe | None, span: tuple[int, int] | None = None) -> DetectedVideo:
     """The sequence with what its detections look like.
+
+    Args:
+        video: the sequence.
+        appearance: describes them; None leaves them as they are.
+        span: first frame that is described, from 0, and the one after the last; by default all.
 
     Raises:
         RequestError: it has no images.
@@ -82,9 +135,10 @@ def described(video: DetectedVideo, appearance: Appearance | None) -> DetectedVi
     if appearance is None:
         return video
     _check_images(video, "the appearance")
+    first, end = span or (0, len(video.detections))
     detections = [
-        found.with_features(appearance.describe(read_image(path), found.boxes))
-        for found, path in zip(video.detections, video.images, strict=False)
+        found.with_features(appearance.describe(read_image(path), found.boxes)) if first <= frame < end else found
+        for frame, (found, path) in enumerate(zip(video.detections, video.images, strict=False))
     ]
     return replace(video, detections=detections)
 
@@ -168,30 +222,7 @@ def _size(sequence: MotSequence | None, images: tuple[Path, ...]) -> tuple[int, 
     return None
 
 
-def _given(folder: Path, name: str, sequence: MotSequence | None, length: int) -> list[Detections]:
-    if sequence is None or not sequence.detections_path.is_file():
-        raise RequestError(
-            f"{folder}: expected det/det.txt beside the labels of {name}, found none; give a detector, or detections "
-            "simulated"
-        )
-    return read_detections(sequence.detections_path, length)
-
-
-def _detected(
-    name: str, images: tuple[Path, ...], detector: Detector, frames: tuple[int, int] | None
-) -> tuple[list[Detections], list[IntArray]]:
-    if not images:
-        raise RequestError(f"{name}: expected images for the detector, in img1/ say; found none, so give detections")
-    first, last = frames or (1, len(images))
-    nothing = Detections.empty(), np.empty(0, dtype=np.int64)
-    found = [
-        detector.detect_at_anchors([read_image(path)])[0] if first <= number <= last else nothing
-        for number, path in enumerate(images, start=1)
-    ]
-    return [detections for detections, _ in found], [anchors for _, anchors in found]
-
-
-def stretch(video: DetectedVideo, first: float, last: float) -> DetectedVideo:
+def part_of(video: DetectedVideo, first: float, last: float) -> DetectedVideo:
     """The part from one share of the frames to another, both in [0, 1]."""
     count = len(video.detections)
     return between(video, round(first * count), round(last * count))

@@ -30,7 +30,7 @@ from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import IntArray
 from tsuiseki.trainers.association.graphs import Graph
-from tsuiseki.trainers.networks.detector import DetectorTraining
+from tsuiseki.trainers.networks.detector_training import DetectorTraining
 from tsuiseki.trainers.networks.modules import normalised
 
 COST, LOGIT = (DETECTION_FEATURES.index(name) for name in ("cost", "logit"))

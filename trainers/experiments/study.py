@@ -31,6 +31,7 @@ Unit = TypeVar("Unit")
 Found = TypeVar("Found")
 Name: TypeAlias = str | tuple[str, ...]
 """Of a row: the cells that begin its line in a table."""
+OneName = TypeVar("OneName", bound=Name)
 Show: TypeAlias = Callable[[FloatArray, str], str]
 """Text of the values ``(S,)`` of S units, from the values and the format of a number."""
 LEAST_WIDTH = 160
@@ -66,7 +67,7 @@ class Bench:
 
 
 @dataclass(frozen=True)
-class Study(Generic[Row, Unit, Found]):
+class Study(Generic[OneName, Row, Unit, Found]):
     """Rows × units.
 
     Attributes:
@@ -77,14 +78,14 @@ class Study(Generic[Row, Unit, Found]):
         what: names the runs in the line of progress.
     """
 
-    rows: Mapping[Name, Row]
+    rows: Mapping[OneName, Row]
     units: Sequence[Unit]
     measure: Callable[[Row, Unit], Found]
     what: str = "runs"
 
-    def run(self, bench: Bench) -> dict[Name, list[Found]]:
+    def run(self, bench: Bench) -> dict[OneName, list[Found]]:
         """Measurements of each row, one a unit; each is kept at once, so that an interrupted study goes on."""
-        found: dict[Name, list[Found]] = {name: [] for name in self.rows}
+        found: dict[OneName, list[Found]] = {name: [] for name in self.rows}
         jobs = [(unit, name) for unit in self.units for name in self.rows]
         for unit, name in bench.watch.over(jobs, self.what, len(jobs)):
             found[name].append(bench.store.recall(self.measure, self.rows[name], unit))
@@ -134,9 +135,9 @@ def at_quantile(values: FloatArray, form: str, share: float) -> str:
     return f"{np.quantile(values, share):{form}}"
 
 
-def with_error(values: FloatArray, form: str) -> str:
-    """The mean and its standard error."""
-    error = np.std(values, ddof=1) / np.sqrt(len(values)) if len(values) > 1 else float("nan")
+def with_error(values: FloatArray, form: str, ddof: int = 1) -> str:
+    """The mean and its standard error, from the sum of squares over ``S - ddof``."""
+    error = np.std(values, ddof=ddof) / np.sqrt(len(values)) if len(values) > ddof else float("nan")
     return f"{np.mean(values):{form}} ± {error:{form.lstrip('+')}}"
 
 
@@ -169,6 +170,7 @@ class Column:
         factor: times the value, such as 100 for percent.
         show: the values of all units as text.
         paper: the paper's value by row; a column of them then stands to the right.
+        beside: its heading.
         gain: shows the differences to the base of `tabulated`, unit by unit, in a column to the right.
     """
 
@@ -178,6 +180,7 @@ class Column:
     factor: float = 1.0
     show: Show = mean_only
     paper: Mapping[Name, float] = field(default_factory=dict)
+    beside: str = "paper"
     gain: Show | None = None
 
     def values(self, found: Iterable[Any]) -> FloatArray:
@@ -229,11 +232,11 @@ class Table:
 
 
 def tabulated(
-    found: Mapping[Name, Iterable[Any]],
+    found: Mapping[OneName, Iterable[Any]],
     columns: Sequence[Column],
     heads: Sequence[str] = ("",),
     title: str = "",
-    base: Callable[[Name], Name] | Name | None = None,
+    base: Callable[[OneName], OneName] | OneName | None = None,
 ) -> Table:
     """A line for each row.
 
@@ -246,12 +249,12 @@ def tabulated(
     """
     headings = list(heads)
     for column in columns:
-        over = f" over {base}" if isinstance(base, str) else ""
-        headings += [column.heading, *(["paper"] if column.paper else [])]
-        headings += [f"{column.heading}{over}, 95 %"] if column.gain else []
+        over = f" over {base}" if isinstance(base, str) else ", gain"
+        headings += [column.heading, *([column.beside] if column.paper else [])]
+        headings += [f"{column.heading}{over}"] if column.gain else []
     lines = []
     for name, own in found.items():
-        cells = [name] if isinstance(name, str) else list(name)
+        cells: list[str] = [name] if isinstance(name, str) else list(name)
         below = base(name) if callable(base) else base
         for column in columns:
             values = column.values(own)
@@ -266,7 +269,7 @@ def tabulated(
     return Table(title, headings, lines)
 
 
-def values_of(found: Mapping[Name, Iterable[Any]], heads: Sequence[str] = ("row",)) -> list[dict[str, Any]]:
+def values_of(found: Mapping[OneName, Iterable[Any]], heads: Sequence[str] = ("row",)) -> list[dict[str, Any]]:
     """All measurements for results.json: of each row its name, a key a head, and ``runs``, one a unit."""
     names = {name: (name,) if isinstance(name, str) else name for name in found}
     return [{**dict(zip(heads, names[name], strict=True)), "runs": plain(runs)} for name, runs in found.items()]
@@ -285,8 +288,8 @@ class Curve:
     """
 
     label: str
-    x: Sequence[float]
-    y: Sequence[float]
+    x: Sequence[float] | FloatArray
+    y: Sequence[float] | FloatArray
     error: FloatArray | Sequence[float] | None = None
     style: str = "o-"
 

@@ -45,7 +45,7 @@ class Task:
 def fit_detector(arguments: Sequence[str]) -> Path:
     """Train a detector as the command line ``arguments`` say; see `fit`."""
     from tsuiseki.datamodules.detection_data import DetectionData
-    from tsuiseki.trainers.networks.detector import DetectorTraining
+    from tsuiseki.trainers.networks.detector_training import DetectorTraining
 
     links = {name: name for name in ("height", "width", "resize")}
     return fit(Task("detector", DetectorTraining, DetectionData, "val/ap50", links), arguments)
@@ -54,7 +54,7 @@ def fit_detector(arguments: Sequence[str]) -> Path:
 def fit_appearance(arguments: Sequence[str]) -> Path:
     """Train an appearance network as the command line ``arguments`` say; see `fit`."""
     from tsuiseki.datamodules.appearance_data import AppearanceData
-    from tsuiseki.trainers.networks.appearance import AppearanceTraining
+    from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 
     links = {name: name for name in ("height", "width")}
     return fit(Task("appearance", AppearanceTraining, AppearanceData, "val/map", links), arguments)
@@ -63,7 +63,7 @@ def fit_appearance(arguments: Sequence[str]) -> Path:
 def fit_action(arguments: Sequence[str]) -> Path:
     """Train an action network as the command line ``arguments`` say; see `fit`."""
     from tsuiseki.datamodules.action_data import ActionData
-    from tsuiseki.trainers.networks.action import ActionTraining
+    from tsuiseki.trainers.networks.action_training import ActionTraining
 
     links = {"streams": "streams"} | {name: f"cutting.{name}" for name in ("size", "flow", "compensate")}
     return fit(Task("action", ActionTraining, ActionData, "val/map", links), arguments)
@@ -75,9 +75,9 @@ def fit_association(arguments: Sequence[str]) -> Path:
     ``DIR`` also gets ``association.onnx``, the best network as the tracker takes it, and ``appearance.onnx`` and
     ``detector.onnx`` where the Siamese network and the detector's heads were trained with it.
     """
-    from tsuiseki.trainers.association.data import AssociationData
     from tsuiseki.trainers.association.training import AssociationTraining
-    from tsuiseki.trainers.exporting.export_association import export_trained
+    from tsuiseki.trainers.association.windows import AssociationData
+    from tsuiseki.trainers.exporting.export_costs import export_trained
 
     best = fit(Task("association", AssociationTraining, AssociationData, "val/agreement"), arguments)
     out = best.parent.parent

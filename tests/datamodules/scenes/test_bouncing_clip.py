@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.bouncing_clip import DIAMETER, GRAVITY, WALL, BouncingBallSettings, plan_balls
-from tsuiseki.tracking.bodies.ball import Ball
+from tsuiseki.tracking.bodies.body import Ball
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.silhouettes import silhouette_of
 

@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.fish_motion import Swimming, swim
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
-from tsuiseki.tracking.bodies.goldfish import Goldfish
+from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_states import read_states
 from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes, silhouette_of

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.animals.identity import contacts, exchanged_after_contacts
-from tsuiseki.tracking.animals.linking import AnimalSettings, link_animals
+from tsuiseki.tracking.animals.linking import contacts, exchanged_after_contacts, link_animals
 from tsuiseki.tracking.animals.pose import AnimalPose, pose_of
+from tsuiseki.tracking.animals.settings import AnimalSettings
 from tsuiseki.tracking.animals.tracker import AnimalTracker
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features import background_difference

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.bodies.ball import Ball
-from tsuiseki.tracking.bodies.choice import body_of_card, parse_body
-from tsuiseki.tracking.bodies.goldfish import Goldfish
+from tsuiseki.tracking.bodies.body import Ball, Goldfish
+from tsuiseki.tracking.bodies.learnt import body_of_card, parse_body
 from tsuiseki.tracking.errors import RequestError
 
 BODIES = [Goldfish(), Goldfish(length=30, width=8, tail=50, tail_points=1), Ball()]

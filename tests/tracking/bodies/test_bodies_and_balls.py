@@ -13,15 +13,15 @@ import pytest
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
-from tsuiseki.tracking.bodies.tracker import DeformableSettings
-from tsuiseki.tracking.bodies.tracking import follow_deformable, track_deformable
+from tsuiseki.tracking.bodies.run import follow_deformable, track_deformable
+from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_states import read_states
 from tsuiseki.tracking.formats.track3d import read_path3d
+from tsuiseki.tracking.sphere.run import track_sphere
 from tsuiseki.tracking.sphere.settings import SphereSettings
-from tsuiseki.tracking.sphere.tracking import track_sphere
 
 COLOUR = "10-42,0.42-1,0.6-1"
 SETTINGS = DeformableSettings(particles=300)

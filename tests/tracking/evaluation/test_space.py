@@ -5,7 +5,6 @@ import pytest
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import (
-    acceleration,
     distance_scores,
     distance_to_path,
     distance_to_position,
@@ -28,14 +27,9 @@ def test_beyond_the_ends_the_path_is_its_end_and_the_position_unknown():
     assert np.isnan(distance_to_position(Path3D(np.array([1.5]), np.zeros((1, 3))), truth)).all()
 
 
-def test_summary_and_acceleration_of_a_parabola():
+def test_the_summary_of_distances():
     scores = distance_scores(np.array([1.0, 2.0, 6.0]))
     assert (scores.mean, scores.maximum, scores.median, scores.count) == (3.0, 6.0, 2.0, 3)
-    times = np.arange(10) * 0.1
-    points = np.column_stack([4.9 * times**2, times, 0 * times])
-    assert acceleration(times, points, 0.1) == pytest.approx(9.8)
-    points[4] = np.nan
-    assert acceleration(times, points, 0.1) == pytest.approx(9.8)
     with pytest.raises(ValueError, match="at least one"):
         distance_scores(np.empty(0))
 

@@ -18,14 +18,16 @@ from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, 
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import EachAlone, WithoutOthers
 from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.motion.points import (
+    Ballistic,
+    ConstantVelocity3D,
     DriftingBox,
     PlaneWalk,
+    RandomWalk3D,
     SteppingBox,
     constant_velocity,
     coordinated_turn,
 )
-from tsuiseki.tracking.filters.motion.space import Ballistic, ConstantVelocity3D, Manoeuvring, RandomWalk3D
-from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
+from tsuiseki.tracking.filters.particle_filter import ParticleFilter
 from tsuiseki.tracking.types import Position
 
 SENSOR = GaussianSensor(cartesian, np.array([10.0, 10.0]))
@@ -133,7 +135,6 @@ MOTIONS = {
     "walk of filters": (PlaneWalk(np.array([2.0, 3.0])), 3),
     "walk in space": (RandomWalk3D(), 6),
     "constant velocity in space": (ConstantVelocity3D(), 6),
-    "manoeuvring": (Manoeuvring(), 6),
     "ballistic": (Ballistic(0.1), 6),
 }
 

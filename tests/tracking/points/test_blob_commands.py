@@ -9,7 +9,8 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.mot import read_tracks
-from tsuiseki.tracking.points.tracker import PointSettings, PointTracker
+from tsuiseki.tracking.points.settings import PointSettings
+from tsuiseki.tracking.points.tracker import PointTracker
 from tsuiseki.tracking.types import Detections
 
 

@@ -13,9 +13,8 @@ from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_tracks
-from tsuiseki.tracking.points.blob_tracker import BlobSettings
-from tsuiseki.tracking.points.tracker import PointSettings
-from tsuiseki.tracking.points.tracking import follow_blobs, follow_points, track_blobs, track_points
+from tsuiseki.tracking.points.run import follow_blobs, follow_points, track_blobs, track_points
+from tsuiseki.tracking.points.settings import BlobSettings, PointSettings
 from tsuiseki.tracking.types import Detections
 
 

@@ -13,7 +13,7 @@ from tests.trainers.adapt import street
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.trainers.adapt import watch as module
-from tsuiseki.trainers.adapt.silhouettes import difference
+from tsuiseki.trainers.adapt.foreground import difference
 from tsuiseki.trainers.adapt.watch import (
     Foreground,
     foreground_of,

@@ -16,10 +16,10 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.drone.settings import DRONE_FLOW
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.association.data import AssociationData
 from tsuiseki.trainers.association.training import AssociationTraining
 from tsuiseki.trainers.association.videos import between, detected_videos, filmed
-from tsuiseki.trainers.exporting.export_association import export_association
+from tsuiseki.trainers.association.windows import AssociationData
+from tsuiseki.trainers.exporting.export_costs import export_association
 
 FRAMES = 10
 ACTION = "action_drone_rgb_local"

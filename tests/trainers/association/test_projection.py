@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.models.association import AppearanceProjection
+from tsuiseki.models.association_network import AppearanceProjection
 from tsuiseki.tracking.association.evidence import LINK_FEATURES
 from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import Detections
-from tsuiseki.trainers.association.data import TrainingWindow
 from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fitted
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs, no_others
 from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining
-from tsuiseki.trainers.experiments.end_to_end.gradient import crossing
+from tsuiseki.trainers.association.windows import TrainingWindow
+from tsuiseki.trainers.experiments.end_to_end import crossing
 from tsuiseki.trainers.exporting.export import load_module
-from tsuiseki.trainers.exporting.export_association import TOLERANCE, export_association
+from tsuiseki.trainers.exporting.export_costs import TOLERANCE, export_association
 
 LENGTH = 6
 DISTANCE, KNOWN = (LINK_FEATURES.index(name) for name in ("appearance", "appearance_known"))

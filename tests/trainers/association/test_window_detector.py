@@ -16,14 +16,14 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association import window_detector
-from tsuiseki.trainers.association.data import AssociationData, EveryWindow, TrainingWindow
 from tsuiseki.trainers.association.flow_loss import FlowLoss
 from tsuiseki.trainers.association.starting import detector_of
 from tsuiseki.trainers.association.training import AssociationTraining, HeadsLearning
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, frames_of, own_loss, rescored, score_logits
+from tsuiseki.trainers.association.windows import AssociationData, EveryWindow, TrainingWindow
 from tsuiseki.trainers.exporting.export import ModelFile
-from tsuiseki.trainers.exporting.export_detector import export_detector
-from tsuiseki.trainers.networks.detector import DetectorTraining
+from tsuiseki.trainers.exporting.export_networks import export_detector
+from tsuiseki.trainers.networks.detector_training import DetectorTraining
 from tsuiseki.trainers.networks.fit import fit_association
 from tsuiseki.trainers.networks.modules import normalised
 

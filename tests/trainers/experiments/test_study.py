@@ -67,7 +67,7 @@ def test_means_gains_and_the_papers_values_stand_side_by_side(tmp_path: Path) ->
         Column("missed, %", lambda one: one["missed"], ".0f", 100),
     )
     table = tabulated(found, columns, ("row",), "Table 1", base="plain")
-    assert table.columns == ["row", "error", "paper", "error over plain, 95 %", "missed, %"]
+    assert table.columns == ["row", "error", "paper", "error over plain", "missed, %"]
     # Of 1, 2, 4: mean 7/3, standard error 0.88; the steep row is twice that above it, by Student's t of two degrees.
     half = 4.302653 * np.std([2, 4, 8], ddof=1) / np.sqrt(3)
     gain = f"+4.7 [{14 / 3 - half:+.1f}, {14 / 3 + half:+.1f}]"

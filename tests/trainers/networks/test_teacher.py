@@ -15,8 +15,8 @@ from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.exported_weights import layout_of
-from tsuiseki.trainers.networks.detector import DetectorTraining
 from tsuiseki.trainers.networks.detector_network import Teacher
+from tsuiseki.trainers.networks.detector_training import DetectorTraining
 from tsuiseki.trainers.networks.modules import normalised
 
 TEACHER = shipped("detector_street")

@@ -16,7 +16,7 @@ import numpy as np
 
 from tsuiseki.tracking.features.colour_region import ColourImage
 from tsuiseki.tracking.filters.base import BornParticles
-from tsuiseki.tracking.filters.particles.resampling import logarithms
+from tsuiseki.tracking.filters.resampling import logarithms
 from tsuiseki.tracking.geometry import areas, intersections
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
@@ -140,7 +140,7 @@ class Confirmation:
 
     def __init__(self, hits: int, frames: int) -> None:
         self.hits, self.frames = hits, frames
-        self._believed: set[int] = set()
+        self._confirmed: set[int] = set()
         self._seen: dict[int, tuple[int, int]] = {}  # frames and hits of each target not believed yet
 
     def update(self, labels: IntArray, supported: BoolArray) -> IntArray:
@@ -151,23 +151,23 @@ class Confirmation:
             supported: ``(T,)`` whether a patch is at each.
         """
         names = labels.tolist()
-        self._believed.intersection_update(names)
-        self._seen = {name: self._seen.get(name, (0, 0)) for name in names if name not in self._believed}
+        self._confirmed.intersection_update(names)
+        self._seen = {name: self._seen.get(name, (0, 0)) for name in names if name not in self._confirmed}
         failed = []
         for name, hit in zip(names, supported.tolist(), strict=True):
-            if name in self._believed:
+            if name in self._confirmed:
                 continue
             age, hits = self._seen[name]
             self._seen[name] = age, hits = age + 1, hits + hit
             if hits >= self.hits:
-                self._believed.add(name)
+                self._confirmed.add(name)
             elif age - hits > self.frames - self.hits:
                 failed.append(name)
         return np.array(failed, dtype=np.int64)
 
-    def believes(self, labels: IntArray) -> BoolArray:
-        """Which of the targets ``(N,)`` are believed."""
-        return np.array([name in self._believed for name in labels.tolist()], dtype=np.bool_)
+    def confirmed(self, labels: IntArray) -> BoolArray:
+        """Which of the targets ``(N,)`` are confirmed."""
+        return np.array([name in self._confirmed for name in labels.tolist()], dtype=np.bool_)
 
 
 def at_patches(boxes: FloatArray, patches: FloatArray) -> BoolArray:

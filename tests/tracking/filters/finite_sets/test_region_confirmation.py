@@ -9,7 +9,8 @@ from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, plan_blobs
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS
 from tsuiseki.tracking.filters.finite_sets.region_births import Confirmation, at_patches
-from tsuiseki.tracking.points.blob_tracker import BlobSettings, BlobTracker
+from tsuiseki.tracking.points.settings import BlobSettings
+from tsuiseki.tracking.points.tracker import BlobTracker
 from tsuiseki.tracking.types import Frame
 
 
@@ -30,7 +31,7 @@ def test_so_many_of_the_first_frames(hits: int, frames: int, seen: list[int], be
     at, ended = 0, 0
     for frame, hit in enumerate(seen, start=1):
         gone = confirmation.update(label, np.array([hit > 0]))
-        at = at or (frame if confirmation.believes(label)[0] else 0)
+        at = at or (frame if confirmation.confirmed(label)[0] else 0)
         if len(gone):
             ended = frame
             break
@@ -41,7 +42,7 @@ def test_what_is_gone_is_forgotten() -> None:
     confirmation = Confirmation(2, 2)
     for labels in ([1, 2], [1, 2], [2, 3]):
         confirmation.update(np.array(labels), np.ones(2, dtype=np.bool_))
-    assert confirmation.believes(np.array([1, 2, 3])).tolist() == [False, True, False]
+    assert confirmation.confirmed(np.array([1, 2, 3])).tolist() == [False, True, False]
 
 
 def test_a_patch_is_at_a_box_that_shares_most_of_the_smaller() -> None:

@@ -1,0 +1,51 @@
+"""Networks are refused where they were trained."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.trainers.association.trained_frames import NetworkUse, check_unseen, trained_frames
+
+PETS = "PETS09-S2L1-first"
+ALL = [(0.0, float("inf"))]
+
+
+@pytest.mark.parametrize(
+    ("said", "frames"),
+    [
+        ("", []),
+        ("generated pictures only (configs/detector_scenes.yaml)", []),
+        ("PETS09-S2L1-first, frames 1-300", [(1, 300)]),
+        ("pets frames 1–300, 350-400", [(1, 300), (350, 400)]),
+        ("PETS09-S2L1-first", ALL),
+        ("MOT17-02 frames 1-300; MOT17-05", []),  # the number in a name is no stretch, and the name another's
+    ],
+)
+def test_what_a_card_says(said: str, frames: list[tuple[float, float]]) -> None:
+    assert trained_frames(said, PETS) == frames
+
+
+def use(said: str, first: int, last: int) -> NetworkUse:
+    card = ModelCard(kind="detector", name="ssd", class_names=("person",), training_data=said)
+    return NetworkUse(Path("d.onnx"), card, PETS, first, last)
+
+
+@pytest.mark.parametrize(("first", "last"), [(1, 400), (300, 301), (250, 260)])
+def test_seen_frames_are_refused(first: int, last: int) -> None:
+    with pytest.raises(RequestError, match=rf"d.onnx: expected a detector that has not seen frames {first}-{last} of"):
+        check_unseen([use("PETS frames 1-300", first, last)])
+
+
+def test_other_frames_are_taken(recwarn: pytest.WarningsRecorder) -> None:
+    check_unseen([use("PETS frames 1-300", 301, 400), use("generated people", 1, 400)])
+    assert not recwarn.list
+
+
+def test_silence_is_told_once() -> None:
+    with pytest.warns(UserWarning, match=r"d.onnx does not say what it was trained on") as told:
+        check_unseen([use("", 1, 100), use("", 101, 200)])
+    assert len(told) == 1

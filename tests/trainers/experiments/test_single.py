@@ -1,0 +1,187 @@
+"""The experiment of chapter 3 on tiny clips: passes, searches, losses, and settings chosen on other sequences."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.evaluation.single import evaluate_boxes
+from tsuiseki.tracking.formats.single import SingleSequence
+from tsuiseki.tracking.single.combined import Combined
+from tsuiseki.tracking.single.constants import PRINTED, CombinedSettings, RegularisedSettings
+from tsuiseki.tracking.single.kcf import KcfSettings
+from tsuiseki.tracking.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.experiments import single
+from tsuiseki.trainers.experiments.peers import Peer, find_peer
+from tsuiseki.trainers.experiments.single import SWEEPS, by_attribute, by_seed, leave_one_out, scored
+from tsuiseki.trainers.experiments.single_passes import (
+    CSRT,
+    Clip,
+    Csrt,
+    Recognising,
+    count_losses,
+    follow,
+    follow_with_csrt,
+    search_pictures,
+    searches,
+)
+from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Bench
+
+ALWAYS = replace(PRINTED, response_share=1.0, switch=10.0, plain_frames=3, hypotheses=3, particles=30, convergence=1e9)
+SMALL = CombinedSettings(filter=RegularisedSettings(sizes=1))
+
+
+def clip(seed: int = 1, frames: int = 14) -> Clip:
+    settings = ChaseSettings(frames=frames, width=120, height=90, person_height=(30, 31), passers=0, obstacles=0)
+    made = render_chase(np.random.default_rng(seed), settings)
+    return Clip(SingleSequence(f"tiny-{seed}", (), made.boxes, frozenset({"OCC"})), list(made.images))
+
+
+def test_sweeps_hold_the_thesis_s_values_and_change_one_parameter() -> None:
+    for sweep in SWEEPS.values():
+        assert set(sweep.paper) <= set(sweep.values)
+        assert len({sweep.settings(v) for v in sweep.values}) == len(sweep.values)
+
+
+def test_searches_compare_three_ways_on_the_same_frames() -> None:
+    during, after = searches(clip(), ALWAYS, 0)
+    for part in (during, after):
+        assert len({len(overlaps) for overlaps in part.values()}) == 1
+    assert len(during["Fix"]) == 4  # frames 2, 6, 10 and 14: each search ends at once, then three without
+    assert len(after["Fix"]) == 9
+    assert 0 <= single.area(np.array(during["Proposed"])) <= 100
+    assert np.isnan(single.area(np.empty(0)))
+    strip = search_pictures(clip(), KcfParticle(ALWAYS))
+    assert strip is not None
+    assert (strip.shape[0], strip.shape[1] % 120) == (90, 0)
+
+
+def test_a_figure_has_the_frames_during_the_search_and_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(single, "SEARCHES", {"always": ALWAYS})
+    outcome = single.intervals(Bench(Store(tmp_path)), [clip()], [0])
+    titles = [axes.get_title(loc="left") for axes in outcome.plots["intervals-always"].axes]
+    assert titles == ["(a) during the search", "(b) 10 frames after"]
+    assert [row[:2] for row in outcome.tables[0].rows] == [["during the search", "4"], ["10 frames after", "9"]]
+
+
+def test_results_by_attribute_and_seed_and_nothing_is_run_again(tmp_path: Path) -> None:
+    def kept() -> dict[Path, int]:
+        return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")}
+
+    bench, tiny = Bench(Store(tmp_path)), clip()
+    found = scored(bench, [tiny], {"combined": ALWAYS}, [0, 1], "passes")
+    areas = [one["auc_11"] for one in by_seed(found["combined"])]
+    assert len(areas) == 2
+    assert by_attribute([tiny], found)["OCC"]["combined"] == pytest.approx(np.mean(areas))
+    before = kept()
+    assert len(before) == 2
+    scored(bench, [tiny], {"combined": ALWAYS}, [0, 1], "passes")
+    assert kept() == before
+    scored(bench, [tiny], {"combined": replace(ALWAYS, particles=31)}, [0], "passes")
+    assert len(kept()) == 3
+    # A tracker without random numbers passes once, whatever the seeds.
+    assert len(scored(bench, [tiny], {"kcf": KcfSettings()}, [0, 1], "passes")["kcf"][0].auc_11) == 1
+
+
+def test_a_sequence_has_no_say_in_its_own_settings() -> None:
+    # "a" owes its mean to the first sequence alone, so that the first is scored with "b"
+    chosen = leave_one_out({"a": np.array([90.0, 10, 10]), "b": np.array([20.0, 30, 30])})
+    assert chosen == ["b", "a", "a"]
+
+
+def test_of_equal_candidates_the_first_is_taken() -> None:
+    chosen = leave_one_out({"a": np.array([1.0, 1.0]), "b": np.array([1.0, 1.0])})
+    assert chosen == ["a", "a"]
+
+
+def test_the_table_of_unseen_sequences_has_a_row_a_tracker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    group = single.Group(KcfSettings(scale_step=1.0), {"alone": RegularisedSettings(sizes=1)}, {"one": SMALL})
+    monkeypatch.setattr(single, "GROUPS", {"small": group})
+    outcome = single.unseen(Bench(Store(tmp_path)), [clip(1, 8), clip(2, 8)], [0])
+    assert [row[0] for row in outcome.tables[0].rows] == ["KCF", "alone", single.OURS]
+    values = outcome.values["unseen"]["small"]
+    gain = np.mean(np.array(values[single.OURS]) - values["KCF"])
+    assert float(outcome.tables[0].rows[2][2].split()[0]) == pytest.approx(gain, abs=0.06)
+
+
+def test_one_sequence_is_too_few(tmp_path: Path) -> None:
+    outcome = single.unseen(Bench(Store(tmp_path)), [clip()], [0])
+    assert not outcome.tables
+    assert "two sequences" in outcome.notes[0]
+
+
+def test_losses_and_alarms_are_counted() -> None:
+    overlaps = np.concatenate([np.full(5, 0.8), np.zeros(9), [0.6], np.zeros(12), [np.nan], np.zeros(10)])
+    lost = np.zeros(len(overlaps), dtype=bool)
+    lost[2] = True  # followed: an alarm
+    lost[8] = True  # nine frames are no loss
+    lost[15 + 9] = True  # the tenth frame of the first loss
+    assert count_losses(overlaps, lost) == (2, 1, 6, 1)
+
+
+def test_a_loss_noticed_later_than_ten_frames_is_not_noticed() -> None:
+    lost = np.zeros(30, dtype=bool)
+    lost[10:] = True
+    assert count_losses(np.zeros(30), lost) == (1, 0, 0, 0)
+
+
+def test_the_table_of_the_status_has_given_clips_and_generated_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker = RegularisedSettings(sizes=1)
+    monkeypatch.setattr(single, "CHASES", ((0, 1), (1, 2), (0, 2)))
+    monkeypatch.setattr(single, "STATUS", {"filter": tracker})
+    given = single.chase(0)
+    outcome = single.lost_status(Bench(Store(tmp_path)), [given], [0])
+    first, second, third, both = outcome.tables[0].rows
+    assert first[2:] == second[2:]
+    assert (third[0], both[0]) == ("generated clips 2 to 2", "generated clips 1 to 2")
+    auc = evaluate_boxes(given.sequence.boxes, follow(given, tracker, 0).boxes).auc
+    assert float(first[2]) == pytest.approx(100 * auc, abs=0.06)
+    assert outcome.values["status"]["given clips, filter"]["followed"] > 0
+
+
+def test_the_network_has_a_say_in_the_status_alone() -> None:
+    tiny = clip(frames=8)
+    recognising = follow(tiny, Recognising(shipped("appearance_people")), 0)
+    alone = Combined(seed=0)
+    alone.start(tiny.images[0], tiny.sequence.boxes[0])
+    assert recognising.boxes[1:].tolist() == [alone.follow(image).box.tolist() for image in tiny.images[1:]]
+
+
+def test_a_python_without_csrt_is_refused(tmp_path: Path) -> None:
+    for python in (sys.executable, str(tmp_path / "python")):
+        with pytest.raises(RequestError, match="opencv-contrib-python-headless"):
+            find_peer(python, CSRT, "opencv-contrib-python-headless", "`contrib`")
+
+
+def csrt(folder: Path, script: str) -> Csrt:
+    (folder / "python").write_text(f"#!/bin/sh\n{script}\n")
+    (folder / "python").chmod(0o755)
+    return Csrt(Peer(str(folder / "python"), "5"), 33)
+
+
+def test_all_images_are_sent_to_csrt_and_the_boxes_come_back(tmp_path: Path) -> None:
+    peer = csrt(tmp_path, f"cat > {tmp_path}/sent\necho '[[5, 6, 10, 20], [7, 8, 10, 20]]'")
+    images = [np.full((4, 6, 3), (1, 2, k), np.uint8) for k in range(3)]
+    found: FloatArray = follow_with_csrt(peer, images, np.array([3.0, 4, 13, 24]))
+    assert found.tolist() == [[3, 4, 13, 24], [5, 6, 15, 26], [7, 8, 17, 28]]
+    head, _, pixels = (tmp_path / "sent").read_bytes().partition(b"\n")
+    assert b'"box": [3.0, 4.0, 10.0, 20.0]' in head
+    assert pixels == b"".join(bytes([k, 2, 1]) * 24 for k in range(3))  # blue first
+
+
+def test_where_csrt_breaks_off_the_user_hears_of_it(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="CSRT"):
+        follow_with_csrt(csrt(tmp_path, "exit 1"), [np.zeros((400, 600, 3), np.uint8)] * 3, np.arange(4.0))

@@ -1,0 +1,80 @@
+"""Settings of `tsuiseki track animals`: of the tracker, and what is known of the animals' points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.body_points import read_poses_file
+from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.types.tracks import PointTable
+
+
+@dataclass(frozen=True)
+class AnimalSettings:
+    """Settings of the tracker of animals.
+
+    Attributes:
+        smallest: share of the usual animal's core from which a region holds one, in (0, 1).
+        area: usual pixels of the core of one animal; by default found in the video.
+        shortest: seconds that an animal must be seen.
+        forward: how far ahead of the middle the reported place lies, in lengths of the animal; from -0.5 (tail) to 0.5
+            (head).
+        evidence: log-likelihood ratio of appearance that exchanges two animals after a contact.
+    """
+
+    smallest: float = 0.3
+    area: float | None = None
+    shortest: float = 0.4
+    forward: float = 0.0
+    evidence: float = 4.0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.smallest < 1:
+            raise RequestError(f"`smallest`: expected a share between 0 and 1, got {self.smallest:g}")
+        if not -0.5 <= self.forward <= 0.5:
+            raise RequestError(f"`forward`: expected -0.5 to 0.5 lengths, got {self.forward:g}")
+        if self.area is not None and not 0 < self.area < np.inf:
+            raise RequestError(f"`area`: expected pixels above 0, got {self.area:g}")
+        for name in ("shortest", "evidence"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise RequestError(f"`{name}`: expected a number from 0, got {getattr(self, name):g}")
+
+
+@dataclass(frozen=True)
+class SkeletonSettings(Shared):
+    """What is known of the animals' points.
+
+    Attributes:
+        points: points seen in every frame: SLEAP's .slp, .h5 or analysis CSV, or DeepLabCut's CSV; the image is not
+            looked at.
+        labels: points that you marked in a few frames of this video, likewise; they teach where on the body each lies.
+        line: names of a point at the back and one at the front of the body, such as tail,nose; by default found.
+        centre: name of the point whose place is reported; by default the middle of the body.
+    """
+
+    points: Path | None = None
+    labels: Path | None = None
+    line: tuple[str, str] | None = None
+    centre: str | None = None
+
+    def table(self) -> PointTable | None:
+        """The points of the file that is given; None for none.
+
+        Raises:
+            RequestError: both are given, the file cannot be used, or ``centre`` is no point of it.
+        """
+        if self.points is not None and self.labels is not None:
+            raise RequestError("expected one of `points` and `labels`, got both")
+        path = self.points or self.labels
+        if path is None:
+            if self.centre is not None or self.line is not None:
+                raise RequestError("`centre` and `line` name points; give `points` or `labels`")
+            return None
+        table = read_poses_file(path)
+        if self.centre is not None:
+            table.node(self.centre)
+        return table

@@ -1,0 +1,312 @@
+"""What finite-set filters are told of their targets: observation models of boxes, of coloured regions and of scans.
+
+An observation model says for each observation which filter takes it, and as what. `FiniteSetTracker` does the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.colour_region import ColourImage, ColourRange
+from tsuiseki.tracking.filters.base import Births, Filter, Motion, ObservationIn, SetInfo
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
+from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
+from tsuiseki.tracking.filters.finite_sets.models import (
+    GaussianSensor,
+    PointModel,
+    StateFunction,
+    StateTest,
+    linear_sensor,
+    polar_sensor,
+)
+from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
+from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, PatchBirths
+from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
+    Calibrated,
+    EachAlone,
+    Equalised,
+    WithoutOthers,
+    as_printed,
+)
+from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.motion.points import (
+    DriftingBox,
+    SteppingBox,
+    constant_velocity,
+    coordinated_turn,
+    taking_turns,
+)
+from tsuiseki.tracking.points.settings import BlobSettings, PointSettings, SetMethod
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame
+from tsuiseki.tracking.types.measurements import MotionSettings, Scan, SensingModel
+
+SetFilter: TypeAlias = Filter[Any, Any, SetInfo]
+FILTERS: dict[SetMethod, Callable[[PointModel, MeasurementBirths, int], SetFilter]] = {
+    "labelled": LabelledMultiBernoulliFilter,
+    "phd": PhdFilter,
+}
+COLUMNS = 6
+"""Length of a state of a box or region."""
+BIRTHS = 0.05
+"""Expected ones a frame with the preset paper, which draws so many times the particles of a target for them (50)."""
+KERNEL = 0.5
+"""A new target's velocity is known by a few of its particles only; without a kernel a calm motion keeps those few."""
+FIRST_TURN = 0.05
+"""Standard deviation of a new target's rate of turn, radians a second."""
+
+
+class ObservationModel(Protocol[ObservationIn]):
+    """What is observed, and how.
+
+    Attributes:
+        columns: length of a state.
+    """
+
+    columns: int
+
+    def chosen(self, observation: ObservationIn, /) -> tuple[SetFilter, Any] | None:
+        """The filter of this step, and the observation as it takes it; None before there is anything to follow."""
+        ...
+
+
+class ObservedBoxes:
+    """Boxes as points of four coordinates, centre and size, frame by frame.
+
+    Their model is made from the first boxes, in units of a typical one, so that it needs no setting for another image
+    size.
+
+    Args:
+        settings: of the filter and its model.
+        extent: width and height of the image, pixels.
+    """
+
+    columns = COLUMNS
+
+    def __init__(self, settings: PointSettings, extent: tuple[float, float]) -> None:
+        self.settings, self.extent = settings, extent
+        self._filter: SetFilter | None = None
+
+    def chosen(self, observation: Detections) -> tuple[SetFilter, FloatArray] | None:
+        """See `ObservationModel`."""
+        used = observation.boxes[observation.scores >= self.settings.min_score]
+        measured = np.concatenate([(used[:, :2] + used[:, 2:]) / 2, used[:, 2:] - used[:, :2]], axis=1)
+        if self._filter is None:
+            if len(measured) == 0:
+                return None
+            model, births = box_model(self.settings, self.extent, float(np.median(measured[:, 3])))
+            self._filter = FILTERS[self.settings.method](model, births, self.settings.particles)
+        return self._filter, measured
+
+
+class ObservedColours:
+    """Parts of the image that have a colour, frame by frame; finite-sets paper, section 6.
+
+    Args:
+        colour: of the targets.
+        settings: see `BlobSettings`.
+
+    Attributes:
+        filter: of all steps.
+        image: where the colour is in the last frame.
+    """
+
+    columns = COLUMNS
+
+    def __init__(self, colour: ColourRange, settings: BlobSettings) -> None:
+        self.colour = colour
+        self.filter = region_filter(settings)
+        self.image: ColourImage
+
+    def chosen(self, observation: Frame) -> tuple[RegionPhdFilter, ColourImage]:
+        """See `ObservationModel`."""
+        self.image = ColourImage.of(observation.image, self.colour)
+        return self.filter, self.image
+
+
+class ObservedScans:
+    """A sensor's scans, each with its time: points in two or three dimensions.
+
+    Before every step the filter is told the time that passed, and the covariances of what was measured.
+
+    Args:
+        model: of the sensor and the targets, with a region.
+        method: labelled multi-Bernoulli filter, or phd.
+        particles: of each target.
+
+    Attributes:
+        time: of the last scan, seconds; None before the first.
+    """
+
+    def __init__(self, model: SensingModel, method: SetMethod, particles: int) -> None:
+        self.model = model
+        self.columns = state_columns(model)
+        self.time: float | None = None
+        self._births = point_births(model, particles)
+        self._filter: LabelledMultiBernoulliFilter | PhdFilter = PhdFilter(point_model(model), self._births, particles)
+        if method == "labelled":
+            modes = int(len(model.motions) > 1)
+            self._filter = LabelledMultiBernoulliFilter(
+                point_model(model), self._births, particles, kernel=KERNEL, discrete=modes
+            )
+
+    def chosen(self, observation: Scan) -> tuple[LabelledMultiBernoulliFilter | PhdFilter, FloatArray]:
+        """See `ObservationModel`.
+
+        Raises:
+            RequestError: the scan is not later than the last one.
+        """
+        if self.time is not None and not observation.time > self.time:
+            raise RequestError(f"expected scans in order of time, got {observation.time:g} s after {self.time:g} s")
+        # Before the first scan there is nothing to move: any time will do.
+        seconds = 1.0 if self.time is None else observation.time - self.time
+        self.time = observation.time
+        model, covariances, births = self._filter.model, observation.covariances, self._births
+        sensor = model.sensor if covariances is None else model.sensor.of_scan(covariances)
+        if isinstance(births, MeasurementBirths):
+            births = replace(births, density=births.density * seconds, sensor=sensor)
+        elif isinstance(births, MixtureBirths):
+            births = replace(births, masses=births.masses * seconds, sensor=sensor)
+        model = replace(model, period=seconds, sensor=sensor, survival=self.model.survival**seconds)
+        return replace(self._filter, model=model, births=births), observation.measurements
+
+
+def box_of(particles: FloatArray) -> FloatArray:
+    """Centres and sizes ``(N, 4)`` of states ``(N, 6)``."""
+    return particles[:, [0, 2, 4, 5]]
+
+
+def box_model(
+    settings: PointSettings, extent: tuple[float, float], unit: float
+) -> tuple[PointModel, MeasurementBirths]:
+    """The model of boxes about ``unit`` pixels high in an image of ``extent`` pixels."""
+    place, size = settings.place_error * unit, settings.size_error * unit
+    sensor = GaussianSensor(box_of, np.array([place, place, size, size]))
+    # False boxes lie anywhere in the image, their sides within about half of a typical one.
+    volume = extent[0] * extent[1] * (0.5 * unit) * unit
+    motion = DriftingBox(settings.acceleration * unit, settings.growth * unit)
+    model = PointModel(motion, sensor, settings.survival, settings.detection, settings.clutter / volume)
+
+    def complete(measurements: FloatArray, rng: np.random.Generator) -> FloatArray:
+        states = np.empty((len(measurements), COLUMNS))
+        states[:, [0, 2, 4, 5]] = measurements
+        states[:, [1, 3]] = settings.speed * unit * rng.standard_normal((len(measurements), 2))
+        return states
+
+    return model, MeasurementBirths(settings.births / volume, sensor, complete, COLUMNS)
+
+
+def points_as_boxes(points: FloatArray, box: tuple[float, float]) -> Detections:
+    """Detections of a width and height ``box`` about points ``(M, 2)``, all of score 1."""
+    half = np.asarray(box) / 2
+    return Detections(np.concatenate([points - half, points + half], axis=1), np.ones(len(points)))
+
+
+def region_filter(settings: BlobSettings) -> RegionPhdFilter:
+    """The filter of several targets for the preset."""
+    motion = SteppingBox(settings.place_noise, settings.size_noise, settings.smallest)
+    if settings.preset == "paper":
+        births = AnywhereBirths(BIRTHS, max(round(settings.particles * BIRTHS), 1), settings.size)
+        equalised = Equalised(as_printed)
+        fixed = settings.particles * settings.targets
+        return RegionPhdFilter(
+            motion, births, EachAlone(settings.margin), equalised, settings.particles, fixed, settings.survival,
+            settings.detection,
+        )  # fmt: skip
+    patches = PatchBirths(smallest=settings.smallest)
+    update = Calibrated(settings.sharpness)
+    return RegionPhdFilter(
+        motion, patches, WithoutOthers(settings.margin), update, settings.particles, 0, settings.survival,
+        settings.detection,
+    )  # fmt: skip
+
+
+def state_columns(model: SensingModel) -> int:
+    """Length of a state."""
+    return 2 * model.sensor.dimensions + int(_turns(model)) + int(len(model.motions) > 1)
+
+
+def point_model(model: SensingModel) -> PointModel:
+    """The model that the filters take, for steps of one second."""
+    dimensions = model.sensor.dimensions
+    moves = [_motion(motion, dimensions) for motion in model.motions]
+    motion = moves[0] if len(moves) == 1 else taking_turns(moves, model.switching)
+    deviation = np.broadcast_to(np.asarray(model.sensor.deviation), (dimensions,)).copy()
+    circular = (0,) if model.sensor.model == "bearing-range" else ()
+    sensor = GaussianSensor(_sensor(model)[0], deviation, circular)
+    inside = _inside(sensor, model.region) if model.leave == "gone" else None
+    return PointModel(motion, sensor, model.survival, model.detection, model.clutter / _volume(model), inside=inside)
+
+
+def point_births(model: SensingModel, particles: int) -> Births[FloatArray]:
+    """Births a second: anywhere in the region, drawn where something was measured, or at the places of the model."""
+    dimensions, places = model.sensor.dimensions, model.births.places
+    turn = FIRST_TURN if _turns(model) else None
+    modes = len(model.motions)
+    sensor = point_model(model).sensor
+    if not places:
+        complete = newborn(_sensor(model)[1], dimensions, model.births.speed, turn, modes)
+        density = model.births.rate / _volume(model)
+        return MeasurementBirths(density, sensor, complete, state_columns(model), max(particles // 5, 1))
+    extra = state_columns(model) - 2 * dimensions
+    means = np.array([[*place.mean, *[0.0] * extra] for place in places])
+    spread = [np.broadcast_to(np.asarray(place.deviation), (2 * dimensions,)) for place in places]
+    rest = [turn] * int(turn is not None) + [0.0] * int(modes > 1)
+    deviations = np.array([[*each, *rest] for each in spread])
+    return MixtureBirths(np.array([place.rate for place in places]), means, deviations, particles, sensor, modes)
+
+
+def _motion(motion: MotionSettings, dimensions: int) -> Motion:
+    if motion.model == "coordinated-turn":
+        return coordinated_turn(motion.acceleration, motion.turn, dimensions)
+    return constant_velocity(motion.acceleration, dimensions)
+
+
+def _inside(sensor: GaussianSensor, region: Sequence[tuple[float, float]]) -> StateTest:
+    low, high = np.array(region).T
+
+    def inside(particles: FloatArray) -> BoolArray:
+        places = sensor.project(particles)
+        return np.asarray(((places >= low) & (places <= high)).all(axis=1))
+
+    return inside
+
+
+def _turns(model: SensingModel) -> bool:
+    return any(motion.model == "coordinated-turn" for motion in model.motions)
+
+
+def _sensor(model: SensingModel) -> tuple[StateFunction, StateFunction]:
+    origin = np.array(model.sensor.position or (0.0,) * model.sensor.dimensions)
+    make = linear_sensor if model.sensor.model == "linear" else polar_sensor
+    return make(model.sensor.dimensions, origin)
+
+
+def _volume(model: SensingModel) -> float:
+    if not model.region:
+        raise RequestError("region: expected pairs low, high of each measured number, got none")
+    return float(np.prod([high - low for low, high in model.region]))
+
+
+def region_of(scans: Sequence[Scan]) -> tuple[tuple[float, float], ...]:
+    """Where the measurements lie.
+
+    Raises:
+        RequestError: they do not spread along every axis.
+    """
+    every = np.concatenate([scan.measurements for scan in scans])
+    if len(every) == 0:
+        raise RequestError("expected at least one measurement, got none")
+    low, high = every.min(axis=0), every.max(axis=0)
+    if not (high > low).all():
+        raise RequestError("region: expected pairs low, high, for all measurements lie on a line")
+    return tuple((float(a), float(b)) for a, b in zip(low, high, strict=True))
+
+
+def positions_of(model: SensingModel, measurements: FloatArray) -> FloatArray:
+    """Positions ``(M, D)`` of error-free measurements ``(M, Z)``."""
+    return _sensor(model)[1](measurements)

@@ -1,0 +1,167 @@
+"""Settings of the trackers of an unknown number of objects, and the options of `tsuiseki track blobs`."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.people.settings import check_score_range
+
+SetMethod = Literal["labelled", "phd"]
+"""The finite-set filter: labelled multi-Bernoulli, or PHD."""
+BlobPreset = Literal["calibrated", "paper", "single"]
+Lag = Literal[0, 1]
+SIZE = (32.0, 32.0)
+"""Typical width and height of a coloured object, pixels."""
+
+
+def _check(settings: PointSettings | BlobSettings, probabilities: tuple[str, ...], positive: tuple[str, ...]) -> None:
+    for name in probabilities:
+        if not 0.0 <= getattr(settings, name) <= 1.0:
+            raise RequestError(f"expected the probability of {name} in [0, 1], got {getattr(settings, name)}")
+    for name in positive:
+        if not 0.0 < getattr(settings, name) < math.inf:
+            raise RequestError(f"expected {name} above 0, got {getattr(settings, name)}")
+
+
+@dataclass(frozen=True)
+class PointSettings:
+    """Settings; lengths are in heights of a typical box, times in frames.
+
+    Attributes:
+        method: ``labelled`` or ``phd``.
+        survival: probability that a target goes on, in [0, 1].
+        detection: probability that it is measured, in [0, 1].
+        clutter: expected false measurements a frame, >= 0.
+        births: expected new targets a frame, > 0.
+        place_error: standard deviation of a measured centre.
+        size_error: standard deviation of a measured width or height.
+        acceleration: standard deviation of the change of velocity.
+        speed: standard deviation of a new target's velocity, along each axis.
+        growth: standard deviation of the change of size.
+        particles: of each target.
+        min_length: a track of fewer frames is not reported.
+        min_score: detections below it are not used.
+        box: width and height in pixels of points without a size.
+    """
+
+    method: SetMethod = "labelled"
+    survival: float = 0.99
+    detection: float = 0.85
+    clutter: float = 1.0
+    births: float = 0.05
+    place_error: float = 0.06
+    size_error: float = 0.08
+    acceleration: float = 0.015
+    speed: float = 0.1
+    growth: float = 0.01
+    particles: int = 500
+    min_length: int = 3
+    min_score: float = 0.0
+    box: tuple[float, float] = (20.0, 20.0)
+
+    def __post_init__(self) -> None:
+        if self.method not in ("labelled", "phd"):
+            raise RequestError(f"expected the method labelled or phd, got {self.method!r}")
+        positive = ("births", "place_error", "size_error", "acceleration", "speed", "growth")
+        _check(self, ("survival", "detection"), positive)
+        if not 0.0 <= self.clutter < math.inf or self.particles < 1 or min(self.box) <= 0:
+            raise RequestError("expected clutter >= 0, at least one particle and a box of positive size")
+
+
+@dataclass(frozen=True)
+class BlobSettings:
+    """Settings of the tracker of coloured objects; lengths in pixels, times in frames.
+
+    Attributes:
+        preset: ``calibrated`` follows any number, by the likelihood's ratio to background; ``paper`` does so by the
+            printed likelihood, equalised between targets; ``single`` follows one by an ordinary particle filter.
+        particles: of each target.
+        targets: expected at most; with ``paper`` the number of particles is this times ``particles``.
+        size: typical width and height, for births anywhere.
+        place_noise: standard deviation of the change of the step, ``tau_x`` and ``tau_y``.
+        size_noise: standard deviation of the change of size, ``tau_d`` and ``tau_h``.
+        survival: probability that a target goes on, in [0, 1].
+        detection: probability that a target looks like itself, in [0, 1].
+        margin: of the frame around a box whose colour counts against it, as a share of its sides.
+        sharpness: power of the likelihood ratio.
+        smallest: least side of a target, and of a patch of colour that may be a new one.
+        confirm: with ``calibrated``, a new target is believed once a patch of the colour was at it in so many of its
+            first so many frames, and dropped when that cannot be any more; ``(1, 1)`` believes at once.
+        lost_below: with ``single``, the target is not seen when the best likelihood is below this.
+        patience: with ``single``, frames unseen before the search begins anew.
+        min_length: a track of fewer frames is not reported.
+    """
+
+    preset: BlobPreset = "calibrated"
+    particles: int = 500
+    targets: int = 10
+    size: tuple[float, float] = SIZE
+    place_noise: float = 1.5
+    size_noise: float = 1.0
+    survival: float = 0.99
+    detection: float = 0.95
+    margin: float = 0.5
+    sharpness: float = 4.0
+    smallest: float = 12.0
+    confirm: tuple[int, int] = (3, 3)
+    lost_below: float = 0.2
+    patience: int = 10
+    min_length: int = 3
+
+    def __post_init__(self) -> None:
+        if self.preset not in ("calibrated", "paper", "single"):
+            raise RequestError(f"expected the preset calibrated, paper or single, got {self.preset!r}")
+        _check(self, ("survival", "detection"), ("place_noise", "size_noise", "margin", "sharpness", "smallest"))
+        if self.particles < 1 or self.targets < 1 or min(self.size) < 3:
+            raise RequestError("expected at least one particle, one target and a size of 3 pixels")
+        if not 1 <= self.confirm[0] <= self.confirm[1]:
+            raise RequestError(f"`confirm`: expected M,N with 1 <= M <= N frames, got {self.confirm}")
+
+
+@dataclass(frozen=True)
+class BlobChoice(Shared):
+    """Objects of a colour, or measured points or boxes.
+
+    Attributes:
+        colour: red, orange, yellow, green, cyan, blue, magenta, black, white, or H1-H2,S1-S2,V1-V2 with hues in
+            degrees.
+        colour_box: X,Y,W,H in 0-based pixels of an object in the first frame, whose colour is taken.
+        detections: measurements: MOTChallenge boxes (det.txt), or points as CSV with the columns frame,x,y.
+        preset: for colours: calibrated follows any number; paper uses the likelihood as printed, whose expected count
+            means nothing; single follows one.
+        method: for measurements: labelled multi-Bernoulli filter, or phd.
+        particles: of each target.
+        size: width and height in pixels, of objects that appear with paper and single, and of points.
+        smallest: least side in pixels of an object, and of a patch of colour that may be a new one.
+        confirm: M,N: with calibrated, a new object is believed once a patch of the colour was at it in M of its first N
+            frames; 1,1 believes at once.
+        detection: for measurements: probability that a target is measured, from 0 to 1.
+        clutter: for measurements: expected false ones in a frame.
+        score_range: smallest and largest score that the rows of --detections may have.
+    """
+
+    colour: str | None = None
+    colour_box: tuple[float, float, float, float] | None = None
+    detections: Path | None = None
+    preset: BlobPreset = "calibrated"
+    method: SetMethod = "labelled"
+    particles: int = 500
+    size: tuple[float, float] = SIZE
+    smallest: float = 12.0
+    confirm: tuple[int, int] = (3, 3)
+    detection: float = 0.85
+    clutter: float = 1.0
+    score_range: tuple[float, float] = (0.0, 1.0)
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        if sum(choice is not None for choice in (self.colour, self.colour_box, self.detections)) != 1:
+            raise RequestError("expected one of `colour`, `colour_box` and `detections`")
+        if self.colour_box is not None and min(self.colour_box[2:]) <= 0:
+            raise RequestError(f"`colour_box`: expected X,Y,W,H with a width and height above 0, got {self.colour_box}")
+        check_score_range(self.score_range)

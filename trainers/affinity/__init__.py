@@ -1,1 +1,0 @@
-"""Learning the costs of the flow from labelled video."""

@@ -1,0 +1,221 @@
+"""Fitting the action term of the drone tracker's links to labelled clips: `tsuiseki train affinity-drone`.
+
+The flow without actions is solved over each clip, and every link between labelled people that it considered is one
+sample: what it cost, how far the actions at its ends differ, of single detections and of means along the tracks found,
+and whether both ends show one person. Nothing that was learnt from a clip prices its own tracks. Logistic regression
+says what a difference of actions is worth in the unit of the flow's costs:
+
+    −logit P(same) = a · cost + b · d + c,   weight = b / a,
+
+and the distance that speaks neither way is where d alone, with both kinds of links weighing the same, is undecided.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+from scipy.optimize import minimize
+from scipy.special import expit
+
+from tsuiseki.tracking.association.costs import ActionCost, action_distances
+from tsuiseki.tracking.association.flow_window import FlowWindow
+from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
+from tsuiseki.tracking.drone.settings import DroneSettings
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.coverage import NOBODY
+from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser, averaged
+from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraMotionSettings, CameraStep
+from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.features.exported import Appearance, Detector
+from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences
+from tsuiseki.tracking.output import check_output_file, output_file
+from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file
+from tsuiseki.trainers.association.pair_samples import match_boxes
+
+
+@dataclass(frozen=True)
+class LinkSamples:
+    """Links that a flow considered.
+
+    Attributes:
+        cost: ``(P,)`` of each, without actions.
+        single: ``(P,)`` distance of the actions of its detections.
+        means: ``(P,)`` distance of the means along the tracks found, one-sided.
+        same: ``(P,)`` whether both ends show the same person.
+    """
+
+    cost: FloatArray
+    single: FloatArray
+    means: FloatArray
+    same: BoolArray
+
+
+def link_samples(
+    observations: Sequence[Observation],
+    truth: GroundTruth,
+    frame_rate: float,
+    size: tuple[int, int],
+    settings: DroneSettings | None = None,
+) -> LinkSamples:
+    """The links of a labelled clip.
+
+    Args:
+        observations: of its frames, with actions.
+        truth: its labels.
+        frame_rate: frames a second.
+        size: width and height of the image.
+        settings: of the tracker.
+
+    Raises:
+        RequestError: there are no actions.
+    """
+    if any(one.actions is None for one in observations):
+        raise RequestError("expected what people do in every frame, got observations without actions")
+    flow = (settings or DroneSettings()).flow
+    costs = replace(flow.costs, link=replace(flow.costs.link, action=None))
+    path = CameraPath()
+    for one in observations:
+        path.follow(one.motion or CameraStep(STANDS_STILL))
+    given = FlowInput(flow.input, frame_rate, size, path)
+    found = [replace(o.detections, actions=averaged(o.actions)) for o in observations if o.actions is not None]
+    seen, scores = given.rows(found)
+    assert seen.actions is not None
+    window = FlowWindow(costs, frame_rate, size)
+    window.add(seen)
+    solve_window(window, given, scores)
+    who = _people(seen.frames, seen.image, truth)
+    i, j = (np.searchsorted(seen.numbers, numbers) for numbers in (window.links.tail, window.links.head))
+    known = (who[i] != NOBODY) & (who[j] != NOBODY)
+    i, j = i[known], j[known]
+    means = ActionCost("one-sided").means(seen.frames, window.labels(), seen.actions, frame_rate)
+    return LinkSamples(
+        window.links.cost[known],
+        action_distances(seen.actions, seen.actions, i, j),
+        action_distances(*means, i, j),
+        who[i] == who[j],
+    )
+
+
+def _people(frames: IntArray, boxes: FloatArray, truth: GroundTruth) -> IntArray:
+    """``(N,)`` whom each box shows."""
+    who = np.full(len(frames), NOBODY)
+    for frame in np.unique(frames).tolist():
+        rows, labelled = np.flatnonzero(frames == frame), truth.select((truth.frames == frame) & truth.evaluated)
+        person, _ = match_boxes(boxes[rows], labelled.boxes)
+        who[rows] = np.append(labelled.ids, NOBODY)[person]
+    return who
+
+
+def fit_action_cost(samples: Sequence[LinkSamples]) -> ActionCost:
+    """The weights and neutral distances that links of several clips ask for.
+
+    Raises:
+        RequestError: there are no links of both kinds.
+    """
+    same = np.concatenate([clip.same for clip in samples])
+    if same.all() or not same.any():
+        raise RequestError("expected links between the same person and between two, got one kind only; give more clips")
+    cost = np.concatenate([clip.cost for clip in samples])
+    weights, neutral = [], []
+    for distance in (np.concatenate([c.single for c in samples]), np.concatenate([c.means for c in samples])):
+        a, b, _ = _logistic(np.column_stack([cost, distance]), same, np.ones(len(same)))
+        slope, offset = _logistic(distance[:, None], same, np.where(same, 1 / same.sum(), 1 / (~same).sum()))
+        weights.append(max(b / a, 0.0))
+        neutral.append(-offset / slope)
+    return ActionCost(weight=(weights[0], weights[1]), neutral=(neutral[0], neutral[1]))
+
+
+def _logistic(columns: FloatArray, same: BoolArray, weight: FloatArray) -> FloatArray:
+    """``(F + 1,)`` coefficients and offset of -logit P(same), by maximum likelihood."""
+    rows = np.column_stack([columns, np.ones(len(columns))])
+    sign = np.where(same, 1.0, -1.0)
+    share = weight / weight.sum()
+
+    def loss(theta: FloatArray) -> tuple[float, FloatArray]:
+        score = sign * (rows @ theta)
+        return float(share @ np.logaddexp(0, score)), rows.T @ (share * sign * expit(score))
+
+    return np.asarray(minimize(loss, np.zeros(rows.shape[1]), jac=True, method="L-BFGS-B").x)
+
+
+def fit_action_costs(
+    folders: list[Path],
+    out: Path,
+    actions: list[Path] | None = None,
+    appearance: Path | None = None,
+    detector: Path | None = None,
+    cache: Path | None = None,
+    scored: list[Path] | None = None,
+    overwrite: bool = False,
+) -> None:
+    """Fit what a difference of actions costs in `track drone` to labelled clips.
+
+    OUT becomes a file that `track drone --config` takes. The clips must be others than those that the action streams
+    learnt from, which know the actions there better than elsewhere. What each clip would ask for without the others is
+    printed, so that one sees how sure the numbers are.
+
+    Args:
+        folders: MOTChallenge sequences with gt/gt.txt, or folders of them.
+        out: YAML file to write.
+        actions: exported action streams, separated by commas; by default the shipped ones.
+        appearance: exported appearance network; by default the shipped one.
+        detector: exported detector, or the name of a shipped one; by default that of `track drone`.
+        cache: folder that keeps what the networks say.
+        scored: sequences, or folders of them, that the costs are to be scored on; refused where one of them is fitted
+            to, by its labels, wherever it lies.
+        overwrite: replace an existing file.
+
+    Raises:
+        RequestError: unusable folders or models, a clip that is scored, no links of both kinds, or the file exists.
+    """
+    check_output_file(out, overwrite)
+    sequences = [s for folder in folders for s in find_sequences(folder)]
+    check_apart(sequences, [s for folder in scored or [] for s in find_sequences(folder)])
+    streams = actions or [shipped(f"action_drone_{name}") for name in STREAMS]
+    appearance = appearance or shipped("appearance_people")
+    detector = shipped(DRONE_DETECTOR) if detector is None else shipped_or_file("detector", detector)
+    camera = CameraMotionSettings()
+    observers = Observers(Detector(detector), Appearance(appearance), ActionRecogniser(streams), camera)
+    key = {str(n): file_digest(path) for n, path in enumerate([*streams, appearance, detector])} | {
+        "camera": repr(camera)
+    }
+    samples = []
+    for sequence in sequences:
+        seen = list(video_observations(sequence.folder, observers, key, cache))
+        truth, size = read_ground_truth(sequence.ground_truth_path), (sequence.width, sequence.height)
+        samples.append(link_samples(seen, truth, sequence.frame_rate, size))
+        print(f"{sequence.folder.name}: {len(samples[-1].same)} links, {_said(samples[-1:])}")
+    found = fit_action_cost(samples)
+    term = {"weight": [*map(float, found.weight)], "neutral": [*map(float, found.neutral)]}
+    content = {"drone": {"flow": {"costs": {"link": {"action": term}}}}}
+    with output_file(out, overwrite=overwrite) as work:
+        work.write_text(yaml.safe_dump(content), encoding="utf-8")
+    print(f"{out}: {_said(samples)}")
+
+
+def check_apart(fitted: Sequence[MotSequence], scored: Sequence[MotSequence]) -> None:
+    """Refuse clips of which one is fitted to and scored.
+
+    Raises:
+        RequestError: two have the same labels.
+    """
+    labels = {file_digest(s.ground_truth_path): s.folder for s in scored}
+    for one in fitted:
+        if (same := labels.get(file_digest(one.ground_truth_path))) is not None:
+            raise RequestError(
+                f"{one.folder}: its labels are those of {same}, which is to be scored; costs are fitted on other clips"
+            )
+
+
+def _said(samples: Sequence[LinkSamples]) -> str:
+    found = fit_action_cost(samples)
+    weights, neutral = ([f"{value:.2f}" for value in values] for values in (found.weight, found.neutral))
+    return f"weight {', '.join(weights)}, neutral {', '.join(neutral)} (single detections, means along tracks)"

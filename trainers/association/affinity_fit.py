@@ -1,0 +1,291 @@
+"""Learning the flow's costs from labelled video: boosted trees for the transitions, logistic regression for scores.
+
+The probability that two detections show the same person means: of all pairs like this one that pass the tracker's
+gate, that share does, detections in between or not. Costs are logarithms of it, so it is calibrated: no class is
+weighted, and the trees' overconfidence is measured on parts they were not fitted on and taken back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from sklearn.ensemble import HistGradientBoostingClassifier
+from sklearn.linear_model import LogisticRegression
+from sklearn.metrics import log_loss
+from threadpoolctl import threadpool_limits
+
+from tsuiseki.datamodules.simulated_detections import DetectorFaults
+from tsuiseki.tracking.association.costs import ObservationCost
+from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, FeatureSet
+from tsuiseki.tracking.association.pairwise_flow import GateSettings
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.retrieval import area_under_roc
+from tsuiseki.tracking.features.exported import Appearance, Detector
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.options import OutputFile, Seed, Shared
+from tsuiseki.tracking.types import BoolArray
+from tsuiseki.trainers.association.pair_samples import (
+    LabelledDetections,
+    PairSamples,
+    every_nth,
+    join_samples,
+    labelled_parts,
+    pair_samples,
+    spans,
+    with_unknown,
+)
+from tsuiseki.trainers.association.trained_frames import check_unseen, network_uses
+from tsuiseki.trainers.association.videos import labelled_sequences
+from tsuiseki.trainers.exporting.export_costs import export_affinity
+
+# More of it makes two people alike less alike for no feature but the gap.
+FALLING = {"iou": 1, "appearance": -1, "width": -1, "height": -1, "x": -1, "y": -1, "gap": 0, "action": -1}
+# Parts of each sequence of which each is left out once, frames of the gate, and pairs that are also shown to the trees
+# without their appearance.
+GROUPS, WINDOW, UNKNOWN_SHARE = 5, 10, 0.1
+# Weight of each tree, most leaves of one, pairs that a leaf needs, and L2 penalty of the leaves.
+LEARNING_RATE, LEAVES, LEAST_SAMPLES, REGULARISATION = 0.1, 12, 60, 5.0
+# b, the bias of the observation cost (eq. 2.12).
+BIAS = -0.5
+
+
+@dataclass(frozen=True)
+class AffinityVideo(Shared):
+    """What is learnt from.
+
+    Attributes:
+        folders: labelled sequences, or folders of them, in any layout that tsuiseki train association takes.
+        frames: first and last frame to learn from, 1-based and both included.
+        detections: ``given`` takes det/det.txt of each sequence; ``simulated`` draws faulty ones from the labels.
+        detector: exported detector to use in place of both.
+        appearance: exported appearance network; without one the appearance counts as unknown.
+        cross_fit: exported appearance networks, one for each of as many equal parts, in place of ``appearance``.
+        cross_fit_detectors: exported detectors, likewise, in place of ``detector``.
+        seen: take networks also where they were trained.
+        skips: also learn from every n-th frame only, for other frame rates; 1 is the video itself.
+        faults: of simulated detections.
+    """
+
+    folders: list[Path]
+    frames: tuple[int, int] | None = None
+    detections: Literal["given", "simulated"] = "given"
+    detector: Path | None = None
+    appearance: Path | None = None
+    cross_fit: list[Path] | None = None
+    cross_fit_detectors: list[Path] | None = None
+    seen: bool = False
+    skips: list[int] | None = None
+    faults: DetectorFaults | None = None
+
+    def parts(self, rng: np.random.Generator) -> list[LabelledDetections]:
+        """The detections of every part, described, with who they are.
+
+        Raises:
+            RequestError: unusable folders or models, or a network that was trained on what it shall look at.
+        """
+        if self.cross_fit and self.cross_fit_detectors and len(self.cross_fit) != len(self.cross_fit_detectors):
+            raise RequestError(
+                f"expected as many `cross_fit_detectors` as `cross_fit`, got {len(self.cross_fit_detectors)} and "
+                f"{len(self.cross_fit)}"
+            )
+        models = {path: Appearance(path) for path in self.cross_fit or _one(self.appearance)}
+        detectors = {path: Detector(path) for path in self.cross_fit_detectors or _one(self.detector)}
+        videos = list(labelled_sequences(self.folders))
+        if not self.seen:
+            count = max(len(models), len(detectors))
+            cut = [(video.name, spans(video, self.frames, count)) for video in videos]
+            check_unseen([use for name, parts in cut for use in network_uses(name, parts, models, detectors)])
+        find, faults = [*detectors.values()] or self.detections, self.faults or DetectorFaults()
+        return [
+            part
+            for video in videos
+            for part in labelled_parts(video, self.frames, find, [*models.values()], faults, rng)
+        ]
+
+
+def _one(path: Path | None) -> list[Path]:
+    return [] if path is None else [path]
+
+
+@dataclass(frozen=True)
+class AffinityReport:
+    """How good the fit is on parts it was not fitted on.
+
+    Attributes:
+        pairs: number of pairs.
+        positives: those of the same person.
+        auc: area under the ROC of the probability.
+        log_loss: mean -log of the probability of what is true, after the calibration.
+        scale: of the trees' logit; below 1 where they were overconfident.
+        shift: of the trees' logit.
+    """
+
+    pairs: int
+    positives: int
+    auc: float
+    log_loss: float
+    scale: float
+    shift: float
+
+
+@dataclass(frozen=True)
+class AffinitySettings(Shared):
+    """What is learnt.
+
+    Attributes:
+        features: ``thesis``: overlap and appearance distance; ``extended``: also gap, size and motion.
+        trees: number of boosting rounds.
+    """
+
+    features: Literal["thesis", "extended"] = "extended"
+    trees: int = 120
+
+
+SETTINGS, CHANCE = AffinitySettings(), Seed()
+
+
+def fit_affinity(
+    video: AffinityVideo, output: OutputFile, settings: AffinitySettings = SETTINGS, chance: Seed = CHANCE
+) -> Path:
+    """Fit the transition and observation costs of the flow to labelled video, and export them to one ONNX file.
+
+    A network that was trained on the same frames does better there than in video it has not seen, and the costs would
+    learn to trust it too much. One that says so of itself is refused. With ``cross_fit`` or ``cross_fit_detectors`` the
+    frames are cut into as many equal parts as there are networks, and network k, which must not have seen part k,
+    looks at it.
+
+    Args:
+        out: ONNX file to write.
+        seed: of all chance.
+        overwrite: replace an existing file.
+
+    Raises:
+        RequestError: unusable folders or models, a network that has seen what it shall look at, no pairs of both
+            kinds, or the file exists.
+    """
+    output.check()
+    out, features, gate = output.out, settings.features, GateSettings(window=WINDOW)
+    rng = np.random.default_rng(chance.seed)
+    found = video.parts(rng)
+    samples = join_samples(
+        [
+            pair_samples(every_nth(part, skip), features, gate, groups=max(1, -(-GROUPS // len(found))))
+            for part in found
+            for skip in video.skips or [1]
+        ]
+    )
+    check_kinds(samples)
+    samples = with_unknown(samples, FEATURE_SETS[features].index("appearance"), UNKNOWN_SHARE, rng)
+    trees, report = fit_transition(samples, FEATURE_SETS[features], settings.trees, chance.seed)
+    observation = fit_observation(found)
+    card = affinity_card(features, observation, report, video)
+    export_affinity(trees, (report.scale, report.shift), card, out, samples.rows, output.overwrite)
+    print(f"{out}: {report.pairs} pairs, {report.positives} of the same person")
+    print(f"on unseen parts AUC {report.auc:.4f}, log loss {report.log_loss:.4f}; logit scaled by {report.scale:.2f}")
+    print(f"observation cost {observation.b:g} {observation.alpha:+.2f} {observation.beta:+.2f} * score")
+    return out
+
+
+# OpenMP threads that wait for each other on a busy machine cost minutes; one alone needs seconds.
+@threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]
+def fit_transition(
+    samples: PairSamples, names: Sequence[str], count: int, seed: int
+) -> tuple[HistGradientBoostingClassifier, AffinityReport]:
+    """The trees, and how they do on groups of pairs they were not fitted on.
+
+    The calibration is a logistic regression of the truth on the trees' out-of-group logits (Platt).
+
+    Args:
+        samples: pairs.
+        names: of the features.
+        count: of trees.
+        seed: of the boosting.
+    """
+    logits = np.empty(len(samples.same))
+    for group in np.unique(samples.group):
+        inside = samples.group == group
+        if samples.same[~inside].all() or not samples.same[~inside].any():
+            raise RequestError("expected pairs of the same person and of others in every part; give more frames")
+        trees = _boost(samples, ~inside, names, count, seed)
+        logits[inside] = trees.decision_function(samples.rows[inside])
+    platt = LogisticRegression(C=1e6).fit(logits[:, None], samples.same)
+    probability = platt.predict_proba(logits[:, None])[:, 1]
+    report = AffinityReport(
+        len(samples.same),
+        int(samples.same.sum()),
+        area_under_roc(logits[samples.same], logits[~samples.same]),
+        float(log_loss(samples.same, probability)),
+        float(platt.coef_[0, 0]),
+        float(platt.intercept_[0]),
+    )
+    return _boost(samples, np.ones(len(logits), dtype=np.bool_), names, count, seed), report
+
+
+def _boost(
+    samples: PairSamples, which: BoolArray, names: Sequence[str], count: int, seed: int
+) -> HistGradientBoostingClassifier:
+    trees = HistGradientBoostingClassifier(
+        learning_rate=LEARNING_RATE,
+        max_iter=count,
+        max_leaf_nodes=LEAVES,
+        min_samples_leaf=LEAST_SAMPLES,
+        l2_regularization=REGULARISATION,
+        monotonic_cst=[FALLING[name] for name in names],
+        early_stopping=False,
+        random_state=seed,
+    )
+    # A feature that is never known splits nothing; the binning wants a value all the same.
+    rows = np.where(np.isnan(samples.rows).all(axis=0), 0.0, samples.rows)
+    return trees.fit(rows[which], samples.same[which])
+
+
+def fit_observation(found: Sequence[LabelledDetections]) -> ObservationCost:
+    """alpha and beta of eq. 2.13: logistic regression of "lies right on a labelled person" on the score."""
+    scores = np.concatenate([part.scores for part in found])
+    right = np.concatenate([part.right for part in found])
+    if right.all() or not right.any():
+        raise RequestError(
+            "expected right and wrong detections to learn the observation cost from, got only "
+            f"{'right' if right.all() else 'wrong'} ones; lower the detector's threshold or give more frames"
+        )
+    fitted = LogisticRegression(C=1e3).fit(scores[:, None], right)
+    return ObservationCost(alpha=-float(fitted.intercept_[0]), beta=-float(fitted.coef_[0, 0]), b=BIAS)
+
+
+def check_kinds(samples: PairSamples) -> None:
+    """Refuse pairs of one kind alone."""
+    positives = int(samples.same.sum())
+    if positives == 0 or positives == len(samples.same):
+        raise RequestError(
+            f"expected pairs of the same person and of different people, got {positives} and "
+            f"{len(samples.same) - positives}; give longer or busier video"
+        )
+
+
+def affinity_card(
+    features: FeatureSet, observation: ObservationCost, report: AffinityReport, video: AffinityVideo
+) -> ModelCard:
+    """What the exported file will say about itself."""
+    part = "all frames" if video.frames is None else f"frames {video.frames[0]}-{video.frames[1]}"
+    return ModelCard(
+        kind="affinity",
+        name="gradient boosting",
+        class_names=FEATURE_SETS[features],
+        layout="NF",
+        settings={
+            "features": features,
+            "window": WINDOW,
+            "alpha": observation.alpha,
+            "beta": observation.beta,
+            "b": observation.b,
+            "pairs": report.pairs,
+            "positives": report.positives,
+            "auc": report.auc,
+            "log_loss": report.log_loss,
+        },
+        training_data=f"{', '.join(folder.name for folder in video.folders)}, {part}",
+    )

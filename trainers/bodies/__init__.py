@@ -1,1 +1,0 @@
-"""Learning how bodies look and move, from silhouettes and tracks."""

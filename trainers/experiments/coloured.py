@@ -1,0 +1,284 @@
+"""Coloured objects that particles find in the image itself: beside connected components, and with equal likelihoods."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, as_ground_truth, plan_blobs
+from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
+from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange
+from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, PatchBirths
+from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
+    EachAlone,
+    Equalised,
+    RegionLikelihood,
+    Update,
+    WithoutOthers,
+    as_printed,
+    average,
+    boxes_of,
+    calibrated,
+)
+from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.motion.points import SteppingBox
+from tsuiseki.tracking.people.sort import Sort
+from tsuiseki.tracking.points.settings import BlobSettings
+from tsuiseki.tracking.points.tracker import BlobTracker
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, IntArray, Track
+from tsuiseki.trainers.experiments.study import (
+    Bench,
+    Column,
+    Outcome,
+    Study,
+    at_least_one,
+    tabulated,
+    values_of,
+    with_error,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CUT_OFF = 50.0
+FIRST_SEED = 700
+"""Of the clips beside components: nothing else draws from it on."""
+USUAL = BlobSceneSettings(frames=100, width=480, height=360)
+SCENES: Mapping[str, BlobSceneSettings] = {
+    "usual clutter: 12 patches up to a third of an object": USUAL,
+    "hard: 40 patches up to a half of an object": replace(USUAL, clutter=40, clutter_reach=0.25),
+    "hard, and 10 others flash in every frame": replace(USUAL, clutter=40, clutter_reach=0.25, flashes=10),
+}
+
+
+class ComponentsAndSort:
+    """The baseline: each patch of the colour that is large enough for an object, linked by SORT.
+
+    Args:
+        colour: of the objects.
+        settings: its smallest side of an object is that of a patch, as in the filter's births.
+    """
+
+    def __init__(self, colour: ColourRange, settings: BlobSettings) -> None:
+        self.colour, self.sort = colour, Sort()
+        self._patches = PatchBirths(smallest=settings.smallest, limit=200)
+
+    def update(self, frame: Frame) -> object:
+        """Take the next frame."""
+        boxes = self._patches.patches(ColourImage.of(frame.image, self.colour), np.empty((0, 4)))
+        return self.sort.update(Detections(boxes, np.ones(len(boxes))))
+
+    def tracks(self) -> list[Track]:
+        """The tracks so far."""
+        return self.sort.tracks()
+
+
+METHODS: Mapping[str, Callable[[ColourRange, BlobSettings], ComponentsAndSort | BlobTracker]] = {
+    "components and SORT": ComponentsAndSort,
+    "track blobs": BlobTracker,
+    "track blobs --confirm 1,1": lambda colour, settings: BlobTracker(colour, replace(settings, confirm=(1, 1))),
+}
+
+
+def blobs(bench: Bench, seeds: int = 5, particles: int = 300) -> Outcome:
+    """The tracker of coloured objects beside connected components and SORT, with usual and with hard clutter.
+
+    DIR gets results.json and tables.md.
+
+    Args:
+        bench: where it works.
+        seeds: clips of each kind.
+        particles: of each target.
+
+    Raises:
+        RequestError: a number below 1.
+    """
+    at_least_one(seeds=seeds, particles=particles)
+    rows = {(scene, name): (SCENES[scene], name, particles) for scene in SCENES for name in METHODS}
+    found = Study(rows, range(FIRST_SEED, FIRST_SEED + seeds), run_blobs, "clips").run(bench)
+    fields = {
+        "missed a frame": "missed", "false a frame": "false", "count error": "cardinality_error",
+        "switches a clip": "switches",
+    }  # fmt: skip
+    columns = [
+        Column("OSPA p=1", "ospa1", ".1f", show=with_error),
+        *(Column(heading, name) for heading, name in fields.items()),
+    ]
+    note = f"{seeds} clips of each kind from seed {FIRST_SEED}, cut-off {CUT_OFF:g}; ± is the standard error."
+    table = tabulated(found, columns, ("clutter", "method"))
+    return Outcome(values_of(found, ("scene", "method")), [table], notes=[note])
+
+
+def run_blobs(row: tuple[BlobSceneSettings, str, int], seed: int) -> PointScores:
+    """A method with so many particles on one clip, an object being there while half of it is in the image."""
+    scene, method, particles = row
+    tracker = METHODS[method](NAMED_COLOURS[scene.colour], BlobSettings(particles=particles))
+    boxes = []
+    for index, ((image,), there) in enumerate(plan_blobs(scene, seed).frames()):
+        tracker.update(Frame(index, index / scene.frame_rate, image))
+        boxes.append(there)
+    truth = as_ground_truth(_half_inside(np.stack(boxes), scene))
+    places = (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2
+    return evaluate_points(
+        PointTracks(truth.frames, truth.ids, places), PointTracks.of(tracker.tracks()), scene.frames, CUT_OFF
+    )
+
+
+def _half_inside(boxes: FloatArray, scene: BlobSceneSettings) -> FloatArray:
+    """Boxes ``(T, K, 4)``, NaN while less than half lies in the image."""
+    size = np.array([scene.width, scene.height])
+    sides = np.clip(np.minimum(boxes[..., 2:], size) - np.maximum(boxes[..., :2], 0), 0, None)
+    share = sides.prod(axis=-1) / (boxes[..., 2:] - boxes[..., :2]).prod(axis=-1)
+    return np.asarray(np.where((share >= 0.5)[..., None], boxes, np.nan))
+
+
+UPDATES: Mapping[str, tuple[Update, RegionLikelihood]] = {
+    "as printed": (as_printed, EachAlone()),
+    "equalised": (Equalised(as_printed), EachAlone()),
+    "equalised by the mean": (Equalised(as_printed, average), EachAlone()),
+    "calibrated": (calibrated, WithoutOthers()),
+}
+
+
+TARGETS = 3
+LEAST, LOST_AFTER = 0.05, 5
+"""A target with fewer than this share of its particles has none to speak of, and is lost after so many such frames."""
+
+
+@dataclass(frozen=True)
+class Weakened:
+    """One clip with one update; K targets, the weakest first.
+
+    Attributes:
+        particles: ``(T, K)`` on each target.
+        expected: ``(T,)`` sum of the weights.
+        lost: ``(K,)`` frame at which each target was lost; the length of the clip where it never was.
+    """
+
+    particles: FloatArray
+    expected: FloatArray
+    lost: FloatArray
+
+
+def equalisation(bench: Bench, seeds: int = 20, frames: int = 150, particles: int = 300) -> Outcome:
+    """Whether equal likelihoods keep the weak target of three: particles over time, with and without.
+
+    The end of section 6.2. Targets of one colour and size but unequal purity stay in the image for the whole clip. The
+    particles start on the targets, as many on each, and nothing is born, so that a target without particles stays lost.
+    Their number is held, since the printed likelihood only shrinks their sum. DIR gets results.json, tables.md and
+    particles.png.
+
+    Args:
+        bench: where it works.
+        seeds: clips.
+        frames: length of each clip.
+        particles: of each target.
+
+    Raises:
+        RequestError: a number below 1.
+    """
+    at_least_one(seeds=seeds, frames=frames, particles=particles)
+    scene = BlobSceneSettings(
+        frames=frames, objects=TARGETS, purity=(0.45, 0.95), size=(34.0, 34.0), clutter=0, enter=0.0, stay=True,
+        speed=2.0,
+    )  # fmt: skip
+    rows = {update: (update, scene, particles) for update in UPDATES}
+    found = Study(rows, range(seeds), run_update, "clips").run(bench)
+    purity = np.sort(plan_blobs(scene, 0).paths.purity)
+    columns = [
+        Column(f"kept of {TARGETS}", lambda one: (one.lost >= frames).sum(), gain=_one_more),
+        *(Column(f"frames, purity {p:.2f}", partial(_lost_at, k), ".0f") for k, p in enumerate(purity)),
+        Column("expected count at the end", lambda one: one.expected[-1], ".3g"),
+    ]
+    table = tabulated(found, columns, ("update",), base="as printed")
+    numbers = {
+        u: [{"lost": one.lost, "expected_count_at_end": one.expected[-1]} for one in of] for u, of in found.items()
+    }
+    note = f"means over {seeds} clips"
+    return Outcome(values_of(numbers, ("update",)), [table], {"particles": plot_particles(found, purity)}, notes=[note])
+
+
+def _lost_at(target: int, one: Weakened) -> float:
+    return float(one.lost[target])
+
+
+def _one_more(gained: FloatArray, form: str) -> str:
+    del form
+    return f"at least one on {100 * np.mean(gained >= 1):.0f} % of the clips"
+
+
+def run_update(row: tuple[str, BlobSceneSettings, int], seed: int) -> Weakened:
+    """Follow the targets of a clip from its first frame with one of `UPDATES` and so many particles of each target."""
+    name, scene, density = row
+    update, likelihood = UPDATES[name]
+    rng = np.random.default_rng(seed)
+    fixed = 0 if name == "calibrated" else density * scene.objects
+    nowhere = AnywhereBirths(0.0, 0, size=(32.0, 32.0))
+    chosen = RegionPhdFilter(SteppingBox(1.5, 0.5), nowhere, likelihood, update, density, fixed, 1.0)
+    clip = plan_blobs(scene, seed)
+    counts, expected = [], []
+    state = None
+    for (image,), boxes in clip.frames():
+        if state is None:
+            state = chosen.init(*_start(boxes, density, rng))
+        state, info = chosen.step(state, ColourImage.of(image, NAMED_COLOURS[scene.colour]), rng)
+        counts.append(_on_targets(state.particles, boxes))
+        expected.append(info.expected_count)
+    particles = np.array(counts)[:, np.argsort(clip.paths.purity)]
+    return Weakened(particles, np.array(expected), _lost(particles, least=LEAST * density))
+
+
+def _start(boxes: FloatArray, density: int, rng: np.random.Generator) -> tuple[FloatArray, IntArray, float]:
+    """Particles on each target with its size, their labels, and the number of targets."""
+    count = len(boxes)
+    labels = np.repeat(np.arange(1, count + 1), density)
+    middles, sides = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
+    # Drawn for nothing, so that a seed gives the particles of the published numbers.
+    rng.uniform(0, 2 * np.pi, count)
+    centres = np.repeat(middles, density, axis=0) + rng.standard_normal((count * density, 2))
+    before = centres - 2.0 * rng.standard_normal(centres.shape)
+    return np.concatenate([centres, before, np.repeat(sides, density, axis=0)], axis=1), labels, float(count)
+
+
+def _on_targets(particles: FloatArray, boxes: FloatArray) -> FloatArray:
+    """Particles ``(K,)`` whose centre is nearest to each target and inside it."""
+    centres = boxes_of(particles)
+    middle = (centres[:, :2] + centres[:, 2:]) / 2
+    targets = (boxes[:, :2] + boxes[:, 2:]) / 2
+    inside = np.all((middle[:, None] >= boxes[None, :, :2]) & (middle[:, None] <= boxes[None, :, 2:]), axis=2)
+    distance = np.where(inside, np.linalg.norm(middle[:, None] - targets[None], axis=2), np.inf)
+    nearest = np.argmin(distance, axis=1)
+    return np.bincount(nearest[np.isfinite(distance.min(axis=1))], minlength=len(boxes)).astype(np.float64)
+
+
+def _lost(particles: FloatArray, least: float) -> FloatArray:
+    """First frame of each target from which `LOST_AFTER` frames or the rest have fewer particles than ``least``."""
+    few = particles < least
+    lost = np.full(few.shape[1], float(len(few)))
+    for target, column in enumerate(few.T):
+        begins = [frame for frame in np.flatnonzero(column) if column[frame : frame + LOST_AFTER].all()]
+        lost[target] = begins[0] if begins else len(few)
+    return lost
+
+
+def plot_particles(found: Mapping[str, list[Weakened]], purity: FloatArray) -> Figure:
+    """Particles on each target over time, and how many of the clips still have it; a column for each update."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(3.6 * len(found), 5.4), dpi=90, layout="constrained")
+    panels = figure.subplots(2, len(found), sharex=True, sharey="row", squeeze=False)
+    for (name, clips), (above, below) in zip(found.items(), panels.T, strict=True):
+        mean, lost = np.mean([one.particles for one in clips], axis=0), np.array([one.lost for one in clips])
+        for target in reversed(range(len(purity))):
+            above.plot(mean[:, target], label=f"purity {purity[target]:.2f}")
+            below.plot(np.mean(lost[:, target, None] > np.arange(len(mean)), axis=0))
+        above.set(title=name, ylim=(0, None))
+        below.set(xlabel="frame", ylim=(0, 1.05))
+    panels[0, 0].set_ylabel("particles on the target")
+    panels[1, 0].set_ylabel("share of clips that still have it")
+    panels[0, 0].legend(fontsize="small")
+    return figure

@@ -1,0 +1,410 @@
+"""The finite-set filters on the standard scenarios, on real detections, and how their time grows (`reproduce phd`)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence
+from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
+from tsuiseki.tracking.filters.base import Births, Filter, Running, SetInfo
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
+from tsuiseki.tracking.filters.finite_sets.clusters import by_clusters, by_measurements
+from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
+from tsuiseki.tracking.filters.finite_sets.models import (
+    GaussianSensor,
+    PointModel,
+    bearing_range,
+    cartesian,
+    from_bearing_range,
+)
+from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
+from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
+from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn
+from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
+from tsuiseki.tracking.people.sort import Sort
+from tsuiseki.tracking.people.tracker import PeopleTracker, run_tracker
+from tsuiseki.tracking.points.settings import PointSettings
+from tsuiseki.tracking.points.tracker import PointTracker
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.experiments.store import plain
+from tsuiseki.trainers.experiments.study import (
+    Bench,
+    Column,
+    Curve,
+    Name,
+    Outcome,
+    Study,
+    at_least_one,
+    curves,
+    median_only,
+    tabulated,
+    values_of,
+    with_error,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PointFilter = Running[Any, FloatArray, SetInfo]
+METHODS = ("phd-literal", "phd-printed", "phd-clusters", "phd", "labelled")
+CUT_OFF = 100.0
+GROWN = (("clutter", [10, 20, 40, 80, 160]), ("targets", [5, 10, 20, 40, 80]))
+BIRTHS_ANYWHERE = 0.1
+"""Expected births a step where a scenario names no places."""
+BLOCK = 5
+"""Steps of one size before the next has its turn."""
+# OSPA p=1 of a plain SMC-PHD filter and of a labelled filter in MATLAB: by the seed of the scenario that they were
+# measured on and by the clutter rate.
+YARDSTICKS: Mapping[tuple[int, str], Mapping[float, float]] = {
+    (20061, "phd"): {10: 14.5, 30: 17.0, 60: 19.8},
+    (20061, "labelled"): {10: 10.2, 30: 11.3, 60: 12.8},
+    (20091, "phd"): {10: 32.2, 30: 38.0, 60: 42.4},
+}
+REQUIRED = ("kind", "T", "K", "P_S", "P_D", "region", "clutter_rates", "runs", "sigma_v")
+OF_KIND = {"linear": ("sigma_e",), "ct": ("sigma_turn", "sigma_bearing", "sigma_range")}
+ARRAYS = ("truth", "z", "z_run", "z_clut", "z_k")
+
+
+def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int = 1000, runs: int = 10) -> Outcome:
+    """The finite-set filters on the standard scenarios and on real detections: OSPA, identities, time.
+
+    DIR gets results.json, tables.md, ospa.png and scaling.png.
+
+    Args:
+        bench: where it works.
+        data: folder that holds phd/phd_scenario_*.json and, for the real rows, mot/PETS09-S2L1-first.
+        particles: of each target.
+        runs: Monte-Carlo runs of each scenario; at most as many as it has.
+
+    Raises:
+        RequestError: no scenario, or a number below 1.
+    """
+    paths = sorted((data / "phd").glob("phd_scenario_*.json"))
+    if not paths:
+        raise RequestError(f"`data`: expected phd/phd_scenario_*.json in {data}, found none; give its folder")
+    at_least_one(particles=particles, runs=runs)
+    found: dict[tuple[str, str, str], list[dict[str, float]]] = {}
+    peers: dict[Name, float] = {}
+    for scenario in map(read_scenario, paths):
+        clutter = scenario.settings["clutter_rates"]
+        rows = {
+            (scenario.name, f"{clutter[rate]:g}", method): (scenario, rate, method, particles)
+            for rate, method in product(range(len(clutter)), METHODS)
+        }
+        found |= Study(rows, range(min(runs, scenario.settings["runs"])), run_scenario, scenario.name).run(bench)
+        for name, (_, rate, method, _) in rows.items():
+            known = YARDSTICKS.get((scenario.settings.get("seed", 0), method), {}).get(clutter[rate])
+            peers |= {} if known is None else {name: known}
+    grown = [bench.store.recall(scaling, method, what, n) for method in ("phd", "labelled") for what, n in GROWN]
+    sequence = data / "mot" / "PETS09-S2L1-first"
+    real = bench.store.recall(real_rows, sequence) if sequence.is_dir() else {}
+    columns = [
+        Column("OSPA p=1", "ospa1", show=partial(with_error, ddof=0), paper=peers, beside="peer, p=1"),
+        *(Column(heading, name) for heading, name in (("p=2", "ospa2"), ("OSPA(2)", "ospa_tracks"))),
+        Column("count error", "cardinality_error", ".3f"),
+        Column("switches", "switches", ".1f"),
+        Column("ms/step", "milliseconds", show=median_only),
+    ]
+    scores = [Column(name, name.lower(), ".3f") for name in ("MOTA", "IDF1", "HOTA")]
+    tables = [
+        tabulated(found, columns, ("scenario", "clutter", "method")),
+        tabulated(
+            {name: [one] for name, one in real.items()}, [*scores, Column("switches", "id_switches", ".0f")],
+            ("PETS09-S2L1-first",),
+        ),
+    ]  # fmt: skip
+    values = {
+        "scenarios": values_of(found, ("scenario", "clutter", "method")), "scaling": plain(grown), "real": plain(real)
+    }  # fmt: skip
+    plots = {"ospa": plot_ospa(found, peers), "scaling": plot_scaling(grown)}
+    return Outcome(
+        values, tables, plots, notes=[f"{one.method}: log-log slope over {one.what} {one.slope:.2f}" for one in grown]
+    )
+
+
+def real_rows(folder: Path, seed: int = 0) -> dict[str, PeopleScores]:
+    """MOTA, IDF1 and HOTA of SORT, the PHD and the labelled filter on the given detections of a MOT sequence."""
+    sequence = read_sequence(folder)
+    truth = read_ground_truth(sequence.ground_truth_path)
+    detections = read_detections(sequence.detections_path, sequence.length, (-np.inf, np.inf))
+    extent = (float(sequence.width or 640), float(sequence.height or 480))
+    trackers: dict[str, PeopleTracker] = {
+        "SORT": Sort(),
+        "SMC-PHD": PointTracker(PointSettings(method="phd"), extent, seed),
+        "labelled multi-Bernoulli": PointTracker(PointSettings(method="labelled"), extent, seed),
+    }
+    return {
+        name: evaluate_sequence(truth, run_tracker(detections, tracker), sequence.length)
+        for name, tracker in trackers.items()
+    }
+
+
+def run_scenario(row: tuple[PointScenario, int, str, int], run: int) -> dict[str, float]:
+    """Scores of a method with so many particles at one of the scenario's clutter rates, and its milliseconds a step."""
+    scenario, rate, method, particles = row
+    settings = scenario.settings
+    running = start_filter(method, settings, settings["clutter_rates"][rate], particles, seed=run)
+    found, seconds = run_filter(running, scenario.measurements[run, rate])
+    scores = evaluate_points(scenario.true_tracks(), found, settings["K"], CUT_OFF)
+    return {**asdict(scores), "milliseconds": 1e3 * float(np.median(seconds))}
+
+
+def start_filter(method: str, settings: dict[str, Any], clutter: float, particles: int, seed: int) -> PointFilter:
+    """A fresh filter at work on a scenario.
+
+    ``phd`` reads targets off by measurements, ``phd-clusters`` by clusters. ``phd-literal`` is the paper's filter: the
+    particles of (50) and (57) by weight alone, the labels of 5.2 as printed, nothing claimed or remembered, everything
+    parted shown at once. ``phd-printed`` has claims and more particles at the places of birth besides. ``labelled`` is
+    the multi-Bernoulli filter.
+    """
+    model = scenario_model(settings, clutter)
+    births = scenario_births(settings, particles)
+    plain = Identity(remember=False, confirm=False)
+    filters: dict[str, Filter[Any, FloatArray, SetInfo]] = {
+        "labelled": LabelledMultiBernoulliFilter(model, births, particles),
+        "phd": PhdFilter(model, births, particles, extract=by_measurements),
+        "phd-clusters": PhdFilter(model, births, particles, extract=by_clusters),
+        "phd-printed": PhdFilter(model, births, particles, smallest_cluster=0, extract=by_clusters, identity=plain),
+        "phd-literal": PhdFilter(
+            model, printed_births(settings, particles), particles, smallest_cluster=0, extract=by_clusters,
+            identity=replace(plain, claim=False, adopt=True),
+        ),
+    }  # fmt: skip
+    columns = 4 if settings["kind"] == "linear" else 5
+    chosen = filters[method]
+    return Running(chosen, chosen.init(np.empty((0, columns))), np.random.default_rng(seed))
+
+
+def run_filter(running: PointFilter, measurements: Iterable[FloatArray]) -> tuple[PointTracks, FloatArray]:
+    """The tracks found, and the processor's seconds in each step."""
+    frames, ids, positions, seconds = [], [], [np.empty((0, 2))], []
+    for index, found in enumerate(measurements):
+        begin = time.process_time()
+        estimates = running.step(found).estimates
+        seconds.append(time.process_time() - begin)
+        frames.append(np.full(len(estimates), index))
+        ids.append(estimates.ids)
+        positions.append(estimates.states[:, [0, 2]])
+    return PointTracks(np.concatenate(frames), np.concatenate(ids), np.concatenate(positions)), np.array(seconds)
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """How the time of a step grows.
+
+    Attributes:
+        method: of the filter.
+        what: ``clutter`` or ``targets``.
+        sizes: how many.
+        milliseconds: median of a step.
+        slope: of the logarithms.
+    """
+
+    method: str
+    what: str
+    sizes: list[int]
+    milliseconds: list[float]
+    slope: float
+
+
+def scaling(method: str, what: str, sizes: list[int], particles: int = 1000, steps: int = 30) -> Scaling:
+    """Times of a method over clutter rates (at 10 targets) or numbers of targets (at clutter 10).
+
+    The sizes take turns, `BLOCK` steps each, so that other work on the machine falls on all of them alike.
+    """
+    running: dict[int, tuple[PointFilter, list[FloatArray]]] = {}
+    for size in sizes:
+        targets, clutter = (10, float(size)) if what == "clutter" else (size, 10.0)
+        settings, measurements = generated_scenario(targets, clutter, steps, seed=size)
+        running[size] = start_filter(method, settings, clutter, particles, seed=0), measurements
+    seconds: dict[int, list[float]] = {size: [] for size in sizes}
+    for first in range(0, steps, BLOCK):
+        for size, (chosen, measurements) in running.items():
+            _, took = run_filter(chosen, measurements[first : first + BLOCK])
+            # The first steps have no targets yet.
+            seconds[size] += [] if first == 0 else took.tolist()
+    milliseconds = [1e3 * float(np.median(seconds[size])) for size in sizes]
+    slope = float(np.polyfit(np.log(sizes), np.log(milliseconds), 1)[0])
+    return Scaling(method, what, sizes, milliseconds, slope)
+
+
+def plot_ospa(found: Mapping[tuple[str, str, str], list[dict[str, float]]], peers: Mapping[Name, float]) -> Figure:
+    """OSPA over the clutter rate, a panel for each scenario, with the peers' values as crosses."""
+    panels: dict[str, list[Curve]] = {}
+    for scenario, method in product(dict.fromkeys(name[0] for name in found), METHODS):
+        own = {float(name[1]): of for name, of in found.items() if (name[0], name[2]) == (scenario, method)}
+        errors = [np.array([one["ospa1"] for one in of]) for of in own.values()]
+        bars = [2 * float(one.std() / np.sqrt(len(one))) for one in errors]
+        lines = panels.setdefault(scenario, [])
+        lines.append(Curve(method, list(own), [float(one.mean()) for one in errors], bars))
+        known = {float(n[1]): value for n, value in peers.items() if (n[0], n[2]) == (scenario, method)}
+        if known:
+            lines.append(Curve(f"{method}, peer", list(known), list(known.values()), style="x"))
+    figure = curves(panels, ["false measurements a step"] * len(panels), "OSPA, p = 1, c = 100")
+    for axes in figure.axes:
+        axes.set_ylim(0, None)
+    return figure
+
+
+def plot_scaling(grown: Iterable[Scaling]) -> Figure:
+    """Milliseconds a step over clutter and over targets, both axes logarithmic."""
+    panels: dict[str, list[Curve]] = {}
+    for one in grown:
+        line = Curve(f"{one.method}: slope {one.slope:.2f}", one.sizes, one.milliseconds)
+        panels.setdefault(one.what, []).append(line)
+    figure = curves(panels, ["false measurements a step", "targets"], "milliseconds a step")
+    for axes, lines in zip(figure.axes, panels.values(), strict=True):
+        axes.set(xscale="log", yscale="log")
+        axes.set_xticks(lines[0].x, [f"{size:g}" for size in lines[0].x])
+        axes.minorticks_off()
+    return figure
+
+
+@dataclass(frozen=True)
+class PointScenario:
+    """Truth and measurements of a scenario.
+
+    Attributes:
+        name: of its file, without what all of them share.
+        settings: what its json says.
+        truth: ``(K, T, D)`` states, NaN while a target is absent.
+        measurements: by run and index of the clutter rate, one ``(M, Z)`` array a step.
+        fingerprint: of both files, by which the store knows it.
+    """
+
+    name: str
+    settings: dict[str, Any]
+    truth: FloatArray
+    measurements: dict[tuple[int, int], list[FloatArray]]
+    fingerprint: str
+
+    def true_tracks(self) -> PointTracks:
+        """Positions of the targets."""
+        frames, targets = np.nonzero(~np.isnan(self.truth[:, :, 0]))
+        return PointTracks(frames, targets + 1, self.truth[frames, targets][:, [0, 2]])
+
+
+def read_scenario(path: Path) -> PointScenario:
+    """The scenario whose settings are in ``path`` (json) and whose data is beside it (npz).
+
+    Raises:
+        RequestError: a file, a setting or an array is missing, or the kind is unknown.
+    """
+    data_path = path.with_suffix(".npz")
+    for needed in (path, data_path):
+        if not needed.is_file():
+            raise RequestError(f"expected a scenario file at {needed}, found none; give its folder as `data`")
+    try:
+        settings = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise RequestError(f"{path}: expected JSON, got {error}") from error
+    kind = settings.get("kind", "")
+    if kind not in OF_KIND:
+        raise RequestError(f"{path}: expected a scenario of kind {' or '.join(OF_KIND)}, got {kind!r}")
+    missing = [name for name in (*REQUIRED, *OF_KIND[kind]) if name not in settings]
+    if missing:
+        raise RequestError(f"{path}: expected the setting {missing[0]}, found none")
+    try:
+        with np.load(data_path, allow_pickle=False) as data:
+            truth, z, run, clutter, step = (data[name] for name in ARRAYS)
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise RequestError(f"{data_path}: expected a NumPy archive, got a broken file") from error
+    except KeyError as error:
+        raise RequestError(f"{data_path}: expected the arrays {', '.join(ARRAYS)}, got no {error}") from error
+    cells = {
+        (r, c): [z[(run == r) & (clutter == c) & (step == k)] for k in range(settings["K"])]
+        for r in range(settings["runs"])
+        for c in range(len(settings["clutter_rates"]))
+    }
+    fingerprint = hashlib.sha256(path.read_bytes() + data_path.read_bytes()).hexdigest()
+    return PointScenario(path.stem.removeprefix("phd_scenario_"), settings, truth, cells, fingerprint)
+
+
+def scenario_sensor(settings: dict[str, Any]) -> GaussianSensor:
+    """The sensor of a scenario of kind ``linear`` or ``ct``."""
+    if settings["kind"] == "linear":
+        return GaussianSensor(cartesian, np.full(2, settings["sigma_e"]))
+    return GaussianSensor(bearing_range, np.array([settings["sigma_bearing"], settings["sigma_range"]]), (0,))
+
+
+def scenario_model(settings: dict[str, Any], clutter_rate: float) -> PointModel:
+    """The model that the scenario was made with: its motion, sensor, probabilities and clutter density."""
+    volume = float(np.prod([high - low for low, high in settings["region"]]))
+    sensor = scenario_sensor(settings)
+    if settings["kind"] == "linear":
+        motion = constant_velocity(settings["sigma_v"])
+    else:
+        motion = coordinated_turn(settings["sigma_v"], settings["sigma_turn"])
+    return PointModel(motion, sensor, settings["P_S"], settings["P_D"], clutter_rate / volume, settings["T"])
+
+
+def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
+    """The scenario's places of birth; where it names none, births anywhere, driven by the measurements."""
+    if "birth_m" in settings:
+        masses, means = (
+            np.asarray(settings["birth_w"], dtype=np.float64),
+            np.asarray(settings["birth_m"], dtype=np.float64),
+        )
+        spread = np.asarray(settings["birth_sd"], dtype=np.float64)
+        return MixtureBirths(masses, means, spread, count, scenario_sensor(settings))
+    return anywhere_births(settings, BIRTHS_ANYWHERE, count=count // 5)
+
+
+def printed_births(settings: dict[str, Any], density: int) -> Births[FloatArray]:
+    """The same with as many particles as (50) gives: ``density`` times the expected number of births, wherever."""
+    births = scenario_births(settings, density)
+    if isinstance(births, MixtureBirths):
+        return replace(births, count=max(round(density * float(np.mean(births.masses))), 1), sensor=None)
+    if isinstance(births, MeasurementBirths):
+        return replace(births, limit=max(round(density * BIRTHS_ANYWHERE), 1))
+    return births
+
+
+def anywhere_births(settings: dict[str, Any], expected: float, count: int) -> MeasurementBirths:
+    """Births anywhere in the measured region, ``expected`` a step, whatever the scenario says of places."""
+    volume = float(np.prod([high - low for low, high in settings["region"]]))
+    speed = float(settings.get("birth_speed", 15.0))
+    if settings["kind"] == "linear":
+        complete, columns = newborn(lambda places: places, 2, speed), 4
+    else:
+        complete, columns = newborn(from_bearing_range, 2, speed, turn=0.05), 5
+    return MeasurementBirths(expected / volume, scenario_sensor(settings), complete, columns, count)
+
+
+def generated_scenario(targets: int, clutter: float, steps: int, seed: int) -> tuple[dict[str, Any], list[FloatArray]]:
+    """A linear scenario with a constant number of targets in a region that grows with them; its settings and
+    measurements.
+
+    The region has a fixed area a target, so that more targets mean more of the same and not more confusion.
+    """
+    rng = np.random.default_rng(seed)
+    side = 500.0 * np.sqrt(targets)
+    settings = {
+        "kind": "linear", "T": 1.0, "K": steps, "sigma_v": 5.0, "sigma_e": 10.0, "P_S": 0.99, "P_D": 0.98,
+        "region": [[-side, side], [-side, side]],
+    }  # fmt: skip
+    states = np.stack(
+        [rng.uniform(-side, side, targets), rng.normal(0, 5, targets), rng.uniform(-side, side, targets),
+         rng.normal(0, 5, targets)], axis=1,
+    )  # fmt: skip
+    settings |= {"birth_m": states, "birth_w": np.full(targets, 0.03), "birth_sd": np.full(4, 10.0)}
+    measurements = []
+    for _ in range(steps):
+        states = states + np.stack([states[:, 1], np.zeros(targets), states[:, 3], np.zeros(targets)], axis=1)
+        seen = states[rng.random(targets) < 0.98][:, [0, 2]]
+        false = rng.uniform(-side, side, (rng.poisson(clutter), 2))
+        measurements.append(np.concatenate([seen + 10.0 * rng.standard_normal(seen.shape), false]))
+    return settings, measurements

@@ -1,1 +1,0 @@
-"""The finite-set paper: SMC-PHD and labelled filters."""

@@ -1,1 +1,0 @@
-"""Thesis chapter 3: correlation filters selected by particles."""

@@ -1,0 +1,303 @@
+"""Passes of single-target trackers over sequences, each kept, and what is read off them: scores, losses, searches."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+
+from tsuiseki.datamodules.scenes.single_clip import render_chase
+from tsuiseki.tracking.errors import RunError
+from tsuiseki.tracking.evaluation.single import evaluate_boxes
+from tsuiseki.tracking.features.exported import Appearance
+from tsuiseki.tracking.formats.single import SingleSequence
+from tsuiseki.tracking.geometry import corners_from_xywh, iou_pairs, xywh_from_corners
+from tsuiseki.tracking.single import kcf
+from tsuiseki.tracking.single.combined import Combined
+from tsuiseki.tracking.single.constants import CombinedSettings, KcfParticleSettings, RegularisedSettings
+from tsuiseki.tracking.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.single.recognised import Recognised
+from tsuiseki.tracking.single.regularised import RegularisedTracker
+from tsuiseki.tracking.single.settings import SingleMethod, make_tracker
+from tsuiseki.tracking.single.tracker import SingleTracker
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+from tsuiseki.trainers.experiments.peers import Peer
+from tsuiseki.trainers.experiments.store import Store
+
+CSRT = Path(__file__).with_name("single_csrt.py")
+WITHIN, FOLLOWED = 10, 0.5
+"""Frames without overlap that are a loss, to be noticed within them; overlap above which a target is followed."""
+AFTERWARDS = 10
+WAYS = ("KCF", "Fix", "Proposed")
+"""Of going on at the start of a search (Fig. 3.10): KCF, a box that stands still, and the particles."""
+
+
+@dataclass(frozen=True)
+class Clip:
+    """A sequence with its images in memory."""
+
+    sequence: SingleSequence
+    images: list[ImageArray]
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """The same for the same labels and images."""
+        digest = hashlib.sha256(np.ascontiguousarray(self.sequence.boxes).tobytes())
+        for image in self.images:
+            digest.update(repr(image.shape).encode() + np.ascontiguousarray(image).tobytes())
+        return digest.hexdigest()
+
+
+@lru_cache(maxsize=1)
+def chase(number: int) -> Clip:
+    """A generated sequence, drawn once for all trackers that follow it in turn: all together would fill the memory."""
+    made = render_chase(np.random.default_rng([17, number]))
+    return Clip(SingleSequence(f"chase-{number}", (), made.boxes), list(made.images))
+
+
+@dataclass(frozen=True)
+class Recognising:
+    """The tracker ``combined`` that recognises a person by an appearance ``network``."""
+
+    network: Path
+
+
+@dataclass(frozen=True)
+class Csrt:
+    """CSRT of OpenCV-contrib in the environment of ``peer``; it tries so many ``scales``, and 1 keeps the first."""
+
+    peer: Peer
+    scales: int
+
+
+Entrant: TypeAlias = (
+    CombinedSettings | KcfParticleSettings | RegularisedSettings | kcf.KcfSettings | SingleMethod | Recognising | Csrt
+)
+"""A tracker of an experiment: ours, the thesis's, their filters alone, one of chapter 2, or the peer."""
+
+
+@dataclass(frozen=True)
+class Pass:
+    """A tracker's way through a sequence.
+
+    Attributes:
+        boxes: ``(T, 4)``.
+        lost: ``(T,)`` whether the status was ``lost``.
+        drew: whether random numbers were drawn; else every seed gives the same boxes.
+    """
+
+    boxes: FloatArray
+    lost: BoolArray
+    drew: bool
+
+
+def start(entrant: Entrant, seed: int) -> SingleTracker:
+    """A new tracker."""
+    if isinstance(entrant, Recognising):
+        return Recognised(Combined(seed=seed), Appearance(entrant.network, threads=1).describe)
+    if isinstance(entrant, CombinedSettings):
+        return Combined(entrant, seed)
+    if isinstance(entrant, KcfParticleSettings):
+        return KcfParticle(entrant, seed)
+    if isinstance(entrant, RegularisedSettings):
+        return RegularisedTracker(entrant)
+    assert not isinstance(entrant, Csrt)
+    return kcf.KcfTracker(entrant) if isinstance(entrant, kcf.KcfSettings) else make_tracker(entrant, seed=seed)
+
+
+def passes(store: Store, clip: Clip | int, entrant: Entrant, seeds: Sequence[int]) -> list[Pass]:
+    """Passes over a clip or the chase of a number, one a seed; one where the tracker never draws random numbers."""
+    drawing = isinstance(entrant, CombinedSettings | KcfParticleSettings | Recognising) or entrant == "colour-particle"
+
+    def recalled(seed: int) -> Pass:
+        if isinstance(clip, int):
+            return store.recall(follow_chase, clip, entrant, seed)
+        return store.recall(follow, clip, entrant, seed)
+
+    first = recalled(0)
+    if not drawing:
+        return [first]
+    return [recalled(seed) if first.drew else first for seed in seeds]
+
+
+def follow_chase(number: int, entrant: Entrant, seed: int) -> Pass:
+    """`follow` on a generated sequence."""
+    return follow(chase(number), entrant, seed)
+
+
+def follow(clip: Clip, entrant: Entrant, seed: int) -> Pass:
+    """One pass."""
+    first = clip.sequence.boxes[0]
+    if isinstance(entrant, Csrt):
+        boxes = follow_with_csrt(entrant, clip.images, first)
+        return Pass(boxes, np.zeros(len(boxes), dtype=np.bool_), drew=False)
+    tracker = start(entrant, seed)
+    tracker.start(clip.images[0], first)
+    states = [tracker.follow(image) for image in clip.images[1:]]
+    boxes = np.array([first] + [state.box for state in states])
+    lost = np.array([False] + [state.status == "lost" for state in states])
+    # Particles are the only ones that draw, and these two count the frames in which they have any.
+    searched = getattr(tracker, "searched_frames", None)
+    return Pass(boxes, lost, drew=searched is None or searched > 0)
+
+
+def follow_with_csrt(settings: Csrt, images: Sequence[ImageArray], box: FloatArray) -> FloatArray:
+    """Boxes ``(T, 4)`` from the first one on; where it reports a failure the box before stands.
+
+    Raises:
+        RunError: the other Python broke off.
+    """
+    sizes = {"scales": settings.scales, "shape": images[0].shape, "count": len(images)}
+    command = [settings.peer.python, str(CSRT)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        with suppress(BrokenPipeError), process.stdin as sent:
+            sent.write(json.dumps({**sizes, "box": xywh_from_corners(box).tolist()}).encode() + b"\n")
+            for image in images:
+                sent.write(np.ascontiguousarray(image[:, :, ::-1]).tobytes())
+        answer = process.stdout.read()
+    if process.returncode:
+        raise RunError(f"expected boxes from CSRT in {command[0]}, it ended with status {process.returncode}")
+    found = np.array(json.loads(answer), dtype=np.float64)
+    return np.asarray(np.concatenate([box[None], corners_from_xywh(found)]))
+
+
+@dataclass(frozen=True)
+class ClipScores:
+    """One tracker on one clip.
+
+    Attributes:
+        auc_11, auc_21: ``(S,)`` by seed, areas under the success curve with so many thresholds, percent.
+        success: ``(S, 21)`` success curves.
+        losses: stretches of ten frames and more without any overlap, of all seeds together.
+        noticed: of them, those called lost within ten frames.
+        followed: frames with an overlap above 0.5.
+        alarms: of them, those called lost.
+    """
+
+    auc_11: FloatArray
+    auc_21: FloatArray
+    success: FloatArray
+    losses: int
+    noticed: int
+    followed: int
+    alarms: int
+
+
+def clip_scores(clip: Clip, found: Sequence[Pass]) -> ClipScores:
+    """Scores of the passes over a clip, one a seed."""
+    truth = clip.sequence.boxes
+    scores = [evaluate_boxes(truth, one.boxes) for one in found]
+    counts = np.zeros(4, dtype=np.int64)
+    for one in found:
+        overlaps = iou_pairs(truth[1:], one.boxes[1:])
+        overlaps[~np.isfinite(truth[1:]).all(axis=1)] = np.nan
+        counts += count_losses(overlaps, one.lost[1:])
+    return ClipScores(
+        100 * np.array([one.thesis_auc for one in scores]),
+        100 * np.array([one.auc for one in scores]),
+        np.array([one.success for one in scores]),
+        *counts.tolist(),
+    )
+
+
+def count_losses(overlaps: FloatArray, lost: BoolArray) -> tuple[int, int, int, int]:
+    """Losses, those noticed, followed frames, and those called lost, of one pass.
+
+    Args:
+        overlaps: ``(T,)`` with the true box, in [0, 1]; NaN without label, which ends a stretch.
+        lost: ``(T,)`` whether the status was ``lost``.
+    """
+    gone = np.concatenate([[False], overlaps <= 0, [False]]).astype(np.int8)
+    starts, ends = np.flatnonzero(np.diff(gone) == 1), np.flatnonzero(np.diff(gone) == -1)
+    long = ends - starts >= WITHIN
+    noticed = sum(bool(lost[begin : begin + WITHIN].any()) for begin in starts[long])
+    followed = overlaps > FOLLOWED
+    return int(long.sum()), noticed, int(followed.sum()), int((followed & lost).sum())
+
+
+def searches(clip: Clip, settings: KcfParticleSettings, seed: int) -> list[dict[str, list[float]]]:
+    """Overlaps during the searches of one pass, and in the ten frames after each, by what is done in the search.
+
+    At each start of a search, KCF and a box that stands still go on from the same state beside the particles.
+    """
+    tracker, truth = KcfParticle(settings, seed), clip.sequence.boxes
+    during: dict[str, list[float]] = {way: [] for way in WAYS}
+    after: dict[str, list[float]] = {way: [] for way in WAYS}
+    tracker.start(clip.images[0], truth[0])
+    boxes, searching, states = [truth[0]], [False], [tracker.target]
+    for image in clip.images[1:]:
+        count = tracker.searched_frames
+        boxes.append(tracker.follow(image).box)
+        searching.append(tracker.searched_frames > count)
+        states.append(tracker.target)
+    for begin in [t for t in range(1, len(searching)) if searching[t] and not searching[t - 1]]:
+        end = next((t for t in range(begin, len(searching)) if not searching[t]), len(searching))
+        stop = next((t for t in range(end, len(searching)) if searching[t]), len(searching))
+        last = min(end + AFTERWARDS, stop)
+        frames, before = range(begin, last), states[begin - 1]
+        found = (
+            _kcf_boxes(clip, tracker, before, frames, learn_from=begin),
+            _kcf_boxes(clip, tracker, before, frames, learn_from=end),
+            boxes[begin:last],
+        )
+        labelled: BoolArray = np.asarray(np.isfinite(truth[begin:last]).all(axis=1))
+        for way, path in zip(WAYS, found, strict=True):
+            overlaps = iou_pairs(truth[begin:last], np.array(path))
+            during[way] += overlaps[: end - begin][labelled[: end - begin]].tolist()
+            after[way] += overlaps[end - begin :][labelled[end - begin :]].tolist()
+    return [during, after]
+
+
+def _kcf_boxes(
+    clip: Clip, tracker: KcfParticle, state: kcf.KcfState, frames: range, learn_from: int
+) -> list[FloatArray]:
+    """KCF from ``learn_from`` on; before that the box stands still."""
+    boxes = []
+    for t in frames:
+        if t >= learn_from:
+            state = kcf.step(tracker.model, state, clip.images[t])
+        boxes.append(tracker.model.box(state.centre, state.size))
+    return boxes
+
+
+def search_pictures(clip: Clip, tracker: KcfParticle) -> ImageArray | None:
+    """Like Fig. 3.12: frames about the longest search, with the box, the truth and the particles; None without one."""
+    tracker.start(clip.images[0], clip.sequence.boxes[0])
+    pictures: list[ImageArray] = []
+    searching: list[bool] = []
+    for t, image in enumerate(clip.images[1:], 1):
+        count = tracker.searched_frames
+        box = tracker.follow(image).box
+        pictures.append(_picture(clip, tracker, image, box, t))
+        searching.append(tracker.searched_frames > count)
+    if not any(searching):
+        return None
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], searching, [False]]).astype(int))).reshape(-1, 2)
+    first, last = edges[int(np.argmax(edges[:, 1] - edges[:, 0]))]
+    chosen: Sequence[int] = np.unique(np.clip([first - 1, first, last - 1, last + 2], 0, len(pictures) - 1)).tolist()
+    return np.concatenate([pictures[k] for k in chosen], axis=1)
+
+
+def _picture(clip: Clip, tracker: KcfParticle, image: ImageArray, box: FloatArray, t: int) -> ImageArray:
+    picture = image.copy()
+    if tracker.search is not None:
+        for x, y in np.round(tracker.search.state.particles[:, :2]).astype(int).tolist():
+            cv2.circle(picture, (x, y), 1, (255, 200, 0), -1)
+    for corners, colour in ((clip.sequence.boxes[t], (0, 200, 0)), (box, (230, 40, 40))):
+        if np.isfinite(corners).all():
+            x1, y1, x2, y2 = np.round(corners).astype(int).tolist()
+            cv2.rectangle(picture, (x1, y1), (x2, y2), colour, 2)
+    line = f"{t + 1}: {tracker.target.peak:.2f}"
+    cv2.putText(picture, line, (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1)
+    return picture

@@ -1,0 +1,420 @@
+"""Section 3 of the sphere paper (`reproduce stereo-sphere`): a ball in space from two cameras, paper beside here.
+
+A ball is moved by hand before several cameras and followed in several ways against the exact truth. All rows of one
+kind of film see the same images, one film a seed; the filter's parameters are the same for all seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import islice
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, SphereClip, covered_image, plan_sphere
+from tsuiseki.tracking.cameras.outline import sphere_outlines
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.cameras.volume import common_volume
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
+from tsuiseki.tracking.filters.base import Motion
+from tsuiseki.tracking.filters.resampling import Covering
+from tsuiseki.tracking.sphere.search import find_ball
+from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
+from tsuiseki.tracking.sphere.tracker import START_SPEED, SphereState, SphereTracker, TimedViews, with_velocities
+from tsuiseki.tracking.sphere.views import (
+    BackgroundLikelihood,
+    ContourLikelihood,
+    DividedContourLikelihood,
+    MinMaxWeights,
+    PrintedContourLikelihood,
+    ViewLikelihood,
+)
+from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.trainers.experiments.study import (
+    Bench,
+    Column,
+    Curve,
+    Name,
+    Outcome,
+    Watch,
+    at_least_one,
+    curves,
+    tabulated,
+    values_of,
+    with_interval,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RADIUS, SMALL = 0.10, 0.02
+"""Of the ball, metres; seen from 4 m it is 35 pixels across, the small one 7."""
+PAPER, OURS = SphereSettings(preset="paper"), SphereSettings()
+WALK, FLIGHT = chosen_motion(PAPER, RADIUS), chosen_motion(OURS, RADIUS)
+"""Of `track sphere --preset paper` and of `track sphere`; with them the rows are what the command runs."""
+FIRST_COVERED = 30
+"""The first frame in which a board covers the first camera."""
+PAPER_FRAME = 20
+"""The frame of figures 2 and 5, counted from 1."""
+TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
+
+MakeLikelihood: TypeAlias = Callable[[Sequence[PinholeCamera], float, Sequence[ImageArray]], ViewLikelihood]
+LIKELIHOODS: Mapping[str, MakeLikelihood] = {
+    "background": lambda cameras, _, empty: BackgroundLikelihood(cameras, empty),
+    "printed": lambda cameras, radius, _: PrintedContourLikelihood(cameras, radius),
+    "printed, scaled": lambda cameras, radius, _: MinMaxWeights(PrintedContourLikelihood(cameras, radius)),
+    "printed, fourth power": lambda cameras, radius, _: PrintedContourLikelihood(cameras, radius, power=4.0),
+    "ellipse": lambda cameras, radius, _: PrintedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
+    "divided": lambda cameras, radius, _: DividedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
+    "contour": lambda cameras, radius, _: ContourLikelihood(cameras, radius),
+    "sharp": lambda cameras, radius, _: ContourLikelihood(cameras, radius, faint=False),
+    "faint": lambda cameras, radius, _: ContourLikelihood(cameras, radius, faint=True),
+}
+"""From C cameras, the radius in metres and C pictures of the empty scene."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """One way to track a film.
+
+    Attributes:
+        likelihood: one of `LIKELIHOODS`.
+        motion: as section 2.1, or with velocity.
+        particles: how many.
+        cameras: the first so many.
+        covered: frames from `FIRST_COVERED` on in which a board covers the first camera.
+        notices: whether covered cameras are recognised.
+        stages: of weighing in a step.
+        camera_error: turns each camera so far that the middle of its image moves by so many pixels.
+        radius_error: of the radius that the tracker gets, over the true one.
+        searched: whether the ball is searched for in the first frame, where the others get the start.
+        film: fields of `CarriedBallSettings` that differ from its defaults.
+    """
+
+    likelihood: str = "contour"
+    motion: Motion = WALK
+    particles: int = OURS.particles
+    cameras: int = 2
+    covered: int = 0
+    notices: bool = True
+    stages: int = 2
+    camera_error: float = 0.0
+    radius_error: float = 0.0
+    searched: bool = False
+    film: Mapping[str, Any] = field(default_factory=dict)
+
+
+Group = Literal["section 3", "disturbed", "small", "particles", "cameras", "covered"]
+VARIED = ("particles", "cameras", "covered")
+OWN_FILMS = ("disturbed", "small")
+"""Groups whose films have two cameras; the others share films of as many as any of them needs."""
+at_once = partial(Way, notices=False, stages=1)
+"""As the paper does it."""
+small = partial(Way, motion=FLIGHT, film={"radius": SMALL})
+clear = partial(Way, motion=FLIGHT, film={"radius": SMALL, "clear": 0.1})
+DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
+    "exact cameras and radius, no blur, one clock": {},
+    **{f"cameras turned by {p:g} px": {"camera_error": p} for p in (1.0, 2.0, 5.0)},
+    **{f"radius {100 * r:+.0f} %": {"radius_error": r} for r in (-0.05, 0.05, 0.1)},
+    **{f"out of focus, {s:g} px": {"film": {"defocus": s}} for s in (2.0, 4.0)},
+    "smeared, exposure 1/15 s": {"film": {"exposure": 1 / 15}},
+    "rolling shutter, 1/30 s": {"film": {"readout": 1 / 30}},
+    **{f"camera 2 late by 1/{n} s": {"film": {"lateness": (0.0, 1 / n)}} for n in (60, 30, 15)},
+}
+"""What films of real cameras have and the others have not."""
+WAYS: Mapping[tuple[Group, str], Way] = {
+    ("section 3", "background, as printed (2.2.1): `--preset paper --likelihood background`"): at_once("background"),
+    ("section 3", "contour, as printed (2.2.2), weights over their sum: `--preset paper`"): at_once("printed"),
+    ("section 3", "+ r0 on the true ellipse"): at_once("ellipse"),
+    ("section 3", "+ each ray divided by its sum and the contrast"): at_once("divided"),
+    ("section 3", "+ an exponential of the mean over the rays"): at_once("contour"),
+    ("section 3", "+ two stages of weighing"): Way(notices=False),
+    ("section 3", "+ covered cameras noticed"): Way(),
+    ("section 3", "+ a velocity: `track sphere`"): Way(motion=FLIGHT),
+    ("section 3", "contour, as printed, weights from least 0 to greatest 1"): at_once("printed, scaled"),
+    ("section 3", "(not in the paper: its sum to the fourth power)"): at_once("printed, fourth power"),
+    **{
+        ("disturbed", f"{name}{suffix}"): make(**change)
+        for name, change in DISTURBANCES.items()
+        for suffix, make in (("", partial(Way, motion=FLIGHT)), (", as printed", partial(at_once, "printed")))
+    },
+    **{
+        ("small", f"a ball of 7 px, {where}: {name}"): made
+        for where, ball in (("half in the fist", small), ("10 cm from the hand", clear))
+        for name, made in {
+            "`track sphere`": ball(),
+            "`--faint false`": ball("sharp"),
+            "`--faint false`, every view trusted": ball("sharp", notices=False),
+            "as printed": ball("printed", motion=WALK, notices=False, stages=1),
+            "`track sphere` without `--start`": ball(searched=True),
+        }.items()
+    },
+    **{
+        ("small", f"out of focus, {blur:g} px: {name}"): Way(likelihood, FLIGHT, film={"defocus": blur})
+        for blur in (2.0, 4.0)
+        for name, likelihood in (("`track sphere`", "contour"), ("`--faint true`", "faint"))
+    },
+    **{("particles", f"{n}"): Way(particles=n) for n in (50, 100, 200, 500, 1000, 2000)},
+    **{("cameras", f"{n}"): Way(cameras=n) for n in (2, 3, 4, 6)},
+    **{
+        ("covered", f"{n} frames, {name}"): Way("contour", FLIGHT, 500, cameras, n, notices)
+        for name, cameras, notices in (
+            ("2 cameras", 2, True),
+            ("3 cameras", 3, True),
+            ("3 cameras, every view trusted", 3, False),
+        )
+        for n in (0, 5, 10, 20, 40)
+    },
+}
+"""Everything that is compared, by table and row; in section 3 one addition after the other, from the paper's method."""
+BACKGROUND, PRINTED, *_, WHOLE = list(WAYS)[:8]
+PAPER_ERRORS: Mapping[str, Mapping[Name, float]] = {
+    "mean": {BACKGROUND[1]: 20.0, PRINTED[1]: 3.20},
+    "maximum": {BACKGROUND[1]: 29.5, PRINTED[1]: 4.88},
+    "deviation": {BACKGROUND[1]: 9.90, PRINTED[1]: 1.03},
+}
+"""Distance to the path in the paper's film, cm (section 3)."""
+
+
+@dataclass(frozen=True)
+class FilmErrors:
+    """Errors of one way on one film.
+
+    Attributes:
+        to_position: distance to the true position at the same time.
+        to_path: distance to the true path, the paper's error.
+        points: ``(T, 3)`` the estimates, metres.
+    """
+
+    to_position: DistanceScores
+    to_path: DistanceScores
+    points: FloatArray
+
+
+Found: TypeAlias = Mapping[tuple[str, str], Sequence[FilmErrors]]
+
+
+def reproduce(
+    bench: Bench, seeds: int = 3, frames: int = 100, only: Group | Literal["varied"] | None = None, seed: int = 0
+) -> Outcome:
+    """Section 3 of the sphere paper: a ball moved by hand, by background difference and by outline, paper beside here.
+
+    The contour likelihood is there as printed, and then with one addition after the other. DIR gets results.json,
+    tables.md, figures 2 to 5 as pictures.png and paths.png, and errors.png.
+
+    Args:
+        bench: where it works.
+        seeds: number of films, each with its own room, person, ball and noise.
+        frames: of each film.
+        only: one table alone: section 3; or disturbed, the error with inexact cameras and radius, blur and clocks that
+            differ; or small, a ball of 7 pixels and a lens out of focus; or the error against particles, cameras or
+            covered frames, or varied: these three and their figure.
+        seed: of the first film; the others follow.
+
+    Raises:
+        RequestError: no film, or one of a single frame.
+    """
+    at_least_one(seeds=seeds)
+    if frames < 2 or seed < 0:
+        raise RequestError(f"expected at least 2 `frames` and a `seed` from 0, got {frames} frames and seed {seed}")
+    groups = {None: get_args(Group), "varied": VARIED}.get(only, (only,))
+    ways = {name: way for name, way in WAYS.items() if name[0] in groups}
+    found: dict[tuple[str, str], list[FilmErrors]] = {name: [] for name in ways}
+    for number in range(seed, seed + seeds):
+        for alike in _of_one_film(ways):
+            settings = film_settings(list(alike.values()), frames)
+            errors = bench.store.recall(run_film, number, settings, list(alike.values()), bench.watch)
+            for name, one in zip(alike, errors, strict=True):
+                found[name].append(one)
+    tables = [
+        tabulated({label: errors for (of, label), errors in found.items() if of == group}, _columns(group), (group,))
+        for group in groups
+    ]
+    note = f"Errors in cm over {seeds} films: mean over films of mean and sd, greatest max; 95 % by Student's t."
+    scores = {name: [{"to_position": e.to_position, "to_path": e.to_path} for e in of] for name, of in found.items()}
+    return Outcome(values_of(scores, ("group", "name")), tables, _plots(found, frames, seed), notes=[note])
+
+
+def _of_one_film(ways: Mapping[tuple[Group, str], Way]) -> list[dict[tuple[Group, str], Way]]:
+    """The ways by the film that they are followed in."""
+    films: dict[str, dict[tuple[Group, str], Way]] = {}
+    for name, way in ways.items():
+        films.setdefault(repr((name[0] in OWN_FILMS, way.film)), {})[name] = way
+    return list(films.values())
+
+
+def film_settings(ways: Sequence[Way], frames: int) -> CarriedBallSettings:
+    """The film of some ways, with as many cameras as any of them needs."""
+    return CarriedBallSettings(cameras=max(way.cameras for way in ways), frames=frames, **ways[0].film)
+
+
+def _columns(group: str) -> list[Column]:
+    columns = []
+    for kind, label in (("to_position", "to position: "), ("to_path", "to path: ")):
+        paper = PAPER_ERRORS if (group, kind) == ("section 3", "to_path") else {}
+        columns += [
+            Column(f"{label}mean, 95 % over films", f"{kind}.mean", ".2f", 100, with_interval, paper.get("mean", {})),
+            Column("max", f"{kind}.maximum", ".2f", 100, _greatest, paper.get("maximum", {})),
+            Column("sd", f"{kind}.deviation", ".2f", 100, paper=paper.get("deviation", {})),
+        ]
+    return columns
+
+
+def _greatest(values: FloatArray, form: str) -> str:
+    return f"{values.max():{form}}"
+
+
+def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[Way], watch: Watch) -> list[FilmErrors]:
+    """The errors of every way on the film of ``seed``.
+
+    Args:
+        seed: of room, person, noise and particles.
+        settings: of the film.
+        ways: all of one kind of film.
+        watch: receives the progress.
+    """
+    scene = plan_sphere(settings, seed)
+    empty = scene.backgrounds()
+    runs = [_Run(way, scene, empty, seed) for way in ways]
+    rng = np.random.default_rng((seed, 3))
+    for index, (images, _) in enumerate(watch.over(scene.frames(), f"film {seed}", settings.frames)):
+        board = covered_image(scene, 0, rng) if any(index in run.hidden for run in runs) else None
+        for run in runs:
+            run.see(index, images, board)
+    return [run.errors() for run in runs]
+
+
+class _Run:
+    """One way to track, on its way through a film."""
+
+    def __init__(self, way: Way, scene: SphereClip, empty: Sequence[ImageArray], seed: int) -> None:
+        wrong = np.random.default_rng((seed, 5))
+        self.cameras = [turned(camera, way.camera_error, wrong) for camera in scene.cameras[: way.cameras]]
+        self.radius = scene.settings.radius * (1 + way.radius_error)
+        self.likelihood = LIKELIHOODS[way.likelihood](self.cameras, self.radius, empty[: way.cameras])
+        self.way, self.scene = way, scene
+        self.tracker = SphereTracker(
+            self.likelihood, way.motion, Covering() if way.notices else None, stages=way.stages
+        )
+        self.rng = np.random.default_rng((seed, 4))
+        # The paper measures where the ball is at the start.
+        self.state: SphereState = self.tracker.start_at(
+            scene.truth[0], OURS.spread, way.particles, way.cameras, self.rng, float(scene.times[0])
+        )
+        self.hidden = range(FIRST_COVERED, FIRST_COVERED + way.covered)
+        self.points: list[FloatArray] = []
+
+    def see(self, index: int, images: Sequence[ImageArray], board: ImageArray | None) -> None:
+        views, time = list(images[: self.way.cameras]), float(self.scene.times[index])
+        if index in self.hidden and board is not None:
+            views[0] = board
+        if index == 0 and self.way.searched:
+            found = with_velocities(self._search(views), START_SPEED, self.rng)
+            self.state = self.tracker.init(found, self.way.cameras, time)
+        self.state, info = self.tracker.step(self.state, TimedViews(time, views), self.rng)
+        self.points.append(info.position.point)
+
+    def _search(self, views: list[ImageArray]) -> FloatArray:
+        """``(N, 3)`` positions where `track sphere` without a start begins."""
+        known = self.likelihood
+        broad = known.broad() if isinstance(known, ContourLikelihood) else known
+        volume = common_volume(self.cameras, self.radius)
+        return find_ball(known, broad, self.cameras, self.radius, volume, self.way.particles, views, self.rng)
+
+    def errors(self) -> FilmErrors:
+        points = np.array(self.points)
+        away = np.sqrt(np.square(points - self.scene.truth).sum(axis=1))
+        return FilmErrors(distance_scores(away), distance_scores(distance_to_path(points, self.scene.truth)), points)
+
+
+def turned(camera: PinholeCamera, pixels: float, rng: np.random.Generator) -> PinholeCamera:
+    """The camera turned in a random direction so far that the middle of its image moves by ``pixels``."""
+    direction = rng.uniform(0, 2 * np.pi)
+    angle = float(np.arctan(pixels / camera.focal.mean()))
+    # Rodrigues' formula about an axis across the optical one.
+    x, y = np.cos(direction), np.sin(direction)
+    cross = np.array([[0.0, 0.0, y], [0.0, 0.0, -x], [-y, x, 0.0]])
+    turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return replace(camera, rotation=turn @ camera.rotation)
+
+
+def _plots(found: Found, frames: int, seed: int) -> dict[str, Figure]:
+    groups = {group for group, _ in found}
+    plots: dict[str, Figure] = {}
+    if "section 3" in groups:
+        scene = plan_sphere(CarriedBallSettings(frames=frames), seed)
+        frame = min(PAPER_FRAME, frames) - 1
+        images, _ = next(islice(scene.frames(), frame, None))
+        plots["pictures"] = pictures_figure(images, scene.backgrounds(), frame + 1)
+        plots["paths"] = paths_figure(found, scene.truth)
+    if groups.issuperset(VARIED):
+        plots["errors"] = errors_figure(found)
+    return plots
+
+
+def pictures_figure(images: Sequence[ImageArray], empty: Sequence[ImageArray], frame: int) -> Figure:
+    """Figures 2 and 5: what two cameras show at one moment, and its difference from the empty scene."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 7), dpi=80, layout="constrained")
+    panels = figure.subplots(2, 2)
+    for place, (image, background) in enumerate(zip(images[:2], empty, strict=False)):
+        difference = np.sqrt(np.square(image.astype(np.float64) - background).sum(axis=2))
+        panels[0, place].imshow(image)
+        panels[0, place].set_title(f"Figure 2 ({'ab'[place]}): camera {place + 1}, frame {frame}", fontsize=9)
+        panels[1, place].imshow(difference, cmap="gray", vmin=0, vmax=200)
+        panels[1, place].set_title(f"Figure 5 ({'ab'[place]}): difference from the background", fontsize=9)
+    for axes in panels.ravel():
+        axes.set_axis_off()
+    return figure
+
+
+def paths_figure(found: Found, truth: FloatArray) -> Figure:
+    """Figures 3 and 4: the true path of the first film in blue and the estimates of every frame in red."""
+    from matplotlib.figure import Figure
+
+    shown = {BACKGROUND: "Figure 3: background, as printed", PRINTED: "Figure 4: contour, as printed"}
+    shown[WHOLE] = "`track sphere`"
+    figure = Figure(figsize=(4.6 * len(shown), 4.4), dpi=80, layout="constrained")
+    middle, reach = truth.mean(axis=0), 0.6 * float(np.ptp(truth, axis=0).max()) + 0.25
+    for place, (name, title) in enumerate(shown.items(), start=1):
+        axes = figure.add_subplot(1, len(shown), place, projection="3d")
+        points = found[name][0].points
+        near = (np.abs(points - middle) <= reach).all(axis=1)
+        axes.scatter(*points[near].T, s=9, color="#d62728", depthshade=False)
+        axes.plot(*truth.T, color="#1f77b4", linewidth=2)
+        for limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, strict=True):
+            limits(centre - reach, centre + reach)
+        axes.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
+        axes.locator_params(nbins=4)
+        axes.set_title(
+            title + ("" if near.all() else f"\n{(~near).sum()} of {len(near)} points lie outside"), fontsize=9
+        )
+    return figure
+
+
+def errors_figure(found: Found) -> Figure:
+    """The mean error against particles, cameras and covered frames."""
+    panels: dict[str, list[Curve]] = {}
+    for group in VARIED:
+        lines: dict[str, list[tuple[float, float]]] = {}
+        for (of, label), films in found.items():
+            if of == group:
+                number, _, line = label.partition(" frames, ")
+                mean = 100 * float(np.mean([one.to_position.mean for one in films]))
+                lines.setdefault(line or "`track sphere`", []).append((float(number), mean))
+        panels[group] = [Curve(name, [x for x, _ in line], [y for _, y in line]) for name, line in lines.items()]
+    across = ("particles", "cameras", "covered frames of camera 1")
+    figure = curves(panels, across, "mean distance to the true position, cm", (3.7, 3.4))
+    for axes in figure.axes:
+        axes.set_yscale("log")
+        axes.set_yticks(TICKS, [f"{tick:g}" for tick in TICKS])
+        axes.minorticks_off()
+    numbers = panels["particles"][0].x
+    figure.axes[0].set_xscale("log")
+    figure.axes[0].set_xticks(numbers, [f"{number:g}" for number in numbers])
+    return figure

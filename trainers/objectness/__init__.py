@@ -1,1 +1,0 @@
-"""Learning the objectness model."""
