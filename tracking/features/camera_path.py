@@ -177,14 +177,14 @@ def move_boxes(boxes: FloatArray, similarities: FloatArray) -> FloatArray:
     return np.concatenate([moved - half, moved + half], axis=1)
 
 
-def said_of_camera(unknown: Sequence[Sequence[int]], source: Literal["boxes", "images"] = "images") -> str:
+def line_on_camera(unknown: Sequence[Sequence[int]], source: Literal["boxes", "images"] = "images") -> str:
     """One line on the frames of which too little tells how the camera moved there.
 
     Args:
         unknown: first and last frame, counted from 1, of at least one run of them.
         source: of the estimate.
 
-    >>> said_of_camera([[13, 13], [87, 95]])
+    >>> line_on_camera([[13, 13], [87, 95]])
     'how the camera moved into frames 13, 87-95 is not known; links over them reach further'
     """
     which = ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in unknown[:5])
