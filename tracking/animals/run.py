@@ -21,6 +21,7 @@ from tsuiseki.tracking.animals.skeleton import (
 )
 from tsuiseki.tracking.animals.tracker import AnimalTracker
 from tsuiseki.tracking.cli.options import Output, Video
+from tsuiseki.tracking.cli.run import Run
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.types.frame_range import parse_frames
