@@ -294,8 +294,16 @@ def sphere(
     else:
         if radius is None:
             raise RequestError("`radius`: expected the ball's radius in metres, got none")
-        keywords: SphereKeywords = {"start": start, "settings": settings, "backgrounds": backgrounds, "times": times}
-        chosen = sphere_run(source, cameras, radius, volume=_corners(volume), **keywords)
+        chosen = sphere_run(
+            source,
+            cameras,
+            radius,
+            start=start,
+            volume=_corners(volume),
+            settings=settings,
+            backgrounds=backgrounds,
+            times=times,
+        )
     if drawing.overlay and chosen.length is None:
         raise RequestError("`overlay`: expected recorded videos, which can be played again; got live cameras")
     rng = np.random.default_rng(output.seed)
