@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter
 
-from tsuiseki.tracking.animals.heading import head_signs, heads, seconds_of_walking, stretches_of
-from tsuiseki.tracking.animals.pose import AnimalPose
+from tsuiseki.tracking.animals.pose import AnimalPose, head_signs, heads, seconds_of_walking, stretches_of
 from tsuiseki.tracking.animals.settings import AnimalSettings
 from tsuiseki.tracking.errors import InputWarning
 from tsuiseki.tracking.people.flow import FlowTracker

@@ -20,7 +20,7 @@ from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shippe
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.features.exported import SizedDetect
-    from tsuiseki.trainers.adapt.kept_round import Round
+    from tsuiseki.trainers.adapt.round import Round
     from tsuiseki.trainers.adapt.rounds import Adaptation
     from tsuiseki.trainers.adapt.watch import Camera
 
@@ -77,15 +77,15 @@ def adapt(
     stretch = parse_frames(frames)
     with needs_train_extra():
         from tsuiseki.trainers.adapt.rounds import Adaptation, contents_of, resumed
-        from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
+        from tsuiseki.trainers.adapt.settings import AdaptSettings
         from tsuiseki.trainers.adapt.watch import open_camera
         from tsuiseki.trainers.exporting.exported_weights import layout_of
     settings = AdaptSettings(
         rounds=rounds,
+        steps=steps,
         pictures=pictures,
         score_threshold=score_threshold,
-        labels=LabelSettings(still="ignored" if sitting else "background"),
-        learning=LearningSettings(steps=steps),
+        sitting=sitting,
         seed=output.seed,
         threads=threads,
     )

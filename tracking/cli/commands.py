@@ -114,10 +114,12 @@ COMMANDS: Tree = {
         {
             "detector": Command(
                 "from a checkpoint, or from torchvision's COCO weights",
-                "trainers.exporting.export_detector",
+                "trainers.exporting.export_networks:export_detector",
             ),
-            "appearance": Command("from a checkpoint", "trainers.exporting.export_crops:export_appearance"),
-            "action": Command("from a checkpoint, one file a stream", "trainers.exporting.export_crops:export_action"),
+            "appearance": Command("from a checkpoint", "trainers.exporting.export_networks:export_appearance"),
+            "action": Command(
+                "from a checkpoint, one file a stream", "trainers.exporting.export_networks:export_action"
+            ),
             "association": Command(
                 "costs of the flow, from a checkpoint", "trainers.exporting.export_costs:export_trained"
             ),
@@ -168,17 +170,12 @@ COMMANDS: Tree = {
             "multi-correlation-filter": Experiment("correlation filters selected by a particle filter", "single"),
             "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets"),
             "pca-particle-filter": Experiment("how many particles a goldfish needs", "goldfish"),
-            "drone-action-features": Experiment(
-                "tracks and actions from a drone improve each other", "drone.action_features"
-            ),
-            "drone-crowd": Experiment("where what people do tells them apart", "drone.crowd"),
+            "drone-action-features": Experiment("tracks and actions from a drone improve each other", "drone"),
             "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "sensed"),
             "blobs": Experiment("coloured objects, beside components and SORT", "coloured:blobs"),
             "phd-equalisation": Experiment("equal likelihoods keep the weak target", "coloured:equalisation"),
-            "association": Experiment(
-                "people and cars linked on given detections, with peers", "association.association"
-            ),
-            "end-to-end": Experiment("costs learnt through the flow", "end_to_end.end_to_end"),
+            "association": Experiment("people and cars linked on given detections, with peers", "association"),
+            "end-to-end": Experiment("costs learnt through the flow", "end_to_end"),
             "omnidirectional": Experiment("people under ceiling fisheye cameras", "fisheye.omnidirectional"),
             "stereo-sphere": Experiment("a ball in space from two cameras", "sphere"),
             "sphere-points": Experiment("a thrown ball from its measured pixels", "sphere_points"),

@@ -15,7 +15,7 @@ from tsuiseki.tracking.people.inputs import PeopleInputs
 from tsuiseki.tracking.people.methods import LearntCosts, cost_of_scores, people_affinity, people_tracker
 from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.types import Detections, Track
-from tsuiseki.trainers.adapt.settings import AdaptSettings
+from tsuiseki.trainers.adapt.settings import HELD_OUT, AdaptSettings
 from tsuiseki.trainers.adapt.track_labels import Labels, label
 from tsuiseki.trainers.adapt.watch import Foreground, Watched
 
@@ -65,13 +65,13 @@ class LabelledVideo:
     held_out: int
 
 
-def labelled(watched: Watched, foreground: Foreground | None, found: Found, settings: AdaptSettings) -> LabelledVideo:
-    """Take labels from what was found in a video."""
+def labelled(
+    watched: Watched, foreground: Foreground | None, found: Found, sitting: bool, onto_silhouettes: float
+) -> LabelledVideo:
+    """Take labels from what was found in a video; see `label`."""
     kept = [found.detections[frame - found.first] for frame in watched.frames]
-    labels = label(watched, foreground, found.tracks, kept, settings.labels)
-    return LabelledVideo(
-        watched, foreground, found, labels, found.first + round((1 - settings.held_out) * watched.length)
-    )
+    labels = label(watched, foreground, found.tracks, kept, sitting, onto_silhouettes)
+    return LabelledVideo(watched, foreground, found, labels, found.first + round((1 - HELD_OUT) * watched.length))
 
 
 def find(

@@ -23,15 +23,20 @@ from tsuiseki.tracking.features.views import view_of
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, ImageArray
-from tsuiseki.trainers.adapt.settings import AdaptSettings
+from tsuiseki.trainers.adapt.settings import HELD_OUT, KEPT_BACK, AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched
 from tsuiseki.trainers.exporting.export import export_onnx, load_module
-from tsuiseki.trainers.exporting.export_detector import RawHeads
+from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import Layout
 from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 from tsuiseki.trainers.networks.modules import Optimisation
 
+# Windows of a step, their sides as a share of the detector's input, and people that are rendered to be composed onto
+# the empty view beside the camera's own.
+BATCH_SIZE, WINDOW, GENERATED_PEOPLE = 6, 1.0, 200
+# At the end of the warm-up of the first round; halved in each later one.
+LEARNING_RATE = 1e-3
 # A training is saved this many times, so that one that was stopped goes on.
 _SITTINGS = 5
 CHECKPOINT = "detector.ckpt"
@@ -74,8 +79,7 @@ def fine_tune(
     done, last = folder / CHECKPOINT, folder / "last.ckpt"
     if done.is_file():
         return done
-    learning = settings.learning
-    height, width = layout.window(learning.window)
+    height, width = layout.window(WINDOW)
     lightning.seed_everything(settings.seed + round_, verbose=False)
     module = DetectorTraining(
         trunk=layout.trunk,  # type: ignore[arg-type]
@@ -87,14 +91,14 @@ def fine_tune(
         loss="quality",
         box_weight=2.0,
         optimisation=Optimisation(
-            learning_rate=learning.learning_rate / 2 ** (round_ - 1),
-            warmup_steps=min(20, learning.steps // 4),
+            learning_rate=LEARNING_RATE / 2 ** (round_ - 1),
+            warmup_steps=min(20, settings.steps // 4),
             final_share=0.05,
         ),
     )
     data = _data(videos, layout, columns, round_, settings)
     with _quiet(), _interrupts():
-        trainer = _trainer(folder, learning.steps, settings)
+        trainer = _trainer(folder, settings.steps, settings)
         trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
     trainer.save_checkpoint(done, weights_only=False)
     last.unlink(missing_ok=True)
@@ -104,24 +108,21 @@ def fine_tune(
 def _data(
     videos: Sequence[Watched], layout: Layout, columns: int, round_: int, settings: AdaptSettings
 ) -> DetectionData:
-    learning = settings.learning
-    sources = [
-        Source(v.folder, frames=(1, v.learnt(settings.kept_back)), fixed_camera=v.fixed, share=v.length) for v in videos
-    ]
-    window = layout.window(learning.window)
+    sources = [Source(v.folder, frames=(1, v.learnt(KEPT_BACK)), fixed_camera=v.fixed, share=v.length) for v in videos]
+    window = layout.window(WINDOW)
     closer = _enlargement(videos[0].size, layout.size, columns) * _fitted(videos[0].size, layout.size, window)
     return DetectionData(
         sources,
         sources,
         *window,
-        batch_size=learning.batch_size,
-        examples_per_epoch=learning.batch_size * max(learning.steps // _SITTINGS, 1),
+        batch_size=BATCH_SIZE,
+        examples_per_epoch=BATCH_SIZE * max(settings.steps // _SITTINGS, 1),
         workers=0,
         augmentation=Augmentation(
             scale=(0.8 * closer, 1.35 * closer), aspect=0.06, rotation=2.0, shear=0.03, flip=0.3, colour=0.6, holes=3
         ),
         composition=Composition(
-            generated_people=learning.generated_people, add=0.6, reclothe=0.3, empty=0.25, foreign=0.05, most_people=8
+            generated_people=GENERATED_PEOPLE, add=0.6, reclothe=0.3, empty=0.25, foreign=0.05, most_people=8
         ),
         seed=settings.seed + 1000 * round_,
     )
@@ -197,7 +198,6 @@ def export_calibrated(
     videos: Sequence[Watched],
     view: tuple[int, int | None],
     out: Path,
-    settings: AdaptSettings,
 ) -> tuple[float, float]:
     """Write the detector as ONNX, its scores probabilities on labels that have taught it nothing.
 
@@ -209,14 +209,13 @@ def export_calibrated(
         videos: with their labels.
         view: tiles across and down.
         out: the file.
-        settings: say which.
 
     Returns:
         Scale and shift of the logit; 1 and 0 where all detections there are right, or none is.
     """
     module = load_module(DetectorTraining, checkpoint, size)
     network = module.network.to(memory_format=torch.contiguous_format)
-    fitted = _calibration(TorchDetector(module), videos, view, settings)
+    fitted = _calibration(TorchDetector(module), videos, view)
     calibration = fitted or (1.0, 0.0)
     card = dataclasses.replace(
         module.card,
@@ -265,10 +264,10 @@ class TorchDetector:
 
 
 def _calibration(
-    detector: TorchDetector, videos: Sequence[Watched], view: tuple[int, int | None], settings: AdaptSettings
+    detector: TorchDetector, videos: Sequence[Watched], view: tuple[int, int | None]
 ) -> tuple[float, float] | None:
     viewed = ViewedDetector(detector, view)
-    spans = [(v.learnt(settings.kept_back) + 1, v.learnt(settings.held_out)) for v in videos]
+    spans = [(v.learnt(KEPT_BACK) + 1, v.learnt(HELD_OUT)) for v in videos]
     parts = [matched_scores(viewed, Path(v.folder), s) for v, s in zip(videos, spans, strict=True)]
     scores, right = (np.concatenate(part) for part in zip(*parts, strict=True))
     try:

@@ -22,12 +22,18 @@ from tsuiseki.tracking.features.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.people.settings import NONE
 from tsuiseki.tracking.types import Detections
-from tsuiseki.trainers.adapt.agreement import agreement_held_out, round_scores
 from tsuiseki.trainers.adapt.find import LabelledVideo, find, labelled
-from tsuiseki.trainers.adapt.kept_round import Round, keep_round, kept_round, write_everyone
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
-from tsuiseki.trainers.adapt.settings import AdaptSettings
-from tsuiseki.trainers.adapt.track_labels import TAKEN, Verdict
+from tsuiseki.trainers.adapt.round import (
+    Round,
+    agreement_held_out,
+    keep_round,
+    kept_round,
+    round_scores,
+    write_everyone,
+)
+from tsuiseki.trainers.adapt.settings import KEPT_BACK, AdaptSettings
+from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, TAKEN, Verdict
 from tsuiseki.trainers.adapt.watch import Camera, Watched
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 
@@ -137,18 +143,18 @@ def _learn(adaptation: Adaptation, number: int, taught_by: Round) -> Path:
     detector = folder / "detector.onnx"
     if detector.is_file():
         return detector
-    videos = _teaching(camera.videos, taught_by, adaptation.settings.kept_back)
+    videos = _teaching(camera.videos, taught_by)
     layout = layout_of(adaptation.start)
     before = adaptation.work / f"round-{number - 1}" / CHECKPOINT
     start = before if before.is_file() else adaptation.start
     adaptation.tell(f"round {number}: learning from {sum(map(_taken, taught_by.verdicts))} people")
     checkpoint = fine_tune(start, layout, videos, taught_by.columns, number, folder, adaptation.settings)
     view = (taught_by.columns, None)
-    export_calibrated(checkpoint, layout.size, videos, view, detector, adaptation.settings)
+    export_calibrated(checkpoint, layout.size, videos, view, detector)
     return detector
 
 
-def _teaching(videos: Sequence[Watched], taught_by: Round, kept_back: float) -> list[Watched]:
+def _teaching(videos: Sequence[Watched], taught_by: Round) -> list[Watched]:
     """The videos with people in what may be learnt from, the labels of the round beside their pictures.
 
     Raises:
@@ -157,27 +163,30 @@ def _teaching(videos: Sequence[Watched], taught_by: Round, kept_back: float) -> 
     teaching = []
     for n, video in enumerate(videos):
         frames = np.concatenate([np.empty(0, np.int64), *(t.frames for t in taught_by.taken(n))])
-        if np.isin(video.frames[: video.learnt(kept_back)], frames).any():
+        if np.isin(video.frames[: video.learnt(KEPT_BACK)], frames).any():
             shutil.copyfile(taught_by.folder / f"gt-{n}.txt", _labels_of(video))
             teaching.append(video)
     if not teaching:
         raise RequestError(
-            f"expected people before the last {kept_back:.0%} of a video, kept back, got none; give a longer one"
+            f"expected people before the last {KEPT_BACK:.0%} of a video, kept back, got none; give a longer one"
         )
     return teaching
 
 
 def _look(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> Round:
     """Look with the ``detector``, or read what an earlier call found."""
-    folder, camera, settings = adaptation.folder(number), adaptation.camera, _settings_of(adaptation, number)
+    folder, camera, settings = adaptation.folder(number), adaptation.camera, adaptation.settings
     if (done := kept_round(folder, number, detector)) is not None:
         return done
     # The shipped costs know the scores of the shipped detectors, not those that were learnt here.
     affinity = Path(NONE) if number else None
+    # Boxes that were learnt from silhouettes are not moved again.
+    onto = 0.0 if number else ONTO_SILHOUETTES
     videos = []
     for video, foreground in zip(camera.videos, camera.foregrounds, strict=True):
         adaptation.tell(f"round {number}: looking at {video.source}")
-        videos.append(labelled(video, foreground, find(video, detector, settings, camera.view, affinity), settings))
+        found = find(video, detector, settings, camera.view, affinity)
+        videos.append(labelled(video, foreground, found, settings.sitting, onto))
     scores = round_scores(videos, settings.score_threshold)
     if not number and adaptation.teacher is not None:
         scores = replace(scores, agreement=_before_learning(adaptation, videos))
@@ -209,12 +218,6 @@ def _before_learning(adaptation: Adaptation, videos: Sequence[LabelledVideo]) ->
         found = find(end, adaptation.start, adaptation.settings, adaptation.camera.view)
         detections.append(found.detections[each.held_out - found.first :])
     return agreement_held_out(videos, detections, adaptation.settings.score_threshold)
-
-
-def _settings_of(adaptation: Adaptation, number: int) -> AdaptSettings:
-    """Those of a round: boxes that were learnt from silhouettes are not moved again."""
-    settings = adaptation.settings
-    return replace(settings, labels=replace(settings.labels, onto_silhouettes=0.0)) if number else settings
 
 
 def _labels_of(video: Watched) -> Path:

@@ -12,8 +12,9 @@ from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.report.adapted import AdaptedReport, Compared, example_crop
 from tsuiseki.tracking.types import Detections, ImageArray, Track
 from tsuiseki.trainers.adapt.find import above
-from tsuiseki.trainers.adapt.kept_round import Round
+from tsuiseki.trainers.adapt.round import Round
 from tsuiseki.trainers.adapt.rounds import Adaptation, best_of
+from tsuiseki.trainers.adapt.settings import HELD_OUT
 from tsuiseki.trainers.adapt.track_labels import SHORT, STILL, TAKEN, TWICE, UNSURE
 from tsuiseki.trainers.adapt.watch import Watched
 
@@ -50,7 +51,7 @@ def _compared(adaptation: Adaptation, start: Round, later: Round, number: int) -
     video, threshold = adaptation.camera.videos[number], adaptation.settings.score_threshold
     end = video.span[0] + video.length
     before, after = (above(here.detections(number, end), threshold) for here in (start, later))
-    unseen = range(video.learnt(adaptation.settings.held_out), len(video.frames))
+    unseen = range(video.learnt(HELD_OUT), len(video.frames))
     apart = {n: _differences(before[video.frames[n]], after[video.frames[n]]) for n in unseen}
     chosen = spread_best(apart, _PICTURES, max(1, len(unseen) // (2 * _PICTURES)))
     return [

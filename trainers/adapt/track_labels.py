@@ -28,10 +28,15 @@ from tsuiseki.trainers.adapt.foreground import (
     moving_blobs,
     usual_offset,
 )
-from tsuiseki.trainers.adapt.settings import LabelSettings
 from tsuiseki.trainers.adapt.watch import Foreground, Watched
 
 TAKEN, STILL, UNSURE, SHORT, TWICE = "taken", "never moves", "unsure", "short", "twice"
+# Least mean score of the detections of a track that becomes labels, and least seconds of them.
+_SURE, _LEAST_SECONDS = 0.5, 0.6
+# Least share of a box that differs from the empty view, the median over the track: what differs less never moves.
+_MOVING = 0.2
+# Share of the way that boxes are moved onto silhouettes: their own where one can be told, or as boxes usually lie off.
+ONTO_SILHOUETTES = 0.5
 # A rejected detection of which this share differs from the empty view may be somebody.
 _SOMEBODY = 0.35
 _COVERED = 0.5
@@ -107,7 +112,8 @@ def label(
     foreground: Foreground | None,
     tracks: Sequence[Track],
     found: Sequence[Detections],
-    settings: LabelSettings,
+    sitting: bool = False,
+    onto_silhouettes: float = ONTO_SILHOUETTES,
 ) -> Labels:
     """Choose what to learn from.
 
@@ -116,21 +122,22 @@ def label(
         foreground: of its kept pictures; None where the camera moves.
         tracks: of the video, frames counted as in the video.
         found: detections of each kept picture; those that lie on no track are rejected.
-        settings: which tracks become labels.
+        sitting: what never moves is left out of the learning; otherwise it is background to learn from.
+        onto_silhouettes: share of the way that boxes are moved onto silhouettes, in [0, 1].
     """
     number_of = {frame: number for number, frame in enumerate(watched.frames)}
     moving = _moving(tracks, foreground, number_of)
-    verdicts = [_judge(*each, watched.frame_rate, settings) for each in zip(tracks, moving, strict=True)]
+    verdicts = [_judge(*each, watched.frame_rate) for each in zip(tracks, moving, strict=True)]
     explained = explained_boxes(tracks, [v.verdict == TAKEN for v in verdicts])
     verdicts = [_unless_twice(*each) for each in zip(verdicts, tracks, explained, strict=True)]
-    offset = _offset(tracks, verdicts, foreground, number_of, settings)
+    offset = _offset(tracks, verdicts, foreground, number_of, onto_silhouettes)
     unseen = [each & ~track.observed for each, track in zip(explained, tracks, strict=True)]
-    entries = _together([_entries(*each, settings) for each in zip(tracks, verdicts, unseen, strict=True)])
+    entries = _together([_entries(*each, sitting) for each in zip(tracks, verdicts, unseen, strict=True)])
     rejected = _rejected(watched.frames, found, tracks)
     rows = []
     for frame, number in number_of.items():
         picture = None if foreground is None else foreground.picture(number)
-        here = _placed(entries.select(entries.frames == frame), found[number], picture, offset, settings)
+        here = _placed(entries.select(entries.frames == frame), found[number], picture, offset, onto_silhouettes)
         rows.append(_rows(number, _inside(here, watched.size), rejected[number], picture))
     moved = tuple(_moved(track, offset, watched.size) for track in tracks)
     return Labels(_joined(rows), tuple(verdicts), moved, offset)
@@ -152,14 +159,14 @@ def _moving(tracks: Sequence[Track], foreground: Foreground | None, number_of: d
     return [float(np.nanmedian(each)) if np.isfinite(each).any() else 1.0 for each in own]
 
 
-def _judge(track: Track, moving: float, frame_rate: float, settings: LabelSettings) -> Verdict:
+def _judge(track: Track, moving: float, frame_rate: float) -> Verdict:
     observed = track.observed
     score = float(track.scores[observed].mean()) if observed.any() else 0.0
-    if moving < settings.moving:
+    if moving < _MOVING:
         verdict = STILL
-    elif score < settings.sure or 2 * observed.sum() < len(track):
+    elif score < _SURE or 2 * observed.sum() < len(track):
         verdict = UNSURE
-    elif observed.sum() < max(3, settings.least * frame_rate):
+    elif observed.sum() < max(3, _LEAST_SECONDS * frame_rate):
         verdict = SHORT
     else:
         verdict = TAKEN
@@ -177,10 +184,10 @@ def _offset(
     verdicts: Sequence[Verdict],
     foreground: Foreground | None,
     number_of: dict[int, int],
-    settings: LabelSettings,
+    share: float,
 ) -> FloatArray:
     """By how much to move boxes: part of what those of taken tracks usually lie off their silhouettes."""
-    if foreground is None or settings.onto_silhouettes == 0:
+    if foreground is None or share == 0:
         return np.zeros(4)
     boxes: dict[int, list[FloatArray]] = {}
     for track, verdict in zip(tracks, verdicts, strict=True):
@@ -192,7 +199,7 @@ def _offset(
         for frame, number in number_of.items()
         if frame in boxes
     ]
-    return settings.onto_silhouettes * usual_offset(np.concatenate([np.empty((0, 4)), *found]))
+    return share * usual_offset(np.concatenate([np.empty((0, 4)), *found]))
 
 
 def _moved(track: Track, offset: FloatArray, size: tuple[int, int]) -> Track:
@@ -207,9 +214,9 @@ def _reach_in(boxes: FloatArray, size: tuple[int, int]) -> BoolArray:
     return np.asarray(((inside[:, 2:] - inside[:, :2]) >= 2).all(axis=1))
 
 
-def _entries(track: Track, verdict: Verdict, unseen: BoolArray, settings: LabelSettings) -> _Entries:
+def _entries(track: Track, verdict: Verdict, unseen: BoolArray, sitting: bool) -> _Entries:
     """What a track says in each frame; nothing, where it is background to learn from."""
-    background = verdict.verdict == TWICE or (verdict.verdict == STILL and settings.still == "background")
+    background = verdict.verdict == TWICE or (verdict.verdict == STILL and not sitting)
     sure = (verdict.verdict == TAKEN) & ~unseen
     every = _Entries(track.frames, np.full(len(track), track.id), track.boxes, sure, track.observed)
     return every.select(np.full(len(track), not background))
@@ -227,12 +234,12 @@ def _together(parts: Sequence[_Entries]) -> _Entries:
 
 
 def _placed(
-    people: _Entries, found: Detections, picture: Difference | None, offset: FloatArray, settings: LabelSettings
+    people: _Entries, found: Detections, picture: Difference | None, offset: FloatArray, share: float
 ) -> _Entries:
     """What tracks say in one frame, each box where its person is in that frame."""
     boxes = detected_boxes(people.boxes, people.seen, found.boxes)
     if picture is not None:
-        boxes = drawn_to_silhouettes(boxes, people.seen, picture, offset, settings.onto_silhouettes)
+        boxes = drawn_to_silhouettes(boxes, people.seen, picture, offset, share)
     return replace(people, boxes=boxes)
 
 

@@ -16,11 +16,7 @@ In each the solver is asked for minima only, so it may be any; nothing is differ
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable
-from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -32,8 +28,6 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 FlowLossName = Literal["fenchel_young", "hinge", "both"]
-# How `map` is called; a pool of processes has another.
-Spread = Callable[[Callable[["Problem"], FloatArray], Iterable["Problem"]], Iterable[FloatArray]]
 
 
 @dataclass(frozen=True)
@@ -134,9 +128,9 @@ class FlowLoss:
             least[-1] -= differing(arcs)[0]
         return float(costs @ arcs.labelled - share @ least), arcs.labelled - share @ np.array(flows)
 
-    def __call__(self, costs: Tensor, arcs: Arcs, rng: np.random.Generator, spread: Spread = map) -> Tensor:
+    def __call__(self, costs: Tensor, arcs: Arcs, rng: np.random.Generator) -> Tensor:
         """The loss of ``(3 N + P,)`` costs, a scalar whose gradient goes on to what made them."""
-        loss: Tensor = _ThroughTheSolver.apply(costs, self, arcs, rng, spread)
+        loss: Tensor = _ThroughTheSolver.apply(costs, self, arcs, rng)
         return loss
 
 
@@ -144,21 +138,19 @@ class _ThroughTheSolver(torch.autograd.Function):
     """Costs ``(3 N + P,)`` in, the loss ``()`` out; the gradient ``(3 N + P,)`` is x* − the mean of the flows."""
 
     @staticmethod
-    def forward(
-        ctx: Any, costs: Tensor, loss: FlowLoss, arcs: Arcs, rng: np.random.Generator, spread: Spread
-    ) -> Tensor:
+    def forward(ctx: Any, costs: Tensor, loss: FlowLoss, arcs: Arcs, rng: np.random.Generator) -> Tensor:
         """Ask the solver and keep the gradient."""
         known = costs.detach().double().cpu().numpy()
         problems = loss.problems(known, arcs, rng)
-        value, gradient = loss.value(known, arcs, problems, list(spread(cheapest, problems)))
+        value, gradient = loss.value(known, arcs, problems, [cheapest(problem) for problem in problems])
         ctx.save_for_backward(torch.as_tensor(gradient, dtype=costs.dtype, device=costs.device))
         return costs.new_tensor(value)
 
     @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None, None, None]:
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None, None]:
         """The chain rule: the kept gradient times what comes from above."""
         (gradient,) = ctx.saved_tensors
-        return gradients[0] * gradient, None, None, None, None
+        return gradients[0] * gradient, None, None, None
 
 
 @dataclass(frozen=True)
@@ -198,38 +190,6 @@ class DifferenceWeights:
         same: BoolArray = (owners[tail] == owners[head]) & (owners[tail] >= 0)
         ends = np.where(labelled[count : 3 * count] > 0, 0.0, self.end)
         return np.concatenate([np.full(count, self.detection), ends, np.where(same, 0.0, self.wrong)])
-
-
-class Solvers:
-    """Processes that solve at the same time.
-
-    Args:
-        processes: how many; 0 takes all cores, 1 does without another process.
-    """
-
-    def __init__(self, processes: int) -> None:
-        self.processes = processes or os.cpu_count() or 1
-        self._pool: Executor | None = None
-
-    @property
-    def spread(self) -> Spread:
-        """As `map`; the processes are started when it is first asked for."""
-        if self.processes == 1:
-            return map
-        if self._pool is None:
-            self._pool = ProcessPoolExecutor(self.processes, get_context("spawn"))
-        pool = self._pool
-
-        def spread(function: Callable[[Problem], FloatArray], items: Iterable[Problem]) -> Iterable[FloatArray]:
-            return pool.map(function, items)
-
-        return spread
-
-    def close(self) -> None:
-        """Let the processes go."""
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
 
 
 def finite(values: Tensor, name: str, what: str = "loss") -> Tensor:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import onnx
 import torch
-from torch import Tensor, nn
+from torch import nn
 
-from tsuiseki.models.association_network import AppearanceProjection, AssociationNetwork
+from tsuiseki.models.association_network import AppearanceProjection
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.trainers.association.graphs import Graphs
@@ -121,26 +121,3 @@ def _made_of(kind: type, checkpoint: Path) -> dict[str, Any]:
     given = torch.load(checkpoint, map_location="cpu", weights_only=True)["hyper_parameters"]
     known = set(inspect.signature(kind.__init__).parameters)  # type: ignore[misc]
     return {name: value for name, value in given.items() if name in known}
-
-
-def network_of(checkpoint: Path, network: AssociationNetwork) -> dict[str, Tensor]:
-    """The weights of the network in a checkpoint of this training.
-
-    Raises:
-        RequestError: the file is missing, no such checkpoint, or of other features.
-    """
-    if not checkpoint.is_file():
-        raise RequestError(f"expected a checkpoint to start from at {checkpoint}, found none")
-    try:
-        state = torch.load(checkpoint, map_location="cpu", weights_only=True)["state_dict"]
-        found = {name.removeprefix("network."): value for name, value in state.items() if name.startswith("network.")}
-    except Exception as error:
-        raise RequestError(f"{checkpoint}: expected a checkpoint of `tsuiseki train association`") from error
-    for name, value in network.state_dict().items():
-        if name not in found or found[name].shape != value.shape:
-            got = tuple(found[name].shape) if name in found else "nothing"
-            raise RequestError(
-                f"{checkpoint}: expected a network of the same features, with {name} of shape "
-                f"{tuple(value.shape)}, got {got}; train it again"
-            )
-    return found

@@ -17,12 +17,11 @@ from torch import Tensor, nn
 from tsuiseki.models.association_network import AppearanceProjection, AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import FeatureNames
 from tsuiseki.tracking.association.link_cost import LinkCost
-from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, Problem, Solvers, cheapest, finite
+from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, Problem, cheapest, finite
 from tsuiseki.trainers.association.graphs import Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import Counts
-from tsuiseki.trainers.association.starting import detector_of, heads_only, network_of, projection_of, siamese_of
-from tsuiseki.trainers.association.window_appearance import contrast_within
-from tsuiseki.trainers.association.window_costs import CostMakers
+from tsuiseki.trainers.association.starting import detector_of, heads_only, projection_of, siamese_of
+from tsuiseki.trainers.association.window_costs import CostMakers, contrast_within
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss
 from tsuiseki.trainers.association.windows import AssociationData, TrainingWindow
 from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
@@ -81,9 +80,7 @@ class AssociationTraining(lightning.LightningModule):
         joins: weight of the loss of the second level, the joins of tracklets; 0 leaves it out.
         appearance: how appearance learns with the costs.
         detector: how a detector learns with the costs.
-        start: checkpoint whose network is gone on with; by default the tracker's own costs.
         optimisation: how weights are moved; they decay towards the tracker's own costs.
-        processes: that solve at the same time; 0 takes all cores.
         seed: of the perturbations.
     """
 
@@ -95,18 +92,16 @@ class AssociationTraining(lightning.LightningModule):
         joins: float = 0.2,
         appearance: AppearanceLearning = AppearanceLearning(),
         detector: HeadsLearning = HeadsLearning(),
-        start: Path | None = None,
         optimisation: Optimisation = Optimisation(3e-3, 1e-2, warmup_steps=10),  # noqa: B008
-        processes: int = 1,
         seed: int = 0,
     ) -> None:
         super().__init__()
-        self.save_hyperparameters(ignore=["start", "appearance", "detector"])
+        self.save_hyperparameters(ignore=["appearance", "detector"])
         plain_hyperparameters(self)
         names = FeatureNames()
         self.network = AssociationNetwork(len(names.links), len(names.detections), len(names.joins), trust)
         self.loss, self.weights, self.joins = loss, DifferenceWeights(wrong=switch), joins
-        self.optimisation, self.solvers, self.seed = optimisation, Solvers(processes), seed
+        self.optimisation, self.seed = optimisation, seed
         self.appearance, self.heads, self.link_cost = appearance, detector, LinkCost()
         self.siamese: AppearanceTraining | None = None
         self._siamese_made_of: dict[str, Any] = {}
@@ -117,9 +112,6 @@ class AssociationTraining(lightning.LightningModule):
         self.trunk = FrozenTrunk()
         if detector.file is not None:
             self.detector, self._detector_made_of = detector_of(detector.file)
-        self.started_from = start
-        if start is not None:
-            self.network.load_state_dict({**network_of(start, self.network), **self.network.trusts()})
         self._counts, self._planned = Counts(), (-1, -1)
 
     def transfer_batch_to_device(
@@ -138,7 +130,7 @@ class AssociationTraining(lightning.LightningModule):
             if self.appearance.projection and self.siamese is None:
                 # Features that stay as they are need no crops.
                 data.images = replace(data.images, crops=None)
-            if stage == "fit" and self.started_from is None:
+            if stage == "fit":
                 self.standardise(data.learnt)
 
     def standardise(self, graphs: Sequence[Graphs]) -> None:
@@ -179,7 +171,7 @@ class AssociationTraining(lightning.LightningModule):
         graph, makers = batch.detections, self.makers()
         outputs = makers.outputs(batch)
         costs = makers.costs(batch, outputs)
-        objective = loss(costs.double(), graph.arcs(self.weights), rng, self.solvers.spread) / len(graph)
+        objective = loss(costs.double(), graph.arcs(self.weights), rng) / len(graph)
         others = objective.new_zeros(())
         if outputs.features is not None and self.appearance.contrast:
             others = others + self.appearance.contrast * contrast_within(outputs.features[: len(graph)], graph)
@@ -192,7 +184,7 @@ class AssociationTraining(lightning.LightningModule):
     def _join_loss(self, makers: CostMakers, graph: Graph, loss: FlowLoss, rng: np.random.Generator) -> Tensor:
         """The loss of the flow over tracklets, a tracklet."""
         costs = makers.join_costs(graph).double()
-        return loss(costs, graph.arcs(self.weights), rng, self.solvers.spread) / len(graph)
+        return loss(costs, graph.arcs(self.weights), rng) / len(graph)
 
     def validation_step(self, batch: TrainingWindow, batch_index: int) -> None:
         """Count what the flow does right and wrong."""
@@ -249,7 +241,3 @@ class AssociationTraining(lightning.LightningModule):
         if self.siamese is None and "siamese" in checkpoint:
             self._siamese_made_of = checkpoint["siamese"]
             self.siamese = instantiate_module(AppearanceTraining, self._siamese_made_of).eval()
-
-    def on_fit_end(self) -> None:
-        """Let the processes go."""
-        self.solvers.close()

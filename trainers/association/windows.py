@@ -21,7 +21,7 @@ from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.videos import OTHER_RATE, acting, described, detected_videos, filmed, part_of
-from tsuiseki.trainers.association.window_appearance import WindowCrops, crops_of
+from tsuiseki.trainers.association.window_costs import WindowCrops, crops_of
 from tsuiseki.trainers.association.window_detector import WindowFrames, frames_of
 
 TrackerName = Literal["people", "drone"]

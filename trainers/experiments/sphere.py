@@ -20,7 +20,7 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.particles.stages import Covering
+from tsuiseki.tracking.filters.resampling import Covering
 from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.tracker import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.sphere.views import (

@@ -25,9 +25,8 @@ from tsuiseki.tracking.onnx import ModelCard, OnnxModel
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.training import PLANNED, PLANNED_STEPS, AssociationTraining
 from tsuiseki.trainers.exporting.export import ModelFile, convert_module, export_onnx, load_module, write_checked
-from tsuiseki.trainers.exporting.export_crops import write_appearance
-from tsuiseki.trainers.exporting.export_detector import OUTPUTS as DETECTOR_OUTPUTS
-from tsuiseki.trainers.exporting.export_detector import RawHeads
+from tsuiseki.trainers.exporting.export_networks import OUTPUTS as DETECTOR_OUTPUTS
+from tsuiseki.trainers.exporting.export_networks import RawHeads, write_appearance
 from tsuiseki.trainers.networks.detector_training import DetectorTraining
 
 # Costs and probabilities, absolute: float32 sums in another order differ by about 1e-6 of a cost of up to 8. Of trees a

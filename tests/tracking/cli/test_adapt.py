@@ -18,8 +18,7 @@ from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.adapt.agreement import RoundScores
-from tsuiseki.trainers.adapt.kept_round import Round, write_everyone
+from tsuiseki.trainers.adapt.round import Round, RoundScores, write_everyone
 from tsuiseki.trainers.adapt.rounds import Adaptation
 from tsuiseki.trainers.adapt.track_labels import Verdict
 

@@ -19,14 +19,21 @@ from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt import learn_detector
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, TorchDetector, fine_tune
-from tsuiseki.trainers.adapt.settings import AdaptSettings, LabelSettings, LearningSettings
+from tsuiseki.trainers.adapt.settings import HELD_OUT, AdaptSettings
 from tsuiseki.trainers.adapt.track_labels import label
 from tsuiseki.trainers.adapt.watch import Watched, foreground_of, watch
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.detector_training import DetectorTraining
 
-TINY = AdaptSettings(learning=LearningSettings(steps=5, batch_size=2, window=0.3, generated_people=3), threads=1)
+TINY = AdaptSettings(steps=5, threads=1)
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few and small windows."""
+    for name, value in {"BATCH_SIZE": 2, "WINDOW": 0.3, "GENERATED_PEOPLE": 3}.items():
+        monkeypatch.setattr(learn_detector, name, value)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +41,7 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Watched:
     folder = tmp_path_factory.mktemp("camera")
     video = watch(str(street.write_video(folder / "street")), EVERY_FRAME, folder / "kept", 20)
     tracks = [street.track_of(0), street.track_of(1)]
-    label(video, foreground_of(video), tracks, [Detections.empty()] * 20, LabelSettings()).write(video)
+    label(video, foreground_of(video), tracks, [Detections.empty()] * 20).write(video)
     return video
 
 
@@ -77,9 +84,9 @@ def test_what_teaches_what_calibrates_and_what_judges_are_apart(
     asked: list[tuple[int, int]] = []
     certain = (np.array([0.9, 0.2, 0.8, 0.1]), np.array([True, False, False, True]))
     monkeypatch.setattr(learn_detector, "matched_scores", lambda _, __, frames: asked.append(frames) or certain)
-    learn_detector._calibration(TorchDetector.__new__(TorchDetector), [watched], (1, None), TINY)
+    learn_detector._calibration(TorchDetector.__new__(TorchDetector), [watched], (1, None))
     learnt = learn_detector._data([watched], layout_of(shipped("detector_street")), 1, 1, TINY)
     assert [source.frames for source in learnt.sources["train"]] == [(1, 15)]
     assert asked == [(16, 17)]
-    assert watched.learnt(TINY.held_out) == 17
+    assert watched.learnt(HELD_OUT) == 17
     assert len(watched.frames) == 20

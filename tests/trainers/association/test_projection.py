@@ -22,7 +22,7 @@ from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining
 from tsuiseki.trainers.association.windows import TrainingWindow
-from tsuiseki.trainers.experiments.end_to_end.gradient import crossing
+from tsuiseki.trainers.experiments.end_to_end import crossing
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.export_costs import TOLERANCE, export_association
 

@@ -96,8 +96,7 @@ def test_logs_and_exports(trained: Path) -> None:
 
 
 def test_the_same_seed_gives_the_same_weights(trained: Path, walk: Path, tmp_path: Path) -> None:
-    """In processes, too."""
-    words = options(walk, tmp_path / "again", "--model.optimisation.warmup_steps=1", "--model.processes=2")
+    words = options(walk, tmp_path / "again", "--model.optimisation.warmup_steps=1")
     fit_association(words)
     one, other = weights(trained / "checkpoints/last.ckpt"), weights(tmp_path / "again/checkpoints/last.ckpt")
     assert all(torch.equal(one[name], other[name]) for name in one)
@@ -118,19 +117,6 @@ def test_tracks_with_what_was_learnt(trained: Path, walk: Path, tmp_path: Path) 
     words = ["track", "people", str(walk), "--detections", str(walk / "det/det.txt"), "--out", str(tmp_path / "out")]
     assert main([*words, "--affinity", str(trained / "association.onnx")]) == 0
     assert (tmp_path / "out" / "tracks.txt").read_text()
-
-
-def test_starts_from_a_network(trained: Path, tmp_path: Path) -> None:
-    checkpoint = trained / "checkpoints" / "best.ckpt"
-    started = AssociationTraining(start=checkpoint)
-    torch.testing.assert_close(started.network.links.mean, weights(checkpoint)["links.mean"])
-    held = torch.load(checkpoint, weights_only=True)
-    held["state_dict"]["network.links.mean"] = torch.zeros(3)
-    torch.save(held, tmp_path / "fewer.ckpt")
-    with pytest.raises(RequestError, match="expected a network of the same features, with links"):
-        AssociationTraining(start=tmp_path / "fewer.ckpt")
-    with pytest.raises(RequestError, match="expected a checkpoint to start from"):
-        AssociationTraining(start=trained / "nothing.ckpt")
 
 
 @pytest.mark.parametrize("loss", ["fenchel_young", "hinge", "both"])
@@ -305,8 +291,6 @@ def test_labels_of_half_of_the_people_look_foreign(
 def test_how_far_changes_are_trusted_is_as_asked_and_not_as_it_was(trained: Path) -> None:
     checkpoint = trained / "checkpoints" / "best.ckpt"
     assert AssociationTraining().network.detections.trust.tolist() == [0.5, 1, 1]
-    started = AssociationTraining(trust=1.0, start=checkpoint)
-    assert started.network.detections.trust.tolist() == [1, 1, 1]
     loaded = AssociationTraining.load_from_checkpoint(checkpoint, trust=0.25, weights_only=True)
     assert loaded.network.detections.trust.tolist() == [0.25, 1, 1]
     assert loaded.network.links.linear.weight.any()

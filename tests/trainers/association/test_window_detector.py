@@ -22,7 +22,7 @@ from tsuiseki.trainers.association.training import AssociationTraining, HeadsLea
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, frames_of, own_loss, rescored, score_logits
 from tsuiseki.trainers.association.windows import AssociationData, EveryWindow, TrainingWindow
 from tsuiseki.trainers.exporting.export import ModelFile
-from tsuiseki.trainers.exporting.export_detector import export_detector
+from tsuiseki.trainers.exporting.export_networks import export_detector
 from tsuiseki.trainers.networks.detector_training import DetectorTraining
 from tsuiseki.trainers.networks.fit import fit_association
 from tsuiseki.trainers.networks.modules import normalised

@@ -21,7 +21,7 @@ from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard, OnnxModel
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.trainers.exporting import export
 from tsuiseki.trainers.exporting.export import ModelFile, export_onnx
-from tsuiseki.trainers.exporting.export_detector import OUTPUTS, RawHeads, blend_weights, export_detector
+from tsuiseki.trainers.exporting.export_networks import OUTPUTS, RawHeads, blend_weights, export_detector
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 
 CARD = ModelCard("appearance", "tiny", input_height=8, input_width=8, feature_length=6)

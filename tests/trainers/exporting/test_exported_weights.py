@@ -12,7 +12,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.exporting.export import export_onnx
-from tsuiseki.trainers.exporting.export_detector import RawHeads
+from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, layout_of, restore_normalisations
 from tsuiseki.trainers.networks.detector_network import detector_card, take_over
 

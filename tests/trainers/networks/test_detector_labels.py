@@ -12,7 +12,7 @@ import yaml
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.exporting.export_detector import RawHeads
+from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.networks.detector_labels import anchors_for, fit_calibration
 
 

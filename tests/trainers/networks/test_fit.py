@@ -19,7 +19,7 @@ import yaml
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.exporting.export import ModelFile
-from tsuiseki.trainers.exporting.export_detector import export_detector
+from tsuiseki.trainers.exporting.export_networks import export_detector
 from tsuiseki.trainers.networks.detector_network import detector_card
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 from tsuiseki.trainers.networks.fit import EpochLines, fit_detector

@@ -17,7 +17,7 @@ from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.trainers.exporting.export import ModelFiles, load_module
-from tsuiseki.trainers.exporting.export_crops import export_action
+from tsuiseki.trainers.exporting.export_networks import export_action
 from tsuiseki.trainers.networks.action_training import ActionTraining
 from tsuiseki.trainers.networks.fit import Task, TaskCLI, fit_action
 

@@ -18,7 +18,7 @@ from tsuiseki.models.backbones import Trunk
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Appearance, crop_boxes
 from tsuiseki.trainers.exporting.export import ModelFile, load_module
-from tsuiseki.trainers.exporting.export_crops import export_appearance
+from tsuiseki.trainers.exporting.export_networks import export_appearance
 from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 from tsuiseki.trainers.networks.fit import Task, TaskCLI, fit_appearance
 

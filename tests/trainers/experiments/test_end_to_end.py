@@ -1,0 +1,129 @@
+"""The experiment of costs learnt through the flow, on small generated sequences; and its picture."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.trainers.association.fitting import Fit
+from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
+from tsuiseki.trainers.experiments.end_to_end import (
+    FOLDS,
+    LEARNERS,
+    STREETS,
+    Fold,
+    crossing,
+    draw_gradient,
+    fold_sums,
+    given_rows,
+    gradient_of,
+    trained_on_crossings,
+    write_streets,
+)
+from tsuiseki.trainers.experiments.given_sequences import DATA_SETS, find_given, given_detections
+from tsuiseki.trainers.experiments.pairwise_costs import fit_pairs
+from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Bench
+
+LENGTH = 40
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two sequences of MOT15 in which two people meet, and one of MOT17."""
+    home = tmp_path_factory.mktemp("data")
+    for seed, name in enumerate(("mot15/ONE", "mot15/TWO", "mot17-val-half/THREE")):
+        folder, video = home / "mot" / name, crossing(seed, LENGTH)
+        rows = [(t, box, s) for t, f in enumerate(video.detections) for box, s in zip(f.boxes, f.scores, strict=True)]
+        labels = zip(video.truth.frames, video.truth.ids, video.truth.boxes, strict=True)
+        for part, lines in (
+            ("gt", [f"{t + 1},{who},{_xywh(box)},1,-1,-1,-1" for t, who, box in labels]),
+            ("det", [f"{t + 1},-1,{_xywh(box)},{score:.3f},-1,-1,-1" for t, box, score in rows]),
+        ):
+            (folder / part).mkdir(parents=True)
+            (folder / part / f"{part}.txt").write_text("\n".join(lines) + "\n")
+        write_sequence_info(folder, folder.name, 25.0, LENGTH, 640, 480)
+    return home
+
+
+def _xywh(box: np.ndarray) -> str:
+    return ",".join(f"{value:.2f}" for value in (box[0] + 1, box[1] + 1, box[2] - box[0], box[3] - box[1]))
+
+
+@pytest.mark.slow
+def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path) -> None:
+    words = ["reproduce", "end-to-end", "--data", str(data), "--parts", "given", "--sets", "mot15"]
+    words += ["--cache", str(tmp_path / "cache")]
+    assert main([*words, "--out", str(tmp_path / "one")]) == 0
+    found = json.loads((tmp_path / "one" / "results.json").read_text())
+    values = found["mot15"]
+    assert list(values) == ["default", *LEARNERS, "right links"]
+    assert all(0 < row["hota"] <= 1 for row in values.values())
+    assert values["right links"]["idf1"] >= values["default"]["idf1"]
+    entries = sorted(path.name for path in (tmp_path / "cache").rglob("*.json"))
+    assert main([*words, "--out", str(tmp_path / "two")]) == 0
+    assert sorted(path.name for path in (tmp_path / "cache").rglob("*.json")) == entries
+    assert json.loads((tmp_path / "two" / "results.json").read_text()) == found
+
+
+def test_each_group_is_tracked_by_what_the_others_taught(data: Path, tmp_path: Path) -> None:
+    one = next(one for one in DATA_SETS if one.key == "mot15")
+    sequences, fit = find_given(data, one), Fit(steps=3)
+    rows = given_rows(Bench(Store(tmp_path)), one, sequences, {"short": fit})
+    expected = [fold_sums(fit, Fold((b,), (a,)))[0] for a, b in (sequences, sequences[::-1])]
+    np.testing.assert_allclose(rows["short"], expected)
+    assert set(rows) == {"default", "short", "right links"}
+
+
+def test_streets_are_clips_with_detections(tmp_path: Path) -> None:
+    for name in ("streets", "again"):
+        write_streets(tmp_path / name, 2, 4)
+    one, other = find_given(tmp_path, STREETS)
+    assert one.length == 4
+    assert one.rate != other.rate or one.size == other.size
+    assert sum(len(found) for found in given_detections(one)) > 4
+    assert not list((tmp_path / "streets").rglob("*.jpg"))
+    for path in (tmp_path / "streets").rglob("*.txt"):
+        assert path.read_bytes() == (tmp_path / "again" / path.relative_to(tmp_path / "streets")).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--parts", "all"], "parts: expected some of given"),
+        (["--sets", "tud"], f"sets: expected some of {', '.join(FOLDS)}"),
+        (["--data", "nowhere"], "data: expected mot/"),
+    ],
+)
+def test_what_is_not_there(words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["reproduce", "end-to-end", *words, "--out", str(tmp_path / "out")]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_training_turns_the_gradient_down_on_meetings_not_seen() -> None:
+    graph = sequence_graphs(crossing(100)).detections
+    changes = trained_on_crossings(range(4), steps=100)
+    before, after = (np.abs(gradient_of(graph, known)).sum() for known in (None, changes))
+    assert before > 5
+    assert after < 0.5 * before
+
+
+def test_the_picture_has_both_panels() -> None:
+    axes = draw_gradient(meetings=2, steps=20).axes
+    assert [panel.get_title().split()[0] for panel in axes] == ["before", "after"]
+    assert all(len(panel.lines) > 20 for panel in axes)
+
+
+def test_pairs_learn_which_links_are_right() -> None:
+    graphs = [sequence_graphs(crossing(seed)) for seed in range(4)]
+    changes, graph = fit_pairs(graphs, "logistic"), sequence_graphs(crossing(9)).detections
+    logit = changes.link.decision_function(graph.links)
+    right = graph.labelled[3 * len(graph) :] > 0
+    assert logit[right].mean() > logit[~right].mean() + 3
+    assert np.abs(changes.links(graph.links)).max() <= 8
+    assert changes.links(graph.links[:0]).shape == (0,)

@@ -1,0 +1,203 @@
+"""A round: how well its detector agrees with the tracks made of what it finds, and what is kept of it on disk.
+
+A detector that is right finds people where their tracks pass and nothing elsewhere. Its boxes need no smoothing, its
+tracks no filling, and nothing of what it finds is rejected. That is measured without a label, on frames that taught
+nothing. What is kept lets a run that was stopped go on from there.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.features.exported import SizedDetect
+from tsuiseki.tracking.formats.mot import read_detections
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.trainers.adapt.find import LabelledVideo, above
+from tsuiseki.trainers.adapt.track_labels import TAKEN, Verdict
+
+OVERLAPS = (0.5, 0.6, 0.7, 0.8)
+# People of a round, relative to the start: with fewer the models have collapsed.
+FEWEST = 0.6
+# Before a moving camera nothing says where people are whom nobody tracked, and they are learnt as background.
+FEWEST_MOVING = 0.9
+# Rejected detections, relative to the start, or to a share of the people: with more, anything is a person.
+MOST, ALLOWED = 1.8, 0.25
+
+
+@dataclass(frozen=True)
+class RoundScores:
+    """How a round did.
+
+    Attributes:
+        agreement: F1 of detections against taken tracks on held-out frames, mean over IoU 0.5 to 0.8.
+        people: taken tracks.
+        boxes: of them, a frame.
+        detections: a frame, from the threshold on.
+        rejected: of them on no taken track, a frame.
+        offset: by how much boxes are moved onto silhouettes, mean over the sides in widths and heights.
+        fixed: the camera stands still.
+    """
+
+    agreement: float
+    people: int
+    boxes: float
+    detections: float
+    rejected: float
+    offset: float
+    fixed: bool = True
+
+    def collapsed(self, start: RoundScores) -> str | None:
+        """In what way the models have collapsed since the ``start``; None where they have not."""
+        if self.boxes < (FEWEST if self.fixed else FEWEST_MOVING) * start.boxes:
+            return f"it finds {self.boxes:.1f} people a frame, before {start.boxes:.1f}"
+        if self.rejected > MOST * max(start.rejected, ALLOWED * self.boxes):
+            return f"it rejects {self.rejected:.1f} detections a frame, before {start.rejected:.1f}"
+        return None
+
+
+def agreement(detections: Sequence[Detections], tracks: Sequence[Track], frames: Sequence[int]) -> float:
+    """Mean F1 over `OVERLAPS` of the detections of ``frames`` against the boxes of ``tracks`` there; 0 for nobody.
+
+    Args:
+        detections: one entry for each of ``frames``.
+        tracks: with filled boxes.
+        frames: their numbers.
+    """
+    rows = np.concatenate([np.empty(0, np.int64), *(t.frames for t in tracks)])
+    boxes: FloatArray = np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)])
+    hits, found, tracked = np.zeros(len(OVERLAPS)), 0, 0
+    for frame, here in zip(frames, detections, strict=True):
+        there = boxes[rows == frame]
+        overlaps = iou_matrix(here.boxes, there)
+        hits += [len(assign_overlaps(overlaps, least)[0]) for least in OVERLAPS]
+        found, tracked = found + len(here), tracked + len(there)
+    return float(np.mean(2 * hits / (found + tracked))) if found + tracked else 0.0
+
+
+def agreement_held_out(
+    videos: Sequence[LabelledVideo], detections: Sequence[Sequence[Detections]], score_threshold: float
+) -> float:
+    """`agreement` with the tracks of a round on the held-out frames, the mean over its videos.
+
+    Args:
+        videos: of the camera.
+        detections: of each, its held-out frames alone.
+        score_threshold: from which detections count.
+    """
+    agreements, weights = [], []
+    for each, found in zip(videos, detections, strict=True):
+        held_out = range(each.held_out, each.found.first + each.watched.length)
+        agreements.append(agreement(above(found, score_threshold), each.labels.tracks, held_out))
+        weights.append(len(held_out))
+    return float(np.average(agreements, weights=weights))
+
+
+def round_scores(videos: Sequence[LabelledVideo], score_threshold: float) -> RoundScores:
+    """How a round did in the videos of a camera; detections from ``score_threshold`` on count."""
+    people, boxes, detections, rejected, frames, offsets, ends = 0, 0, 0, 0, 0, [], []
+    for each in videos:
+        video, found, labels = each.watched, each.found, each.labels
+        certain = above(found.detections, score_threshold)
+        ends.append(found.detections[each.held_out - found.first :])
+        people += len(labels.tracks)
+        boxes += sum(map(len, labels.tracks))
+        detections += sum(map(len, certain))
+        rejected += sum(map(len, certain)) - sum(int(t.observed.sum()) for t in labels.tracks)
+        frames += video.length
+        offsets.append(float(np.abs(labels.offset).mean()))
+    return RoundScores(
+        agreement_held_out(videos, ends, score_threshold),
+        people,
+        boxes / frames,
+        detections / frames,
+        max(rejected, 0) / frames,
+        float(np.mean(offsets)),
+        all(each.foreground is not None for each in videos),
+    )
+
+
+_DONE = "round.json"
+_COLUMNS = ("frames", "boxes", "scores", "observed")
+
+
+@dataclass(frozen=True)
+class Round:
+    """What a round found.
+
+    Attributes:
+        number: 0 for the detector that it starts from.
+        detector: that looked: a file, or one that is open.
+        scores: how it did.
+        verdicts: on the tracks of each video.
+        columns: tiles across in which the detector looked.
+        folder: with the labels and tracks of each video.
+    """
+
+    number: int
+    detector: Path | SizedDetect
+    scores: RoundScores
+    verdicts: tuple[tuple[Verdict, ...], ...]
+    columns: int
+    folder: Path
+
+    def tracks(self, video: int) -> list[Track]:
+        """Everyone who was followed in a video, taken or not, in the order of the verdicts."""
+        return read_everyone(self.folder / f"tracks-{video}.npz")
+
+    def taken(self, video: int) -> list[Track]:
+        """Those whose tracks are labels."""
+        pairs = zip(self.tracks(video), self.verdicts[video], strict=True)
+        return [track for track, verdict in pairs if verdict.verdict == TAKEN]
+
+    def detections(self, video: int, length: int) -> list[Detections]:
+        """What was found in each frame of a video, up to its ``length``."""
+        return read_detections(self.folder / f"det-{video}.txt", length)
+
+
+def keep_round(here: Round) -> None:
+    """Write what of a round no other file holds; last, and whole: its presence says that the round is finished."""
+    values = {
+        "scores": asdict(here.scores),
+        "verdicts": [[asdict(v) for v in video] for video in here.verdicts],
+        "columns": here.columns,
+    }
+    (here.folder / "unfinished.json").write_text(json.dumps(values), encoding="utf-8")
+    (here.folder / "unfinished.json").replace(here.folder / _DONE)
+
+
+def kept_round(folder: Path, number: int, detector: Path | SizedDetect) -> Round | None:
+    """What `keep_round` wrote in ``folder`` of round ``number``; None where the round is not finished."""
+    if not (folder / _DONE).is_file():
+        return None
+    values = json.loads((folder / _DONE).read_text(encoding="utf-8"))
+    verdicts = tuple(tuple(Verdict(**v) for v in video) for video in values["verdicts"])
+    return Round(number, detector, RoundScores(**values["scores"]), verdicts, values["columns"], folder)
+
+
+def write_everyone(path: Path, tracks: Sequence[Track]) -> None:
+    """Keep ``tracks`` with what of them was filled in."""
+    np.savez(
+        path,
+        ids=np.array([t.id for t in tracks], dtype=np.int64),
+        lengths=np.array([len(t) for t in tracks], dtype=np.int64),
+        frames=np.concatenate([np.empty(0, np.int64), *(t.frames for t in tracks)]),
+        boxes=np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]),
+        scores=np.concatenate([np.empty(0), *(t.scores for t in tracks)]),
+        observed=np.concatenate([np.empty(0, np.bool_), *(t.observed for t in tracks)]),
+    )
+
+
+def read_everyone(path: Path) -> list[Track]:
+    """What `write_everyone` wrote."""
+    with np.load(path, allow_pickle=False) as file:
+        ends = np.cumsum(file["lengths"])
+        columns = [np.split(file[name], ends[:-1]) for name in _COLUMNS]
+        ids = file["ids"].tolist()
+    return [Track(int(i), *parts) for i, *parts in zip(ids, *columns, strict=True)] if ids else []

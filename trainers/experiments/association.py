@@ -1,0 +1,286 @@
+"""Methods of association on given detections, on six real data sets (`reproduce association`)."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, scores_of
+from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.tracking.people.flow import FlowSettings
+from tsuiseki.tracking.people.methods import PeopleMethod
+from tsuiseki.tracking.people.tracker import shifted
+from tsuiseki.tracking.people.tracking import track_people
+from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.trainers.experiments.association_peers import NAMES
+from tsuiseki.trainers.experiments.given_sequences import (
+    DATA_SETS,
+    SAMPLES,
+    DataSet,
+    GivenSequence,
+    combined_scores,
+    find_given,
+    given_detections,
+    right_sums,
+    score_table,
+    table_of,
+    table_sums,
+    tracks_of,
+)
+from tsuiseki.trainers.experiments.peers import Peer, find_peer
+from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FLOW, UNFILLED, BOXES_ALONE = "flow", "flow, nothing filled in", "flow, boxes alone"
+# Where the settings of our methods come from; the peers' are their package's defaults.
+SETTINGS: dict[PeopleMethod, str] = {
+    "sort": "PETS 1–300, TUD, generated",
+    "bytetrack": "paper",
+    "ocsort": "paper",
+    "flow": "all sets here",
+}
+RATES = (30.0, 15.0, 10.0, 5.0)
+SETS = ("mot17", "mot15", "kitti-pedestrians", "kitti-cars", "pets", "tud")
+# Seconds after which the flow answers; None is the end.
+DELAYS = {"flow, all": None, "0.5 s": 0.5, "1 s": 1.0, "2 s": 2.0, "5 s": 5.0}
+PARTS = ("methods", "filled", "rates", "delays")
+# Longest gap that the flow fills, and that the right links bridge, seconds.
+FILL = FlowSettings().fill
+GAP = 2.0
+PROGRAM = Path(__file__).with_name("association_peers.py")
+PACKAGE = "the package trackers"
+
+
+@dataclass(frozen=True)
+class LinkedBy:
+    """A way to link given detections.
+
+    Attributes:
+        method: of `tsuiseki track people`.
+        delay: seconds after which it answers; None is the end.
+        pictures: compare appearance where the sequence has pictures.
+    """
+
+    method: PeopleMethod
+    delay: float | None = None
+    pictures: bool = True
+
+
+def reproduce(
+    bench: Bench,
+    data: Path = Path("../shared/data"),
+    sets: list[str] = list(SETS),  # noqa: B006, the parser shows it and nobody changes it
+    parts: list[str] = list(PARTS),  # noqa: B006
+    peer: str | None = None,
+) -> Outcome:
+    """Methods of association on the given detections of six data sets: HOTA, MOTA and IDF1, beside peers.
+
+    DIR gets results.json (every row on every sequence), tables.md and association.png.
+
+    Args:
+        bench: where it works.
+        data: folder that holds mot/mot17-val-half, mot/mot15, mot/kitti and so on; a set that is not there is passed
+            over.
+        sets: of mot17, mot15, kitti-pedestrians, kitti-cars, pets and tud, separated by commas.
+        parts: methods (all rows, combined and by sequence), filled (the other methods, gaps of up to 2 seconds filled
+            on straight lines, as the flow fills its own), rates (mot17 at 30, 15, 10 and 5 frames a second), delays
+            (the flow that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), separated by commas.
+        peer: python of an environment with the package trackers, whose ByteTrack, C-BIoU, SORT and OC-SORT are measured
+            beside; by default this one, if it has the package.
+
+    Raises:
+        RequestError: an unknown set or part, no data, or a python without the package.
+    """
+    for name, given, known in (("sets", sets, SETS), ("parts", parts, PARTS)):
+        if unknown := [one for one in given if one not in known]:
+            raise RequestError(f"`{name}`: expected some of {', '.join(known)}, got {unknown[0]!r}")
+    environment = find_peer(peer, PROGRAM, PACKAGE)
+    every = [(one, find_given(data, one)) for one in DATA_SETS if one.key in sets]
+    there = [(one, sequences) for one, sequences in every if sequences]
+    if not there:
+        raise RequestError(f"`data`: expected mot/mot17-val-half or another of the data sets in {data}, found none")
+    tables, values, panels = list[Table](), dict[str, Any](), dict[str, dict[str, FloatArray]]()
+    for one, sequences in there:
+        tracks, settings = _tracks(bench, one, sequences, environment)
+        rows = _scored(bench, sequences, tracks)
+        limit = np.array([bench.store.recall(right_sums, given, GAP, True) for given in sequences])
+        rows[f"right links up to {GAP:g} s, filled"] = limit
+        panels[one.title] = rows
+        values[one.key] = {name: _values(sequences, sums) for name, sums in rows.items()}
+        if "methods" in parts:
+            tables.append(score_table(one.title, rows, (FLOW,), settings))
+            tables += [_by_sequence(one.title, sequences, rows)] if len(sequences) > 1 else []
+        if "filled" in parts:
+            others = {n: t for n, t in tracks.items() if n not in (UNFILLED, BOXES_ALONE)}
+            straight = {n: t if n == FLOW else _filled(sequences, t) for n, t in others.items()}
+            title = f"{one.title}, gaps filled"
+            tables.append(score_table(title, _scored(bench, sequences, straight), (FLOW,), settings))
+        if "rates" in parts and one.key == "mot17":
+            tables += [_rate_table(bench, one, sequences, rate) for rate in RATES]
+        if "delays" in parts and one.key in ("mot17", "pets"):
+            delays: dict[Name, LinkedBy] = {name: LinkedBy("flow", delay) for name, delay in DELAYS.items()}
+            found = Study(delays, sequences, linked, f"{one.title}, delays").run(bench)
+            title = f"{one.title}: delay of the flow"
+            tables.append(score_table(title, _scored(bench, sequences, found), ("flow, all",)))
+    notes = [f"{one.title}: no {one.folder} in the data, passed over" for one, found in every if not found]
+    if environment is None:
+        notes.append("peers: skipped, the package trackers is not installed here; name a python that has it as peer")
+    version = environment.version if environment else None
+    return Outcome({"peer": version, "sets": values}, tables, {"association": plot_scores(panels)}, notes=notes)
+
+
+def linked(by: LinkedBy, given: GivenSequence) -> FloatArray:
+    """The tracks of `tsuiseki track people --detections … --method METHOD`, as `table_of` writes them.
+
+    Pictures are read where the sequence has any and all its frames are kept, as the command does.
+    """
+    found = given_detections(given)
+    if by.pictures and given.pictures is not None and given.every == 1:
+        first = given.kept.start
+        whole = [Detections.empty()] * first + found
+        tracks = track_people(
+            given.pictures, by.method, detections=whole, frames=given.frames, threads=1, delay=by.delay
+        )
+        return table_of([shifted(track, -first) for track in tracks])
+    with tempfile.TemporaryDirectory() as folder:
+        write_sequence_info(Path(folder), given.name, given.rate, len(found), *given.size)
+        return table_of(track_people(folder, by.method, detections=found, delay=by.delay))
+
+
+def peer_tracks(peer: Peer, program: Path, given: GivenSequence, logistic: bool) -> dict[str, FloatArray]:
+    """The tracks of each tracker of the peer, as `table_of` writes them; boxes without an area are left out.
+
+    Args:
+        peer: its environment.
+        program: runs there; its text belongs to the result.
+        given: the sequence.
+        logistic: scores are logits and become probabilities first.
+    """
+    boxes = [
+        [frame, *box, 1 / (1 + np.exp(-score)) if logistic else score]
+        for frame, found in enumerate(given_detections(given))
+        for box, score in zip(found.boxes.tolist(), found.scores.tolist(), strict=True)
+    ]
+    answer = peer.answer(program, {"boxes": boxes, "length": len(given.kept), "rate": given.rate})
+    tables = {}
+    for name, rows in answer["tracks"].items():
+        table = np.array(rows, dtype=np.float64).reshape(-1, 7)
+        table = table[(table[:, 4] > table[:, 2]) & (table[:, 5] > table[:, 3])]
+        parts = [table[table[:, 1] == number] for number in np.unique(table[:, 1])]
+        tables[name] = table_of([Track(int(p[0, 1]), p[:, 0].astype(int), p[:, 2:6], p[:, 6]) for p in parts])
+    return tables
+
+
+def _tracks(
+    bench: Bench, one: DataSet, sequences: Sequence[GivenSequence], environment: Peer | None
+) -> tuple[dict[str, list[FloatArray]], dict[str, str]]:
+    """The tracks of every row by sequence, and where its settings come from."""
+    ways: dict[Name, LinkedBy] = {method: LinkedBy(method) for method in SETTINGS}
+    if any(given.pictures for given in sequences):
+        ways[BOXES_ALONE] = LinkedBy("flow", pictures=False)
+    found = Study(ways, sequences, linked, one.title).run(bench)
+    tracks = {str(name): tables for name, tables in found.items()}
+    tracks[UNFILLED] = [_detected_only(table) for table in tracks[FLOW]]
+    settings = {**{str(method): where for method, where in SETTINGS.items()},
+                UNFILLED: SETTINGS["flow"], BOXES_ALONE: SETTINGS["flow"]}  # fmt: skip
+    if environment is None:
+        return tracks, settings
+    for logistic in (False, True) if one.logits else (False,):
+        work = bench.watch.over(sequences, f"{one.title}, peers", len(sequences))
+        answers = [bench.store.recall(peer_tracks, environment, PROGRAM, given, logistic) for given in work]
+        for name in NAMES:
+            row = f"{name} (trackers)" + (", probabilities" if logistic else "")
+            tracks[row], settings[row] = [answer[name] for answer in answers], "package"
+    return tracks, settings
+
+
+def _scored(
+    bench: Bench, sequences: Sequence[GivenSequence], tracks: Mapping[Any, Sequence[FloatArray]]
+) -> dict[str, FloatArray]:
+    """``(S, 83)`` sums of every row."""
+    return {
+        name: np.array([bench.store.recall(table_sums, *pair) for pair in zip(sequences, tables, strict=True)])
+        for name, tables in tracks.items()
+    }
+
+
+def _detected_only(table: FloatArray) -> FloatArray:
+    """Tracks without the boxes that were filled in."""
+    rows = table.reshape(-1, 8)
+    return rows[rows[:, 7] > 0]
+
+
+def _filled(sequences: Sequence[GivenSequence], tables: Sequence[FloatArray]) -> list[FloatArray]:
+    return [filled(table, round(FILL * given.rate)) for given, table in zip(sequences, tables, strict=True)]
+
+
+def filled(table: FloatArray, longest: int) -> FloatArray:
+    """Tracks with their gaps of up to so many frames filled on straight lines."""
+    every = GapSettings(longest, support=np.inf, mismatch=np.inf)
+    return table_of([fill_gaps(track, every) for track in tracks_of(table)])
+
+
+def _rate_table(bench: Bench, one: DataSet, sequences: Sequence[GivenSequence], rate: float) -> Table:
+    """Our methods by their defaults at fewer frames a second."""
+    slower = [given.at(rate) for given in sequences]
+    kept = ", ".join(sorted({f"{given.rate:.3g}" for given in slower}, key=float))
+    tracks = Study({m: LinkedBy(m) for m in SETTINGS}, slower, linked, f"{one.title}, {rate:g}/s").run(bench)
+    return score_table(
+        f"{one.title} at {rate:g} frames a second (kept {kept})", _scored(bench, slower, tracks), (FLOW,)
+    )
+
+
+def _values(sequences: Sequence[GivenSequence], sums: FloatArray) -> dict[str, Any]:
+    """Scores of a row, combined and by sequence, for results.json."""
+    single = {given.name: combined_scores(each[None]) for given, each in zip(sequences, sums, strict=True)}
+    return {**combined_scores(sums), "sequences": single}
+
+
+def _by_sequence(title: str, sequences: Sequence[GivenSequence], rows: Mapping[str, FloatArray]) -> Table:
+    """HOTA / MOTA / IDF1 of each sequence."""
+    lines = []
+    for number, given in enumerate(sequences):
+        scores = [scores_of(sums[number]) for sums in rows.values()]
+        lines.append([given.name, *(" / ".join(f"{s[k]:.3f}" for k in ("hota", "mota", "idf1")) for s in scores)])
+    return Table("", (f"{title}: HOTA / MOTA / IDF1", *rows), lines)
+
+
+def plot_scores(sets: Mapping[str, Mapping[str, FloatArray]]) -> Figure:
+    """A panel for each data set: HOTA and IDF1 of each row, and the difference of IDF1 to the flow's with its interval.
+
+    Args:
+        sets: sums of the rows by title of the data set.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12, 2.9 * len(sets)), layout="constrained")
+    panels = figure.subplots(len(sets), 2, squeeze=False)
+    for (left, right), (title, rows) in zip(panels, sets.items(), strict=True):
+        places = range(len(rows))[::-1]
+        for place, (name, sums) in zip(places, rows.items(), strict=True):
+            found, colour = combined_scores(sums), "#b5121b" if name == FLOW else "#31688e"
+            left.plot(found["hota"], place, "o", color=colour)
+            left.plot(found["idf1"], place, "o", color=colour, markerfacecolor="white")
+            if name != FLOW:
+                gap = paired_bootstrap(rows[FLOW], sums, SAMPLES, np.random.default_rng(0))["idf1"]
+                right.plot([gap.low, gap.high], [place, place], color=colour, linewidth=2)
+                right.plot(gap.difference, place, "o", color=colour)
+        left.set_yticks(list(places), list(rows))
+        left.set_title(f"{title}: HOTA (filled), IDF1 (hollow)", fontsize=9)
+        right.set_yticks([])
+        right.set_ylim(left.get_ylim())
+        right.axvline(0, color="black", linewidth=0.8)
+        right.set_title("IDF1 of the flow above the row, 95 % over sequences", fontsize=9)
+        for panel in (left, right):
+            panel.grid(axis="x", color="#dddddd", linewidth=0.6)
+            panel.set_axisbelow(True)
+    return figure

@@ -1,0 +1,272 @@
+"""Labelled sequences with given detections: where they lie, their tracks as tables, and the scores of these.
+
+The ignore rules are those of `read_ground_truth`, by the columns of each ``gt.txt``: MOT17's distractors are neither
+right nor wrong, boxes that MOT15 marks with 0 in column 7 do not count, and KITTI's files hold the class itself alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.coverage import owners_of
+from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
+from tsuiseki.tracking.evaluation.resampling import COUNTS, SCORES, paired_bootstrap, score_sums, scores_of
+from tsuiseki.tracking.evaluation.truths import read_truths
+from tsuiseki.tracking.formats.mot_sequence import read_sequence
+from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.trainers.experiments.study import Table
+
+SAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """Sequences that are scored together.
+
+    Attributes:
+        key: its name as an option.
+        title: its name in tables.
+        folder: of its sequences, below the folder of all data.
+        names: of its sequences; by default every folder there.
+        frames: the frames that are tracked and scored, counted from 1; by default all.
+        logits: scores are no probabilities but their logits.
+    """
+
+    key: str
+    title: str
+    folder: str
+    names: tuple[str, ...] = ()
+    frames: str | None = None
+    logits: bool = False
+
+
+DATA_SETS = (
+    DataSet("mot17", "MOT17 val-half", "mot/mot17-val-half"),
+    DataSet("mot15", "MOT15", "mot/mot15"),
+    DataSet("kitti-pedestrians", "KITTI pedestrians", "mot/kitti/Pedestrian", logits=True),
+    DataSet("kitti-cars", "KITTI cars", "mot/kitti/Car", logits=True),
+    DataSet("pets", "PETS09-S2L1 301–400", "mot", ("PETS09-S2L1-first",), "301-400"),
+    DataSet("tud", "TUD", "mot", ("TUD-Campus", "TUD-Stadtmitte")),
+)
+
+
+@dataclass(frozen=True)
+class GivenSequence:
+    """A sequence with its detections, some frames of each second left out if wanted.
+
+    Attributes:
+        name: of the sequence.
+        detections: det.txt.
+        labels: gt.txt.
+        length: number of frames before any is left out.
+        frame_rate: of the sequence, frames a second.
+        size: width and height of the image, pixels; 0 where unknown.
+        frames: the frames that are tracked and scored, counted from 1; None is all.
+        every: one frame in so many is kept.
+        pictures: the sequence's folder, where it has images.
+    """
+
+    name: str
+    detections: Path
+    labels: Path
+    length: int
+    frame_rate: float
+    size: tuple[int, int]
+    frames: str | None = None
+    every: int = 1
+    pictures: Path | None = None
+
+    @property
+    def rate(self) -> float:
+        """Frames a second that are kept."""
+        return self.frame_rate / self.every
+
+    @property
+    def kept(self) -> range:
+        """0-based frames of the sequence that are tracked."""
+        wanted = parse_frames(self.frames).within(self.length)
+        assert wanted.last is not None
+        return range(wanted.first, wanted.last + 1, self.every)
+
+    def at(self, rate: float) -> GivenSequence:
+        """The same at about ``rate`` frames a second: the nearest that leaving out frames evenly gives."""
+        return replace(self, every=max(1, round(self.frame_rate / rate)))
+
+
+def find_given(data: Path, one: DataSet) -> list[GivenSequence]:
+    """The sequences of a data set, by name; none where its folder is not there.
+
+    Raises:
+        RequestError: a sequence has no labels or no detections.
+    """
+    home = data / one.folder
+    names = one.names or tuple(sorted(path.name for path in home.iterdir() if path.is_dir()) if home.is_dir() else ())
+    return [_given(home / name, one) for name in names if (home / name).is_dir()]
+
+
+def _given(folder: Path, one: DataSet) -> GivenSequence:
+    sequence = read_sequence(folder)
+    for path in (sequence.detections_path, sequence.ground_truth_path):
+        if not path.is_file():
+            raise RequestError(
+                f"{folder}: expected {path.relative_to(folder)} of a sequence with detections, found none"
+            )
+    rows = _rows(sequence.detections_path)
+    labelled = int(np.loadtxt(sequence.ground_truth_path, delimiter=",", usecols=0, ndmin=1).max())
+    return GivenSequence(
+        name=sequence.name,
+        detections=sequence.detections_path,
+        labels=sequence.ground_truth_path,
+        length=sequence.length or max(int(rows[:, 0].max()), labelled),
+        frame_rate=sequence.frame_rate,
+        size=(sequence.width, sequence.height),
+        frames=one.frames,
+        pictures=folder if sequence.images else None,
+    )
+
+
+def given_detections(given: GivenSequence) -> list[Detections]:
+    """The detections of the frames that are kept; boxes without an area are left out.
+
+    One box of KITTI's cars is 0 pixels wide.
+    """
+    rows = _rows(given.detections)
+    rows = rows[(rows[:, 4] > 0) & (rows[:, 5] > 0)]
+    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    corners = np.column_stack([rows[:, 2:4] - 1, rows[:, 2:4] - 1 + rows[:, 4:6]])
+    starts = np.searchsorted(rows[:, 0] - 1, np.arange(given.length + 1))
+    return [Detections(corners[a:b], rows[a:b, 6]) for a, b in ((starts[k], starts[k + 1]) for k in given.kept)]
+
+
+def given_labels(given: GivenSequence) -> GroundTruth:
+    """The labels of the frames that are kept, numbered from 0 as the tracks are."""
+    (truth,) = read_truths(given.labels, parse_frames(given.frames).within(given.length))
+    moved = truth.labels.frames - given.kept.start
+    labels = replace(truth.labels, frames=moved // given.every)
+    return labels.select((moved >= 0) & (moved % given.every == 0))
+
+
+def table_of(tracks: Sequence[Track]) -> FloatArray:
+    """``(N, 8)`` rows of frame, id, x1, y1, x2, y2, score and whether it was detected, by id and frame."""
+    rows = [
+        np.column_stack([t.frames, np.full(len(t), t.id), np.round(t.boxes, 2), np.round(t.scores, 4), t.observed])
+        for t in tracks
+    ]
+    return np.concatenate(rows) if rows else np.empty((0, 8))
+
+
+def tracks_of(table: FloatArray) -> list[Track]:
+    """The tracks in `table_of`'s rows."""
+    rows = table.reshape(-1, 8)  # a table without a row comes back from JSON without its columns
+    rows = rows[np.lexsort([rows[:, 0], rows[:, 1]])]
+    parts = np.split(rows, np.flatnonzero(np.diff(rows[:, 1])) + 1) if len(rows) else []
+    return [Track(int(p[0, 1]), p[:, 0].astype(np.int64), p[:, 2:6], p[:, 6], p[:, 7] > 0) for p in parts]
+
+
+def table_sums(given: GivenSequence, table: FloatArray) -> FloatArray:
+    """``(83,)`` sums of the scores of tracks, see `score_sums`."""
+    return _sums(given, tracks_of(table))
+
+
+def right_sums(given: GivenSequence, seconds: float, filled: bool) -> FloatArray:
+    """Sums of the right links over the detections, gaps of up to so many seconds bridged; see `right_links`."""
+    longest = max(1.0, seconds * given.rate)
+    return _sums(given, right_links(given_detections(given), given_labels(given), longest, filled))
+
+
+def _sums(given: GivenSequence, tracks: list[Track]) -> FloatArray:
+    count = len(given.kept)
+    inside = restrict(tracks, FrameRange(0, count - 1))
+    return score_sums(SequencePair(given.name, given_labels(given), inside, count))
+
+
+def right_links(
+    detections: Sequence[Detections], truth: GroundTruth, longest: float = np.inf, filled: bool = False
+) -> list[Track]:
+    """The tracks that the right links over the detections give.
+
+    A box belongs to the label it overlaps by at least 0.5, one to one; boxes on ignored labels and false positives are
+    left out. The right links join the boxes of one identity in the order of their frames.
+
+    Args:
+        detections: of each frame.
+        truth: the labels, their frames counted as those of the detections.
+        longest: most frames from one detection to the next of the same track; 1 allows no gap.
+        filled: put boxes on a straight line into the gaps.
+    """
+    frames = np.repeat(np.arange(len(detections)), [len(found) for found in detections])
+    boxes = np.concatenate([np.empty((0, 4)), *(d.boxes for d in detections)])
+    scores = np.concatenate([np.empty(0), *(d.scores for d in detections)])
+    owners = owners_of(frames, boxes, truth)
+    tracks: list[Track] = []
+    for identity in np.unique(owners[owners >= 0]):
+        mine = np.flatnonzero(owners == identity)
+        for part in np.split(mine, np.flatnonzero(np.diff(frames[mine]) > longest) + 1):
+            one = Track(len(tracks) + 1, frames[part], boxes[part], scores[part])
+            tracks.append(_straight(one) if filled else one)
+    return tracks
+
+
+def _straight(track: Track) -> Track:
+    """``track`` with boxes on straight lines in its gaps."""
+    every = np.arange(track.frames[0], track.frames[-1] + 1)
+    boxes = np.stack([np.interp(every, track.frames, side) for side in track.boxes.T], axis=1)
+    scores = np.interp(every, track.frames, track.scores)
+    return Track(track.id, every, boxes, scores, np.isin(every, track.frames))
+
+
+def combined_scores(sums: FloatArray) -> dict[str, float]:
+    """The scores of all sequences together, from ``(S, 83)`` sums."""
+    return {name: float(value) for name, value in scores_of(sums.sum(axis=0)).items()}
+
+
+def score_table(
+    title: str,
+    rows: Mapping[str, FloatArray],
+    bases: Sequence[str],
+    last: Mapping[str, str] | None = None,
+    heading: str = "settings",
+) -> Table:
+    """Scores of all sequences together, and how far each row is above some rows, with 95 % intervals over sequences.
+
+    Args:
+        title: of the data set.
+        rows: ``(S, 83)`` sums of each sequence, see `score_sums`.
+        bases: names of the rows that all others are compared with.
+        last: a cell more by the name of a row; None leaves that column out.
+        heading: above it.
+    """
+    lines = []
+    for name, sums in rows.items():
+        found = combined_scores(sums)
+        cells = [*(f"{found[key]:.3f}" for key in SCORES), *(str(int(found[key])) for key in COUNTS[:3])]
+        for base in bases:
+            cells += [""] * 4 if base == name else _gains(sums, rows[base])
+        lines.append([name, *cells, *([] if last is None else [last.get(name, "")])])
+    above = [f"{what} − {name}" for name in bases for what in ("HOTA", "MOTA", "IDF1", "IDSW")]
+    columns = (title, "HOTA", "DetA", "AssA", "MOTA", "IDF1", "IDSW", "FP", "FN", *above)
+    return Table("", columns if last is None else (*columns, heading), lines)
+
+
+def _gains(ours: FloatArray, theirs: FloatArray) -> list[str]:
+    """Differences of HOTA, MOTA and IDF1, and of the switches as a share of theirs."""
+    found = paired_bootstrap(ours, theirs, SAMPLES, np.random.default_rng(0))
+    gaps = [found[key] for key in ("hota", "mota", "idf1")]
+    one, other = (np.asarray(scores_of(sums)["id_switches"]) for sums in (ours, theirs))
+    drawn = np.random.default_rng(0).multinomial(len(one), np.full(len(one), 1 / len(one)), SAMPLES)
+    low, high = np.quantile(drawn @ one / np.maximum(drawn @ other, 1) - 1, (0.025, 0.975))
+    cells = [f"{gap.difference:+.3f} [{gap.low:+.3f}, {gap.high:+.3f}]" for gap in gaps]
+    cells.append(f"{one.sum() / max(other.sum(), 1) - 1:+.0%} [{low:+.0%}, {high:+.0%}]")
+    # Samples of one sequence say nothing.
+    return cells if len(one) > 1 else [cell.partition(" ")[0] for cell in cells]
+
+
+def _rows(path: Path) -> FloatArray:
+    return np.loadtxt(path, delimiter=",", ndmin=2)

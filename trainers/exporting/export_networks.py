@@ -1,0 +1,234 @@
+"""`tsuiseki export detector`, `export appearance` and `export action`: networks that look at pictures, as ONNX."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+import tempfile
+from pathlib import Path
+from typing import Literal, cast
+
+import torch
+from torch import Tensor, nn
+
+from tsuiseki.models.action import StreamProbability
+from tsuiseki.models.backbones import TrunkName, build_trunk
+from tsuiseki.models.detector import Detector, OneClass, people_detector
+from tsuiseki.models.ssd import CocoArchitecture, coco_person_detector
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.output import check_output_file
+from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx, load_module
+from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
+from tsuiseki.trainers.networks.action_training import ActionTraining
+from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
+from tsuiseki.trainers.networks.detector_labels import calibration_of
+from tsuiseki.trainers.networks.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card
+from tsuiseki.trainers.networks.detector_training import DetectorTraining
+
+OUTPUTS = ("logits", "offsets", "anchors")
+
+
+class RawHeads(nn.Module):
+    """A detector with its anchors as a third output, as the exported file has it.
+
+    Args:
+        detector: of one class.
+        calibration: scale and shift of the logit of its score.
+    """
+
+    def __init__(self, detector: Detector | OneClass, calibration: tuple[float, float] = (1.0, 0.0)) -> None:
+        super().__init__()
+        self.detector = detector
+        self.calibration = calibration
+
+    def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """``(B, 3, H, W)`` to logits ``(B, A, 2)``, offsets ``(B, A, 4)`` and anchors ``(A, 4)``."""
+        logits, offsets = self.detector(images)
+        scale, shift = self.calibration
+        if self.calibration != (1.0, 0.0):
+            logits = logits * scale + torch.tensor([0.0, shift])
+        return logits, offsets, self.detector.anchors
+
+
+def export_detector(
+    output: ModelFile,
+    checkpoint: Path | None = None,
+    weights: Literal["coco"] | None = None,
+    architecture: CocoArchitecture = "ssdlite320",
+    state: Path | None = None,
+    calibrate: Path | None = None,
+    height: int | None = None,
+    width: int | None = None,
+    blend: Path | None = None,
+) -> float:
+    """Write a person detector as ONNX, and check that it gives what torch gives.
+
+    Either from a checkpoint of your own, or from torchvision's COCO-trained weights, of which the person class is kept:
+    with those, your own street video works on the first day.
+
+    Args:
+        checkpoint: best.ckpt of tsuiseki train detector; or a detector that was exported from one (.onnx), for another
+            input size or a blend.
+        weights: coco downloads torchvision's weights.
+        architecture: of the COCO weights.
+        state: file of those weights, for a machine that cannot download them.
+        calibrate: MOTChallenge folder of labelled pictures; scores become probabilities of a person there.
+        height: of the input, pixels, where another than in training; with --width.
+        width: likewise; a larger input finds smaller people and takes longer.
+        blend: exported detector of the same structure, such as the one that the training started from; each weight
+            becomes the mean of both (Wortsman et al., Robust fine-tuning of zero-shot models, 2022).
+
+    Returns:
+        The largest relative difference to torch that the parity check saw.
+
+    Raises:
+        RequestError: not exactly one of checkpoint and weights, a missing or foreign file, no connection.
+        RunError: the exported file does not give what torch gives.
+    """
+    if (height is None) != (width is None):
+        raise RequestError("expected `height` and `width` together, got one of them")
+    if (checkpoint is None) == (weights is None):
+        raise RequestError("expected either one of `checkpoint` and `weights`")
+    if blend is not None and checkpoint is None:
+        raise RequestError("expected `blend` with `checkpoint`, got it alone")
+    size = None if height is None or width is None else (height, width)
+    network, card = _coco(architecture, state) if checkpoint is None else _trained(checkpoint, size)
+    if blend is not None:
+        blend_weights(network, card, blend)
+    card = dataclasses.replace(card, training_data=output.training_data or card.training_data)
+    difference = _written(network, card, output, calibrate)
+    output.report(output.out, difference)
+    return difference
+
+
+def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[Detector | OneClass, ModelCard]:
+    try:
+        if checkpoint.suffix == ".onnx":
+            return _exported(checkpoint, size)
+        module = load_module(DetectorTraining, checkpoint, size)
+    except ValueError as error:  # the network does not take this size
+        raise RequestError(str(error)) from error
+    return module.network, module.card
+
+
+def _exported(path: Path, size: tuple[int, int] | None) -> tuple[Detector, ModelCard]:
+    """What was written to ``path``, the calibration of its scores folded into its weights."""
+    if not path.is_file():
+        raise RequestError(f"expected a checkpoint at {path}, found none; `tsuiseki train` writes best.ckpt")
+    layout = layout_of(path)
+    card = layout.card
+    height, width = layout.size if size is None else size
+    trunk = build_trunk(cast(TrunkName, layout.trunk))
+    network = people_detector(trunk, (height, width), layout.anchors, layout.channels)
+    missing = network.load_state_dict(exported_weights(path), strict=False).missing_keys
+    missing = [name for name in missing if not name.endswith("num_batches_tracked")]
+    if missing:
+        raise RequestError(f"{path}: expected a trained detector, got no weights for {', '.join(missing[:3])}")
+    fold_normalisations(network)
+    settings = {name: value for name, value in card.settings.items() if name != "score_calibration"}
+    return network.eval(), dataclasses.replace(card, input_height=height, input_width=width, settings=settings)
+
+
+def blend_weights(network: Detector | OneClass, card: ModelCard, path: Path) -> None:
+    """Make the weights of ``network`` the means of its own and of those in the exported detector at ``path``.
+
+    Exported weights have the normalisations folded into them, so both are in the same form.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        own = Path(folder) / "own.onnx"
+        export_onnx(RawHeads(network), card, own, torch.zeros(2, 3, card.input_height, card.input_width), OUTPUTS)
+        first, second = (
+            {name: each for name, each in exported_weights(file).items() if name != "anchors"} for file in (own, path)
+        )
+    if {name: each.shape for name, each in first.items()} != {name: each.shape for name, each in second.items()}:
+        raise RequestError(f"`blend`: expected a detector of the structure of `checkpoint`, got another in {path}")
+    network.load_state_dict({name: (each + second[name]) / 2 for name, each in first.items()}, strict=False)
+    fold_normalisations(network)
+
+
+def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[Detector | OneClass, ModelCard]:
+    if state is not None and not state.is_file():
+        raise RequestError(f"expected a state dict at {state}, found none")
+    try:
+        network = coco_person_detector(architecture, state)
+    except (ConnectionError, ValueError, pickle.UnpicklingError) as error:
+        raise RequestError(str(error)) from error
+    side = FIXED_SIDES[architecture]
+    card = detector_card(f"{architecture}-coco", (side, side), "stretch", COCO_NORMALISATIONS[architecture])
+    return network.eval(), dataclasses.replace(card, training_data="COCO 2017, torchvision's weights")
+
+
+def _written(network: Detector | OneClass, card: ModelCard, output: ModelFile, calibrate: Path | None) -> float:
+    """Write the file, its scores calibrated on labelled pictures where there are some."""
+    network.to(memory_format=torch.contiguous_format)
+    example = torch.zeros(2, 3, card.input_height, card.input_width)
+    calibration = (1.0, 0.0)
+    if calibrate is not None:
+        check_output_file(output.out, output.overwrite)
+        with tempfile.TemporaryDirectory() as folder:
+            raw = Path(folder) / "raw.onnx"
+            export_onnx(RawHeads(network), card, raw, example, OUTPUTS)
+            calibration = calibration_of(raw, calibrate)
+        card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
+    heads = RawHeads(network, calibration)
+    return export_onnx(heads, card, output.out, example, OUTPUTS, output.float16, output.overwrite)
+
+
+def export_appearance(output: ModelFile, checkpoint: Path) -> float:
+    """Write an appearance network as ONNX, and check that it gives what torch gives.
+
+    Args:
+        checkpoint: best.ckpt of tsuiseki train appearance.
+
+    Returns:
+        The largest relative difference to torch that the parity check saw.
+
+    Raises:
+        RequestError: a missing or foreign file.
+        RunError: the exported file does not give what torch gives.
+    """
+    difference = write_appearance(load_module(AppearanceTraining, checkpoint), output)
+    output.report(output.out, difference)
+    return difference
+
+
+def write_appearance(module: AppearanceTraining, output: ModelFile) -> float:
+    """Write the appearance network of a training; the largest relative difference to torch."""
+    card = dataclasses.replace(module.card, training_data=output.training_data)
+    network = module.network.to(memory_format=torch.contiguous_format)
+    example = torch.zeros(2, 3, card.input_height, card.input_width)
+    return export_onnx(network, card, output.out, example, ("features",), output.float16, output.overwrite)
+
+
+def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
+    """Write the streams of an action network as ONNX, a file each, and check that they give what torch gives.
+
+    Args:
+        out: ONNX file to write; action.onnx becomes action_rgb_local.onnx, action_rgb_global.onnx and so on.
+        checkpoint: best.ckpt of tsuiseki train action.
+
+    Returns:
+        Of each file that was written the largest relative difference to torch that the parity check saw.
+
+    Raises:
+        RequestError: a missing or foreign file.
+        RunError: an exported file does not give what torch gives.
+    """
+    module = load_module(ActionTraining, checkpoint)
+    paths = {name: output.out.with_name(f"{output.out.stem}_{name}.onnx") for name in module.inputs}
+    for path in paths.values():
+        check_output_file(path, output.overwrite)
+    module.network.to(memory_format=torch.contiguous_format)
+    written = {}
+    for name, path in paths.items():
+        card = dataclasses.replace(module.card(name), training_data=output.training_data)
+        example = torch.zeros(2, module.inputs[name].channels, card.input_height, card.input_width)
+        # Flow is nearly nothing nearly everywhere; noise as strong as in colours would saturate every sigmoid.
+        spread = 0.1 if module.inputs[name].is_flow else 1.0
+        probability = StreamProbability(module.network.streams[name])  # type: ignore[arg-type]
+        how = output.float16, output.overwrite, spread
+        written[path] = export_onnx(probability, card, path, example, ("probability",), *how)
+    for path, difference in written.items():
+        output.report(path, difference)
+    return written
