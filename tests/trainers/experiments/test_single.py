@@ -27,6 +27,7 @@ from tsuiseki.trainers.experiments.single_passes import (
     Clip,
     Csrt,
     Recognising,
+    area,
     count_losses,
     follow,
     follow_with_csrt,
@@ -58,8 +59,8 @@ def test_searches_compare_three_ways_on_the_same_frames() -> None:
         assert len({len(overlaps) for overlaps in part.values()}) == 1
     assert len(during["Fix"]) == 4  # frames 2, 6, 10 and 14: each search ends at once, then three without
     assert len(after["Fix"]) == 9
-    assert 0 <= single.area(np.array(during["Proposed"])) <= 100
-    assert np.isnan(single.area(np.empty(0)))
+    assert 0 <= area(np.array(during["Proposed"])) <= 100
+    assert np.isnan(area(np.empty(0)))
     strip = search_pictures(clip(), KcfParticle(ALWAYS))
     assert strip is not None
     assert (strip.shape[0], strip.shape[1] % 120) == (90, 0)
