@@ -33,7 +33,7 @@ from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
 
-# Widths and heights of windows, pixels, of which all pairs with a plausible shape are used; the greatest ratio of the two.
+# Widths and heights of windows, pixels, of which all pairs of a plausible shape are used; and their greatest ratio.
 SIDES, STEEPEST = (12, 18, 27, 40, 60, 90, 135, 200), 4.0
 # Windows without an object, drawn at random, per image; C of the SVM of stage one.
 NEGATIVES, REGULARISATION = 50, 1.0
