@@ -103,6 +103,13 @@ def test_files_that_a_page_names_exist(page: Path) -> None:
     assert [name for name in named if not (REPOSITORY / name).exists()] == []
 
 
+def test_pages_that_the_code_names_exist() -> None:
+    folders = ("benchmarks", "configs", "datamodules", "models", "tracking", "trainers")
+    files = [path for folder in folders for end in ("py", "yaml") for path in (REPOSITORY / folder).rglob(f"*.{end}")]
+    named = {name for path in files for name in re.findall(r"\bdocs/[\w/-]+\.md", text_of(path))}
+    assert [name for name in sorted(named) if not (REPOSITORY / name).exists()] == []
+
+
 def test_the_reference_shows_every_public_name() -> None:
     import tsuiseki
 

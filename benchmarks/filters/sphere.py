@@ -17,9 +17,8 @@ import numpy as np
 
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.sphere.outline import ContourSettings, fetch, polar_maps
 from tsuiseki.tracking.sphere.tracker import SphereTracker, TimedViews
-from tsuiseki.tracking.sphere.views import ContourLikelihood
+from tsuiseki.tracking.sphere.views import ContourLikelihood, ContourSettings, fetch, polar_maps
 from tsuiseki.tracking.types import ImageArray
 
 SIZES = ((250, 2), (500, 2), (1000, 2), (2000, 2), (4000, 2), (500, 4), (1000, 6))

@@ -7,10 +7,9 @@ import pytest
 
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
-from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, contour_distance
+from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, contour_distance, wide_noise
 from tsuiseki.tracking.bodies.learnt import parse_body, read_body, write_body
 from tsuiseki.tracking.bodies.settings import DeformableSettings
-from tsuiseki.tracking.bodies.starts import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError

@@ -16,8 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter
 
-from tsuiseki.tracking.animals.heading import head_signs, heads, seconds_of_walking, stretches_of
-from tsuiseki.tracking.animals.pose import AnimalPose
+from tsuiseki.tracking.animals.pose import AnimalPose, head_signs, heads, seconds_of_walking, stretches_of
 from tsuiseki.tracking.animals.settings import AnimalSettings
 from tsuiseki.tracking.errors import InputWarning
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -185,7 +184,9 @@ def _flow(
 ) -> list[IntArray]:
     """For each frame the track of each pose, 0 for none."""
     flow = FlowTracker(
-        FlowSettings(input=InputSettings(camera=None), smoothing=None, min_time=settings.shortest, fill=0.0).alike(),
+        FlowSettings(
+            input=InputSettings(follow_camera=False), smoothing=False, min_time=settings.shortest, fill=0.0
+        ).alike(),
         frame_rate=frame_rate,
         size=size,
     )

@@ -1,21 +1,159 @@
 """Several animals before a fixed camera, frame by frame: the regions that stand out become poses.
 
-Where animals touch, their last poses tell the pixels apart. Who is who is decided in the end, by `link_animals`.
+A region that several animals share is fitted by as many Gaussians of the animals' own sizes, which begin where the
+animals were expected: only place and axis are free, so that the larger one stays the larger. Who is who is decided in
+the end, by `link_animals`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.animals.linking import Animal, link_animals
-from tsuiseki.tracking.animals.pose import AnimalPose, Expected
-from tsuiseki.tracking.animals.regions import find_animals
+from tsuiseki.tracking.animals.pose import AnimalPose, Expected, pose_of
 from tsuiseki.tracking.animals.settings import AnimalSettings
-from tsuiseki.tracking.features.background_difference import Background
-from tsuiseki.tracking.types import FloatArray, Frame
+from tsuiseki.tracking.features.background_difference import Background, Shape, shape_of
+from tsuiseki.tracking.types import FloatArray, Frame, IntArray
+
+# A region of this many usual areas that nobody was expected in holds more than one animal, unless its shape is that of
+# one.
+SEVERAL = 1.6
+# Least fill, least and greatest aspect of such a shape, over the usual ones: two animals side by side fill an ellipse,
+# too, but a rounder one, and in line a longer one.
+FILLED, ASPECTS = 0.93, (0.75, 1.33)
+ROUNDS = 12
+FEWEST = 12
+# How far from a region an animal expected there may be, in its lengths.
+REACH = 0.5
+
+
+def find_animals(
+    difference: NDArray[np.uint8], background: Background, usual: float, smallest: float, expected: list[Expected]
+) -> list[AnimalPose]:
+    """The animals in a frame, in no particular order.
+
+    Args:
+        difference: ``(H, W)`` how far pixels stand out.
+        background: says from where on they belong to an animal, and to its core.
+        usual: pixels of the core of one animal.
+        smallest: share of that from which a region holds one.
+        expected: animals of the frames before.
+    """
+    count, found_labels, stats, _ = cv2.connectedComponentsWithStats(
+        (difference > background.threshold).astype(np.uint8)
+    )
+    labels = np.asarray(found_labels, dtype=np.int32)
+    cores = np.bincount(labels[difference > background.core], minlength=count)
+    kept = [n for n in range(1, count) if cores[n] >= max(smallest * usual, FEWEST)]
+    where = {n: _pixels(labels, np.asarray(stats[n], dtype=np.int32), n) for n in kept}
+    inside = _regions_of(where, labels, expected)
+    found: list[AnimalPose] = []
+    for n, pixels in where.items():
+        own = [one for one, region in zip(expected, inside, strict=True) if region == n]
+        contrast = np.asarray(difference[pixels[:, 1], pixels[:, 0]], dtype=np.float64)
+        points = np.asarray(pixels + 0.5, dtype=np.float64)
+        bright = contrast > background.core
+        if not own and cores[n] > SEVERAL * usual and not _like_one(points[bright], background.shape):
+            own = _apart(points, round(cores[n] / usual))
+        if len(own) < 2:
+            found.append(pose_of(points, contrast))
+            continue
+        parts = _told_apart(points, points[bright], own)
+        for part, one in enumerate(own):
+            if (parts == part).sum() >= FEWEST:
+                found.append(pose_of(points[parts == part], contrast[parts == part], one))
+    return found
+
+
+def _pixels(labels: NDArray[np.int32], stats: NDArray[np.int32], label: int) -> IntArray:
+    """``(P, 2)`` x, y of a region."""
+    left, top, width, height = (int(stats[n]) for n in range(4))
+    rows, columns = np.nonzero(labels[top : top + height, left : left + width] == label)
+    return np.stack([columns + left, rows + top], axis=1).astype(np.int64)
+
+
+def _regions_of(where: dict[int, IntArray], labels: NDArray[np.int32], expected: list[Expected]) -> list[int]:
+    """The region that each expected animal is in, 0 for none."""
+    height, width = labels.shape
+    found = []
+    for one in expected:
+        x, y = np.clip(np.floor(one.core), 0, [width - 1, height - 1]).astype(int)
+        label = int(labels[y, x])
+        if label not in where:
+            away = {n: float(np.linalg.norm(pixels - one.core, axis=1).min()) for n, pixels in where.items()}
+            label = min(away, key=away.__getitem__, default=0)
+            if label and away[label] > REACH * one.length:
+                label = 0
+        found.append(label)
+    return found
+
+
+def _like_one(core: FloatArray, usual: Shape | None) -> bool:
+    """Whether a core ``(P, 2)`` has the shape of one animal, of whatever size."""
+    if usual is None:
+        return False
+    shape = shape_of(core)
+    return shape.fill >= FILLED * usual.fill and ASPECTS[0] <= shape.aspect / usual.aspect <= ASPECTS[1]
+
+
+def _apart(points: FloatArray, count: int) -> list[Expected]:
+    """``count`` animals of equal size in a region that nobody was expected in."""
+    cv2.setRNGSeed(0)
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.1)
+    _, label, _ = cv2.kmeans(
+        points.astype(np.float32), count, np.empty(0, np.int32), criteria, 5, cv2.KMEANS_PP_CENTERS
+    )
+    parts = [points[label[:, 0] == n] for n in range(count)]
+    poses = [pose_of(part, np.ones(len(part))) for part in parts]
+    return [Expected(pose.core, pose.axis, pose.spread, 0.0, pose.length) for pose in poses]
+
+
+def _told_apart(points: FloatArray, core: FloatArray, own: list[Expected]) -> IntArray:
+    """``(P,)`` which of the animals each pixel shows, by expectation and maximisation with sizes that stay.
+
+    Args:
+        points: ``(P, 2)`` all pixels of the region.
+        core: ``(Q, 2)`` those of cores, which alone decide: legs and wings held out do not.
+        own: the animals.
+    """
+    places, axes = np.array([one.core for one in own]), np.array([one.axis for one in own])
+    spreads = np.array([one.spread for one in own])
+    if len(core) < FEWEST * len(own):
+        core = points
+    for _ in range(ROUNDS):
+        cost = _costs(core, places, axes, spreads)
+        # Pixels of a filled body count alike, whatever its size, so that the size takes no part but in the distance.
+        weight = np.exp(cost.min(axis=0) - cost)
+        weight /= weight.sum(axis=0)
+        for n in range(len(own)):
+            total = weight[n].sum()
+            if total < FEWEST:
+                continue
+            places[n] = weight[n] @ core / total
+            away = core - places[n]
+            axes[n] = _nearest_axis((weight[n][:, None] * away).T @ away / total, axes[n])
+    return np.asarray(np.argmin(_costs(points, places, axes, spreads), axis=0), dtype=np.int64)
+
+
+def _costs(points: FloatArray, places: FloatArray, axes: FloatArray, spreads: FloatArray) -> FloatArray:
+    """``(K, P)`` half the squared distances of points to animals, in their deviations."""
+    along = np.stack([np.cos(axes), np.sin(axes)], axis=1)
+    across = np.stack([-np.sin(axes), np.cos(axes)], axis=1)
+    away = points[None] - places[:, None]
+    first, second = np.einsum("kpd,kd->kp", away, along), np.einsum("kpd,kd->kp", away, across)
+    return np.asarray(0.5 * ((first / spreads[:, :1]) ** 2 + (second / spreads[:, 1:]) ** 2))
+
+
+def _nearest_axis(covariance: FloatArray, before: float) -> float:
+    """Angle of the longer axis, of its two directions the one nearer to ``before``."""
+    angle = 0.5 * np.arctan2(2 * covariance[0, 1], covariance[0, 0] - covariance[1, 1])
+    return float(angle if np.cos(angle - before) >= 0 else angle + np.pi)
+
 
 # Of the sizes of an animal, how much a frame in which nothing touches it changes what is remembered.
 REMEMBERED = 0.1

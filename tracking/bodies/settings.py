@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.bodies.body import Body
-from tsuiseki.tracking.bodies.contour import FARTHEST
-from tsuiseki.tracking.bodies.starts import wide_noise
+from tsuiseki.tracking.bodies.contour import FARTHEST, wide_noise
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast
 from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk

@@ -20,13 +20,16 @@ from tsuiseki.tracking.bodies.contour import (
     EdgeImage,
     Mask,
     Points,
+    find_starts,
+    near_mask,
+    visible_distance,
+    within_limits,
 )
 from tsuiseki.tracking.bodies.settings import DeformableSettings
-from tsuiseki.tracking.bodies.starts import find_starts, near_mask, visible_distance, within_limits
 from tsuiseki.tracking.filters.base import Proposal, bootstrap
 from tsuiseki.tracking.filters.motion.bodies import BodyMotion
-from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.particles.resampling import weighted_mean
+from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.resampling import weighted_mean
 from tsuiseki.tracking.types import FloatArray, Frame, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 

@@ -15,16 +15,16 @@ of is an argument:
 * a proposal ``f(particles, observation, rng)`` does so knowing the observation, `Proposal`;
 * a likelihood ``f(particles, observation)`` is a logarithm, `LogLikelihood`;
 * births ``draw(observation, rng)`` propose new targets, `Births`;
-* a resampler ``f(weights, count, rng)`` keeps the good ones, `tsuiseki.tracking.filters.particles.resampling`.
+* `tsuiseki.tracking.filters.resampling` keeps the good ones.
 
 Weights are logarithms wherever they are kept or handed on: ``(N,)`` float64 in [-inf, inf), where ``-inf`` is a
-particle that cannot be (`particles.weights`). Of one target they sum to one, of several to the expected
+particle that cannot be. Of one target they sum to one, of several to the expected
 number of targets. Particles are ``(N, D)`` float64. What an observation is, only the proposal, the likelihood and the
 births know; one that carries its own time gives the motion its seconds, otherwise the filter's settings do.
 
 Two files are no filters in this sense, but parts of trackers. `kalman` gives a step in two halves, ``predict`` and
-``update``, over all tracks at once, because a tracker associates between them; it draws nothing. `correlation` learns
-a template from images.
+``update``, over all tracks at once, because a tracker associates between them; it draws nothing. The correlation
+filters learn a template from images.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Motion(Protocol):
 
 
 class LinearMotion(Protocol):
-    """A motion that is linear with Gaussian noise, which Kalman filters and smoothers take instead of draws."""
+    """A motion that is linear with Gaussian noise, which Kalman filters take instead of draws."""
 
     def linear(self, seconds: float, /) -> tuple[FloatArray, FloatArray]:
         """Transition ``(D, D)`` and covariance of the noise ``(D, D)`` over ``seconds`` > 0."""

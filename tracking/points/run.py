@@ -20,7 +20,6 @@ from tsuiseki.tracking.formats.sensed_points import is_point_file, read_points
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.people.inputs import given_detections
 from tsuiseki.tracking.people.tracker import shifted
-from tsuiseki.tracking.points.blobs import SingleBlobTracker
 from tsuiseki.tracking.points.observed import points_as_boxes, positions_of, region_of
 from tsuiseki.tracking.points.settings import (
     SIZE,
@@ -31,7 +30,7 @@ from tsuiseki.tracking.points.settings import (
     PointSettings,
     SetMethod,
 )
-from tsuiseki.tracking.points.tracker import BlobTracker, MeasurementTracker, PointTracker
+from tsuiseki.tracking.points.tracker import BlobTracker, MeasurementTracker, PointTracker, SingleBlobTracker
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel

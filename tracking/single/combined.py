@@ -24,10 +24,10 @@ from statistics import median
 import numpy as np
 
 from tsuiseki.tracking.filters.base import bootstrap
-from tsuiseki.tracking.filters.correlation.kernelised_correlation import ComplexArray
+from tsuiseki.tracking.filters.kernelised_correlation import ComplexArray
 from tsuiseki.tracking.filters.motion.points import PlaneWalk
-from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.particles.resampling import normalise
+from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.resampling import normalise
 from tsuiseki.tracking.single import regularised
 from tsuiseki.tracking.single.constants import CombinedSettings
 from tsuiseki.tracking.single.particles import heaviest_apart

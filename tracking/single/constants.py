@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from tsuiseki.tracking.filters.correlation.regularised_correlation import RegularisedLearning
+from tsuiseki.tracking.filters.regularised_correlation import RegularisedLearning
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.seen_before import SeenBeforeSettings
 

@@ -11,11 +11,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
+from tsuiseki.tracking.filters.kernelised_correlation import (
     ComplexArray,
     FilterBank,
     GaussianKernel,
-    Kernel,
     blend,
     gaussian_labels,
     respond,
@@ -51,7 +50,7 @@ class KcfSettings:
     template: int = 96
     cell: int = 4
     features: Features = "hog"
-    kernel: Kernel = field(default_factory=lambda: GaussianKernel(0.6))
+    kernel: GaussianKernel = field(default_factory=lambda: GaussianKernel(0.6))
     regularisation: float = 1e-4
     learning_rate: float = 0.012
     label_sigma: float = 0.125

@@ -28,19 +28,22 @@ import numpy as np
 
 from tsuiseki.tracking.features.objectness import ObjectnessModel, shipped_objectness
 from tsuiseki.tracking.filters.base import bootstrap
-from tsuiseki.tracking.filters.correlation.kernelised_correlation import FilterBank, join
+from tsuiseki.tracking.filters.kernelised_correlation import FilterBank, join
 from tsuiseki.tracking.filters.motion.points import PlaneWalk
-from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.particles.resampling import probabilities
+from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.resampling import probabilities
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.constants import ROBUST, KcfParticleSettings
-from tsuiseki.tracking.single.observation_model import Confidence, ObservationModel, SearchView, highest_maxima
 from tsuiseki.tracking.single.particles import (
     Archive,
+    Confidence,
+    ObservationModel,
+    SearchView,
     best_by_filter,
     densest,
     dispersion,
     draw_particles,
+    highest_maxima,
     jump_prior,
     step_deviation,
 )

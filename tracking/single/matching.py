@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.filters.base import bootstrap
 from tsuiseki.tracking.filters.kalman import Gaussians, predict, update
-from tsuiseki.tracking.filters.motion.points import PlaneWalk
-from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
-from tsuiseki.tracking.filters.particles.resampling import probabilities
+from tsuiseki.tracking.filters.motion.points import PlaneVelocity, PlaneWalk
+from tsuiseki.tracking.filters.particle_filter import ParticleFilter
+from tsuiseki.tracking.filters.resampling import probabilities
 from tsuiseki.tracking.single.search_windows import cut
 from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray, Status
@@ -86,8 +86,8 @@ class TemplateMatching:
         """See `SingleTracker.follow`."""
         if self.smoothed:
             # Velocities wander by a tenth of a side a frame.
-            noise = np.diag([0.0025, 0.0025, 0.01, 0.01]) * self._size.mean() ** 2
-            self._motion = predict(self._motion, np.eye(4) + np.eye(4, k=2), noise)
+            square = float(self._size.mean() ** 2)
+            self._motion = predict(self._motion, *PlaneVelocity(0.0025 * square, 0.01 * square).linear(1.0))
         # Nothing is to be found outside the image, and nothing would stop the box there.
         centre = np.clip(self._motion.mean[0, :2], 0, [image.shape[1], image.shape[0]])
         height, width = self._shape

@@ -30,18 +30,18 @@ import numpy as np
 import scipy.fft
 
 from tsuiseki.tracking.features.hog import hog
-from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
+from tsuiseki.tracking.filters.kernelised_correlation import (
     ComplexArray,
     Float32Array,
     cosine_window,
     gaussian_labels,
 )
-from tsuiseki.tracking.filters.correlation.regularised_correlation import (
+from tsuiseki.tracking.filters.regularised_correlation import (
     Support,
     learn,
     respond,
 )
-from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, best_offset, far_area, far_peak
+from tsuiseki.tracking.filters.scale_filter import ScaleFilter, best_offset, far_area, far_peak
 from tsuiseki.tracking.single.colours import PixelColour, coloured_area, shift_response, size_contrast
 from tsuiseki.tracking.single.constants import RegularisedSettings
 from tsuiseki.tracking.single.response import peak

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.hog import hog
-from tsuiseki.tracking.filters.correlation.kernelised_correlation import Samples, cosine_window, transform
-from tsuiseki.tracking.filters.correlation.scale_filter import ScaleSample
+from tsuiseki.tracking.filters.kernelised_correlation import Samples, cosine_window, transform
+from tsuiseki.tracking.filters.scale_filter import ScaleSample
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Float32Array = NDArray[np.float32]

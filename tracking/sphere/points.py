@@ -12,7 +12,7 @@ from tsuiseki.tracking.cameras.camera_files import read_projective_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.particles.stages import Covering
+from tsuiseki.tracking.filters.resampling import Covering
 from tsuiseki.tracking.formats.correspondences import read_ball_points
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.sphere.following import Seen, SphereRun, Start

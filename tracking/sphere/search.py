@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.volume import LARGEST_SHARE, SMALLEST_RADIUS, in_sight
-from tsuiseki.tracking.filters.particles.resampling import probabilities, systematic
+from tsuiseki.tracking.filters.resampling import probabilities, systematic
 from tsuiseki.tracking.sphere.views import ViewLikelihood, Views
 from tsuiseki.tracking.types import FloatArray
 

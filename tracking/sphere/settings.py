@@ -13,7 +13,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion.space import Ballistic, ConstantVelocity3D, RandomWalk3D
+from tsuiseki.tracking.filters.motion.points import Ballistic, ConstantVelocity3D, RandomWalk3D
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video.source import Source

@@ -3,7 +3,7 @@
 A particle is a position and a velocity. A step predicts (2.1), weighs every particle by its outline in each camera
 (2.2.2) or by the background difference (2.2.1), and resamples (2.3); the estimate is the weighted mean. Cameras are
 multiplied, as the paper says for 2.2.1. Beyond the paper: a covered camera is recognised and left out
-and particles are weighed in two stages (both are in `tracking.filters.particles.stages`). Without these two
+and particles are weighed in two stages (both are in `tracking.filters.resampling`). Without these two
 (``covering=None, stages=1``), with `RandomWalk3D` and `views.PrintedContourLikelihood`, it is the paper's filter.
 """
 
@@ -14,15 +14,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion.space import ConstantVelocity3D
-from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.particles.resampling import log_sum, probabilities, weighted_covariance, weighted_mean
-from tsuiseki.tracking.filters.particles.stages import (
+from tsuiseki.tracking.filters.motion.points import ConstantVelocity3D
+from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.resampling import (
     Covering,
     bearable_share,
     drawn_and_spread,
+    log_sum,
     open_after,
+    probabilities,
     weigh_views,
+    weighted_covariance,
+    weighted_mean,
 )
 from tsuiseki.tracking.sphere.views import ViewLikelihood, Views
 from tsuiseki.tracking.types import FloatArray, Position, Status
@@ -98,7 +101,7 @@ class SphereTracker:
         largest_deviation: standard deviation of the position (root of the covariance's largest eigenvalue) up to which
             it counts as known, m.
         patience: seconds without that until the status turns from ``searching`` to ``lost``.
-        stages: in which a step weighs (`tracking.filters.particles.stages`), at most; 1 weighs at once, as the
+        stages: in which a step weighs (`tracking.filters.resampling`), at most; 1 weighs at once, as the
             paper does.
     """
 

@@ -20,15 +20,14 @@ import numpy as np
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.body import Goldfish
-from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
+from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, wide_noise
 from tsuiseki.tracking.bodies.page import draw_contour
 from tsuiseki.tracking.bodies.settings import DeformableSettings
-from tsuiseki.tracking.bodies.starts import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import ColourRange
 from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk
 from tsuiseki.tracking.filters.motion.learnt import LearntMotion, motion_text
-from tsuiseki.tracking.filters.particles.resampling import probabilities, systematic
+from tsuiseki.tracking.filters.resampling import probabilities, systematic
 from tsuiseki.tracking.formats.body_states import read_states, write_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes

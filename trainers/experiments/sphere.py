@@ -21,7 +21,7 @@ from tsuiseki.tracking.cameras.volume import common_volume
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.particles.stages import Covering
+from tsuiseki.tracking.filters.resampling import Covering
 from tsuiseki.tracking.sphere.search import find_ball
 from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.tracker import START_SPEED, SphereState, SphereTracker, TimedViews, with_velocities

@@ -9,8 +9,8 @@ import signal
 import sys
 import time
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -34,14 +34,14 @@ class Task:
         model: ``module:class`` of its LightningModule.
         data: likewise of its LightningDataModule.
         monitor: the validation metric whose largest value makes the best checkpoint.
-        links: arguments of the model that the data takes over, by name.
+        links: arguments of the model that the data takes over, and what they are called there.
     """
 
     name: str
     model: str
     data: str
     monitor: str
-    links: tuple[str, ...] = ()
+    links: Mapping[str, str] = field(default_factory=dict)
 
 
 DETECTOR = Task(
@@ -49,21 +49,21 @@ DETECTOR = Task(
     "trainers.networks.detector_training:DetectorTraining",
     "datamodules.detection_data:DetectionData",
     "val/ap50",
-    ("height", "width", "resize"),
+    {"height": "height", "width": "width", "resize": "resize"},
 )
 APPEARANCE = Task(
     "appearance",
     "trainers.networks.appearance_training:AppearanceTraining",
     "datamodules.appearance_data:AppearanceData",
     "val/map",
-    ("height", "width"),
+    {"height": "height", "width": "width"},
 )
 ACTION = Task(
     "action",
     "trainers.networks.action_training:ActionTraining",
     "datamodules.action_data:ActionData",
     "val/map",
-    ("streams", "size", "flow", "compensate"),
+    {"streams": "streams", "size": "cutting.size", "flow": "cutting.flow", "compensate": "cutting.compensate"},
 )
 ASSOCIATION = Task(
     "association",
@@ -206,8 +206,8 @@ class TaskCLI(LightningCLI):
         parser.add_argument("--out", type=str, required=True, help="folder for checkpoints and logs")
         parser.add_argument("--ckpt_path", type=Path | None, default=None, help="checkpoint to go on from")
         parser.add_argument("--overwrite", type=bool, default=False, help="replace a training in the folder")
-        for name in self.task.links:
-            parser.link_arguments(f"model.{name}", f"data.{name}")
+        for ours, theirs in self.task.links.items():
+            parser.link_arguments(f"model.{ours}", f"data.{theirs}")
 
     def parse_arguments(self, parser: LightningArgumentParser, args: object) -> None:
         """As LightningCLI does, whatever else stands on the command line."""

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.bodies.body import Ball, Goldfish
-from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
+from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, contours_mask, find_starts, wide_noise
 from tsuiseki.tracking.bodies.settings import DeformableSettings
-from tsuiseki.tracking.bodies.starts import contours_mask, find_starts, wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS

@@ -18,14 +18,16 @@ from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, 
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import EachAlone, WithoutOthers
 from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.motion.points import (
+    Ballistic,
+    ConstantVelocity3D,
     DriftingBox,
     PlaneWalk,
+    RandomWalk3D,
     SteppingBox,
     constant_velocity,
     coordinated_turn,
 )
-from tsuiseki.tracking.filters.motion.space import Ballistic, ConstantVelocity3D, RandomWalk3D
-from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
+from tsuiseki.tracking.filters.particle_filter import ParticleFilter
 from tsuiseki.tracking.types import Position
 
 SENSOR = GaussianSensor(cartesian, np.array([10.0, 10.0]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.single.constants import PRINTED, ROBUST
-from tsuiseki.tracking.single.observation_model import Confidence, RunningMean
+from tsuiseki.tracking.single.particles import Confidence, RunningMean
 
 BOX = np.array([30, 20, 50, 40.0])
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.correlation.kernelised_correlation import (
+from tsuiseki.tracking.filters.kernelised_correlation import (
     GaussianKernel,
     gaussian_labels,
     train,

@@ -6,9 +6,14 @@ import pytest
 
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.sphere import outline as contour
-from tsuiseki.tracking.sphere.outline import ContourSettings, outline_support, polar_maps
-from tsuiseki.tracking.sphere.views import colour_difference, median_background
+from tsuiseki.tracking.sphere import views as contour
+from tsuiseki.tracking.sphere.views import (
+    ContourSettings,
+    colour_difference,
+    median_background,
+    outline_support,
+    polar_maps,
+)
 
 RADIUS = 0.1
 CAMERA = PinholeCamera.look_at(np.array([3.0, 0.0, 1.2]), np.array([0.0, 0.0, 1.0]), 300.0, 320, 240)

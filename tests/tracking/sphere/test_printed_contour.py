@@ -5,8 +5,8 @@ import pytest
 
 from tsuiseki.tracking.cameras.outline import sphere_circles, sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.sphere.outline import ContourSettings
 from tsuiseki.tracking.sphere.views import (
+    ContourSettings,
     DividedContourLikelihood,
     MinMaxWeights,
     PrintedContourLikelihood,

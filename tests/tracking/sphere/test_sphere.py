@@ -9,7 +9,7 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.cameras.volume import common_volume, in_sight
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.motion.space import Ballistic, ConstantVelocity3D
+from tsuiseki.tracking.filters.motion.points import Ballistic, ConstantVelocity3D
 from tsuiseki.tracking.sphere.following import check_start
 from tsuiseki.tracking.sphere.search import find_ball
 from tsuiseki.tracking.sphere.settings import check_lengths

@@ -23,7 +23,7 @@ from tsuiseki.tracking.filters.base import Births, BornParticles, TargetEstimate
 from tsuiseki.tracking.filters.finite_sets.clusters import first_particles
 from tsuiseki.tracking.filters.finite_sets.models import PointModel, check_measurements
 from tsuiseki.tracking.filters.finite_sets.pairs import association_marginals, draw_by_measurement, find_pairs
-from tsuiseki.tracking.filters.particles.resampling import logarithms, systematic_rows
+from tsuiseki.tracking.filters.resampling import logarithms, systematic_rows
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 TINY = float(np.finfo(np.float64).tiny)

@@ -27,7 +27,7 @@ from tsuiseki.tracking.filters.finite_sets.clusters import (
 from tsuiseki.tracking.filters.finite_sets.models import PointModel, check_measurements
 from tsuiseki.tracking.filters.finite_sets.pairs import Pairs, find_pairs
 from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
-from tsuiseki.tracking.filters.particles.resampling import Resampler, logarithms, systematic
+from tsuiseki.tracking.filters.resampling import logarithms, systematic
 from tsuiseki.tracking.types import FloatArray
 
 
@@ -57,7 +57,6 @@ class PhdFilter:
         births: proposal of new targets with its weights, (51)-(52); it may look at the measurements.
         density: particles ``rho`` for each expected target, (50) and (56).
         proposal: of surviving particles, ``q_S(. | x, Y)`` of (48)-(49); None draws from the motion model.
-        resample: one of :mod:`tsuiseki.tracking.filters.particles.resampling`.
         identity: how clusters keep, join and part their labels, section 5.2.
         extract: reads the targets off: ``by_measurements`` or ``by_clusters``.
         limit: upper bound of the particles, whatever the expected count.
@@ -69,7 +68,6 @@ class PhdFilter:
     births: Births[FloatArray]
     density: int = 1000
     proposal: Proposal[FloatArray] | None = None
-    resample: Resampler = systematic
     identity: Identity = field(default_factory=Identity)
     extract: Extraction = by_measurements
     limit: int = 200_000
@@ -150,6 +148,6 @@ class PhdFilter:
         count = round(scale * self.density * float(intensity.sum()))
         if count == 0:
             return posterior.select(np.empty(0, dtype=np.int64))
-        drawn = self.resample(intensity, count, rng)
+        drawn = systematic(intensity, count, rng)
         kept = float(intensity.sum()) / count / np.repeat(factor, sizes)[drawn]
         return replace(posterior.select(drawn), log_weights=np.log(kept))

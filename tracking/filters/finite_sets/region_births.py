@@ -16,7 +16,7 @@ import numpy as np
 
 from tsuiseki.tracking.features.colour_region import ColourImage
 from tsuiseki.tracking.filters.base import BornParticles
-from tsuiseki.tracking.filters.particles.resampling import logarithms
+from tsuiseki.tracking.filters.resampling import logarithms
 from tsuiseki.tracking.geometry import areas, intersections
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 

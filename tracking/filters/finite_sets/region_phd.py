@@ -29,7 +29,7 @@ from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     calibrated,
     cluster_means,
 )
-from tsuiseki.tracking.filters.particles.resampling import Resampler, systematic
+from tsuiseki.tracking.filters.resampling import systematic
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -76,7 +76,6 @@ class RegionPhdFilter:
         detection: ``pD`` in [0, 1].
         report: a cluster is an estimate above this weight.
         smallest_cluster: particles that a cluster keeps at least.
-        resample: one of :mod:`tsuiseki.tracking.filters.particles.resampling`.
     """
 
     motion: Motion
@@ -89,7 +88,6 @@ class RegionPhdFilter:
     detection: float = 0.95
     report: float = 0.5
     smallest_cluster: int = 100
-    resample: Resampler = systematic
 
     def __post_init__(self) -> None:
         for name, value in (("survival", self.survival), ("detection", self.detection)):
@@ -167,7 +165,7 @@ class RegionPhdFilter:
         if len(starts) == 0 or total <= 0.0:
             return posterior.select(np.zeros(len(posterior), dtype=np.bool_))
         if self.fixed:
-            drawn = self.resample(weights, self.fixed, rng)
+            drawn = systematic(weights, self.fixed, rng)
             return replace(posterior.select(drawn), log_weights=np.full(self.fixed, np.log(total / self.fixed)))
         masses = np.add.reduceat(weights, starts)
         wanted = np.where(masses > 1e-3, np.maximum(self.density * masses, self.smallest_cluster), 0.0)
@@ -175,7 +173,7 @@ class RegionPhdFilter:
         count = round(float(wanted.sum()))
         if count == 0:
             return posterior.select(np.zeros(len(posterior), dtype=np.bool_))
-        drawn = self.resample(weights * factor, count, rng)
+        drawn = systematic(weights * factor, count, rng)
         return replace(posterior.select(drawn), log_weights=-np.log(factor[drawn]))
 
 

@@ -1,9 +1,10 @@
-"""How points and boxes move: on a plane, in space along each axis, and in the image.
+"""How points and boxes move: on a plane, in space, and in the image.
 
 States of points are ``(N, D)``: position and velocity on each axis, ``x, vx, y, vy`` or ``x, vx, y, vy, z, vz``; after
 them a rate of turn ``omega`` in radians a second where a motion needs one, and the number of the motion, from 0, where
-several take turns. A motion leaves the columns that are not its own as they are. Equation numbers are those of the
-finite-sets paper. Every motion keeps to `tsuiseki.tracking.filters.base.Motion`.
+several take turns. A motion leaves the columns that are not its own as they are. The motions of a ball in space have
+states ``(N, 6)``, position (m) and then velocity (m/s). Equation numbers are those of the finite-sets paper. Every
+motion keeps to `tsuiseki.tracking.filters.base.Motion`.
 """
 
 from __future__ import annotations
@@ -30,9 +31,8 @@ def constant_velocity(acceleration: float, dimensions: int = 2) -> Motion:
         moved = states.copy()
         for axis, noise in enumerate(rng.standard_normal((dimensions, len(states)))):
             gained = (acceleration * seconds) * noise
-            velocity = states[:, 2 * axis + 1]
-            moved[:, 2 * axis] = states[:, 2 * axis] + seconds * velocity + (0.5 * seconds) * gained
-            moved[:, 2 * axis + 1] = velocity + gained
+            moved[:, 2 * axis] += seconds * states[:, 2 * axis + 1] + (0.5 * seconds) * gained
+            moved[:, 2 * axis + 1] += gained
         return moved
 
     return move
@@ -118,6 +118,24 @@ class PlaneWalk:
 
 
 @dataclass(frozen=True)
+class PlaneVelocity:
+    """Constant velocity of a place ``x, y, vx, vy`` in the image, for a Kalman filter; in frames.
+
+    Attributes:
+        place: variance that a frame adds to the place along each axis, square pixels.
+        velocity: variance that a frame adds to the velocity along each axis, square pixels.
+    """
+
+    place: float
+    velocity: float
+
+    def linear(self, seconds: float) -> tuple[FloatArray, FloatArray]:
+        """See `LinearMotion`."""
+        noise = np.diag([self.place, self.place, self.velocity, self.velocity])
+        return np.eye(4) + seconds * np.eye(4, k=2), seconds * noise
+
+
+@dataclass(frozen=True)
 class DriftingBox:
     """Constant velocity of boxes ``x, vx, y, vy, width, height`` in pixels, whose size drifts; in frames.
 
@@ -170,3 +188,89 @@ class SteppingBox:
             size = np.maximum(states[:, 4:] + noise[:, 2:], self.smallest)
             states = np.concatenate([2 * here - before + noise[:, :2], here, size], axis=1)
         return states
+
+
+@dataclass(frozen=True)
+class RandomWalk3D:
+    """Section 2.1 of the sphere paper: the position takes a random step, the velocity stays zero.
+
+    Attributes:
+        diffusion: standard deviation along each axis after one second, m; it grows with the square root of time.
+    """
+
+    diffusion: float = 0.15
+
+    def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+        moved = np.zeros_like(states)
+        step = rng.standard_normal((len(states), 3)) * self.diffusion * np.sqrt(seconds)
+        moved[:, :3] = states[:, :3] + step
+        return moved
+
+
+@dataclass(frozen=True)
+class ConstantVelocity3D:
+    """White-noise acceleration (Bar-Shalom et al., *Estimation with Applications*, 2001, section 6.2.2).
+
+    Attributes:
+        agitation: standard deviation of the velocity gained in one second, m/s.
+    """
+
+    agitation: float = 1.5
+
+    def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+        first, second = rng.standard_normal((2, len(states), 3)) * self.agitation * np.sqrt(seconds)
+        velocity = states[:, 3:] + first
+        # Integrated white noise over T: variance T^3 / 3, of which the part T / 2 goes with the velocity's.
+        position = states[:, :3] + seconds * (states[:, 3:] + 0.5 * first + second / np.sqrt(12))
+        return np.concatenate([position, velocity], axis=1)
+
+
+@dataclass(frozen=True)
+class Ballistic:
+    """Free flight under gravity that bounces off a level floor, with white-noise acceleration besides.
+
+    Attributes:
+        radius: of the ball: its centre bounces at this height above the floor, m.
+        floor: height of the floor, m.
+        gravity: along -z, m/s^2.
+        restitution: speed after a bounce over the speed before, [0, 1].
+        agitation: as in `ConstantVelocity3D`, m/s.
+        drag: deceleration by the air over the speed squared, 1/m: density x drag coefficient x cross-section /
+            (2 x mass), about 0.02 for a tennis ball and 0.1 for table tennis.
+        spin: ``(3,)`` Magnus coefficient along the axis of spin, 1/s: the acceleration is its cross product with the
+            velocity.
+    """
+
+    radius: float
+    floor: float = 0.0
+    gravity: float = 9.81
+    restitution: float = 0.75
+    agitation: float = 1.0
+    drag: float = 0.0
+    spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+        moved = ConstantVelocity3D(self.agitation)(states, seconds, rng)
+        if self.drag or any(self.spin):
+            # At the velocity before the step: second order in the time between frames.
+            before = states[:, 3:]
+            speed = np.sqrt(np.square(before).sum(axis=1, keepdims=True))
+            # The air stops a ball at most.
+            slowing = np.minimum(self.drag * speed, 1 / seconds) if seconds > 0 else 0.0
+            gained = np.cross(self.spin, before) - slowing * before
+            moved[:, :3] += 0.5 * gained * seconds**2
+            moved[:, 3:] += gained * seconds
+        moved[:, 2] -= 0.5 * self.gravity * seconds**2
+        moved[:, 5] -= self.gravity * seconds
+        lowest = self.floor + self.radius
+        below = (moved[:, 2] < lowest) & (moved[:, 5] < 0)
+        # Energy fixes the speed at the floor however the step was cut: v^2 there is v^2 here - 2 g depth.
+        depth = lowest - moved[below, 2]
+        down = np.sqrt(np.maximum(moved[below, 5] ** 2 - 2 * self.gravity * depth, 0.0))
+        late = np.minimum(2 * depth / np.maximum(down - moved[below, 5], 1e-9), seconds)
+        up = self.restitution * down
+        moved[below, 2] = lowest + np.maximum(up * late - 0.5 * self.gravity * late**2, 0.0)
+        moved[below, 5] = up - self.gravity * late
+        # A ball that has come to rest must not sink through the floor.
+        moved[:, 2] = np.maximum(moved[:, 2], lowest)
+        return moved

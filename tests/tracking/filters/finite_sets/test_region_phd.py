@@ -25,12 +25,11 @@ from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
 )
 from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.motion.points import SteppingBox
-from tsuiseki.tracking.filters.particles.resampling import logarithms
+from tsuiseki.tracking.filters.resampling import logarithms
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.points.blobs import SingleBlobTracker
 from tsuiseki.tracking.points.settings import BlobSettings
-from tsuiseki.tracking.points.tracker import BlobTracker
+from tsuiseki.tracking.points.tracker import BlobTracker, SingleBlobTracker
 from tsuiseki.tracking.types import Frame
 
 SCENE = SceneSettings(frames=40, width=320, height=240, objects=3, enter=0.0, stay=True, speed=2.0, clutter=4)

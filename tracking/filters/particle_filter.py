@@ -14,8 +14,7 @@ from typing import Generic
 import numpy as np
 
 from tsuiseki.tracking.filters.base import LogLikelihood, Observation, Proposal
-from tsuiseki.tracking.filters.particles.resampling import (
-    Resampler,
+from tsuiseki.tracking.filters.resampling import (
     effective_sample_size,
     log_sum,
     normalise,
@@ -65,13 +64,11 @@ class ParticleFilter(Generic[Observation]):
     Attributes:
         proposal: moves the particles; `base.bootstrap` of a motion model, or a guided one that sees the observation.
         log_likelihood: weighs them.
-        resample: one of :mod:`tsuiseki.tracking.filters.particles.resampling`.
         threshold: resample when the effective sample size is below this share of the particles, in [0, 1].
     """
 
     proposal: Proposal[Observation]
     log_likelihood: LogLikelihood[Observation]
-    resample: Resampler = systematic
     threshold: float = 0.5
 
     def init(self, particles: FloatArray) -> ParticleState:
@@ -103,5 +100,5 @@ class ParticleFilter(Generic[Observation]):
         count = len(state)
         if effective_sample_size(state.log_weights) >= self.threshold * count:
             return np.arange(count), state.log_weights, False
-        drawn = self.resample(probabilities(state.log_weights), count, rng)
+        drawn = systematic(probabilities(state.log_weights), count, rng)
         return drawn, np.full(count, -np.log(count)), True

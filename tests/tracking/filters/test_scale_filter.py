@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.correlation.scale_filter import ScaleFilter, ScaleSample, best_offset, far_area, far_peak
+from tsuiseki.tracking.filters.scale_filter import ScaleFilter, ScaleSample, best_offset, far_area, far_peak
 
 SIZES = 11
 

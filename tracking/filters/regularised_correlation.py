@@ -23,7 +23,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.filters.correlation.kernelised_correlation import ComplexArray
+from tsuiseki.tracking.filters.kernelised_correlation import ComplexArray
 
 Float32Array = NDArray[np.float32]
 

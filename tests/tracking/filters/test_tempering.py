@@ -3,8 +3,13 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.particles.resampling import effective_sample_size, normalise, probabilities
-from tsuiseki.tracking.filters.particles.stages import bearable_share, drawn_and_spread
+from tsuiseki.tracking.filters.resampling import (
+    bearable_share,
+    drawn_and_spread,
+    effective_sample_size,
+    normalise,
+    probabilities,
+)
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])

@@ -7,12 +7,8 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from tsuiseki.tracking.filters.base import bootstrap
-from tsuiseki.tracking.filters.particles.particle_filter import ParticleFilter
-from tsuiseki.tracking.filters.particles.resampling import (
-    multinomial,
-    residual,
-    stratified,
-    systematic,
+from tsuiseki.tracking.filters.particle_filter import ParticleFilter
+from tsuiseki.tracking.filters.resampling import (
     weighted_covariance,
     weighted_mean,
 )
@@ -83,12 +79,11 @@ def run(particle_filter, observations, seed=0, count=PARTICLES):
     return states, infos
 
 
-@pytest.mark.parametrize("resample", [multinomial, systematic, stratified, residual])
 @pytest.mark.parametrize("proposal", [bootstrap(motion), optimal], ids=["bootstrap", "guided"])
-def test_posterior_and_evidence_equal_kalman(proposal, resample):
+def test_posterior_and_evidence_equal_kalman(proposal):
     observations = simulate(25, seed=4)
     means, covariances, evidence = kalman(observations)
-    states, infos = run(ParticleFilter(proposal, likelihood, resample), observations)
+    states, infos = run(ParticleFilter(proposal, likelihood), observations)
     # Standard error of a mean of as many particles as the weights are worth; five times, doubled for the dependence
     # that resampling leaves.
     worth = np.array([info.effective_sample_size for info in infos])

@@ -11,7 +11,6 @@ Arrays have a leading filter or sample axis, so that all filters respond in one 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import scipy.fft
@@ -56,12 +55,6 @@ def transform(features: Float32Array) -> Samples:
     return Samples(scipy.fft.rfft2(features), energies, (features.shape[2], features.shape[3]))
 
 
-class Kernel(Protocol):
-    """Spectrum ``(K, rows, columns // 2 + 1)`` of the kernel between windows and all cyclic shifts of templates."""
-
-    def __call__(self, windows: Samples, templates: Samples) -> ComplexArray: ...
-
-
 def _cross_spectrum(windows: Samples, templates: Samples) -> ComplexArray:
     products = windows.spectra * templates.spectra.conj()
     return np.asarray(products.sum(axis=1))
@@ -70,6 +63,8 @@ def _cross_spectrum(windows: Samples, templates: Samples) -> ComplexArray:
 @dataclass(frozen=True)
 class GaussianKernel:
     """``exp(-|a - b|^2 / (sigma^2 n))`` with ``n`` features in a window, KCF equation 30.
+
+    A call gives its spectrum ``(K, rows, columns // 2 + 1)`` between windows and all cyclic shifts of templates.
 
     Attributes:
         sigma: bandwidth, > 0.
@@ -83,14 +78,6 @@ class GaussianKernel:
         distance = (windows.energies + templates.energies)[:, None, None] - 2 * cross
         scale = np.float32(-1 / (self.sigma**2 * windows.size))
         return np.asarray(scipy.fft.rfft2(np.exp(np.maximum(distance, 0) * scale)))
-
-
-@dataclass(frozen=True)
-class LinearKernel:
-    """The scalar product divided by the number of features, KCF equation 31 (the "dual correlation filter")."""
-
-    def __call__(self, windows: Samples, templates: Samples) -> ComplexArray:
-        return _cross_spectrum(windows, templates) / np.float32(windows.size)
 
 
 @dataclass(frozen=True)
@@ -121,19 +108,19 @@ def join(banks: list[FilterBank]) -> FilterBank:
     return FilterBank(Samples(spectra, energies, banks[0].templates.shape), coefficients)
 
 
-def train(samples: Samples, labels: ComplexArray, kernel: Kernel, regularisation: float) -> FilterBank:
+def train(samples: Samples, labels: ComplexArray, kernel: GaussianKernel, regularisation: float) -> FilterBank:
     """One filter a sample, KCF equation 17.
 
     Args:
         samples: B windows centred on the target.
         labels: spectrum of the wanted response, from :func:`gaussian_labels`.
-        kernel: see :class:`Kernel`.
+        kernel: see :class:`GaussianKernel`.
         regularisation: lambda of the ridge regression, > 0.
     """
     return FilterBank(samples, labels / (kernel(samples, samples) + np.float32(regularisation)))
 
 
-def respond(bank: FilterBank, windows: Samples, kernel: Kernel) -> Float32Array:
+def respond(bank: FilterBank, windows: Samples, kernel: GaussianKernel) -> Float32Array:
     """``(K, rows, columns)`` responses of K filters to one window, or of one filter to K windows, eq. (2.10)."""
     spectrum = kernel(windows, bank.templates) * bank.coefficients
     return np.asarray(scipy.fft.irfft2(spectrum, s=windows.shape))

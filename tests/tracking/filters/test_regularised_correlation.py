@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from tsuiseki.tracking.filters.correlation.kernelised_correlation import gaussian_labels
-from tsuiseki.tracking.filters.correlation.regularised_correlation import (
+from tsuiseki.tracking.filters.kernelised_correlation import gaussian_labels
+from tsuiseki.tracking.filters.regularised_correlation import (
     RegularisedLearning,
     Support,
     learn,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.particles.stages import Covering, open_after, weigh_views
+from tsuiseki.tracking.filters.resampling import Covering, open_after, weigh_views
 
 
 def test_weights_and_update_are_bayes_rule():

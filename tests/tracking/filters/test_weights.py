@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.particles.resampling import (
+from tsuiseki.tracking.filters.resampling import (
     best_particle,
     circular_mean,
     effective_sample_size,

@@ -1,20 +1,30 @@
-"""Log-weights of particles and what is read off them.
+"""Weights of particles: what is read off them, which particles go on, and weighing in stages or by several views.
 
-Contract: a log-weight array is ``(N,)`` float64 with values in [-inf, inf) and no NaN; ``-inf`` is a particle
-that cannot be. Arrays need not be normalised unless a docstring says so.
+A log-weight array is ``(N,)`` float64 with values in [-inf, inf) and no NaN; ``-inf`` is a particle that cannot be.
+Arrays need not be normalised unless a docstring says so.
 
-Resampling: which particles go on, and how often.
+Resampling takes ``(N,)`` weights that are finite and not negative (normalised or not, with a sum above zero) and
+returns ``(count,)`` int64 indices in ascending order. It is unbiased: the expected number of copies of particle ``i``
+is ``count * weights[i] / weights.sum()``. A particle of weight zero is never drawn. Douc, Cappe and Moulines,
+"Comparison of resampling schemes for particle filtering" (2005), compares schemes.
 
-Contract of every resampler: ``resample(weights, count, rng)`` takes ``(N,)`` weights that are finite and not negative
-(normalised or not, with a sum above zero) and returns ``(count,)`` int64 indices in ascending order. It is unbiased:
-the expected number of copies of particle ``i`` is ``count * weights[i] / weights.sum()``. A particle of weight zero is
-never drawn. Douc, Cappe and Moulines, "Comparison of resampling schemes for particle filtering" (2005), compares them.
+Stages are for likelihoods much narrower than the cloud of particles. Weighed at once, such a likelihood leaves one or
+two particles alive. In stages, only a share of it is applied first, as large as the particles bear. They are resampled,
+spread by a kernel that keeps the mean and covariance (Liu and West, "Combined parameter and state estimation in
+simulation-based filtering", 2001), and weighed by the rest. How the likelihood grows with the share is an argument. A
+product of mixtures must not be raised to a power as a whole: narrow peaks of single factors would win before the place
+where all factors agree is found.
+
+Of several views each may be covered. View c gives particle i a log-ratio l_ci: how likely its picture is if the target
+is at the particle, over how likely it is if the view is covered. The view is open with probability v_c, so its weight
+for the particle is ``v_c exp(l_ci) + 1 - v_c``. A view that speaks against all particles weighs them all alike, and
+does not pull the estimate away. v_c follows a two-state Markov chain and is updated by Bayes' rule.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -112,23 +122,6 @@ def best_particle(particles: FloatArray, log_weights: FloatArray) -> FloatArray:
     return best
 
 
-class Resampler(Protocol):
-    """Draws ``count`` indices of particles in proportion to their weights."""
-
-    def __call__(self, weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray: ...
-
-
-def multinomial(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:
-    """Independent draws, equation (16) of the finite-sets paper."""
-    copies = np.bincount(_index(_cumulative(weights), rng.random(count)), minlength=len(weights))
-    return _repeat(copies)
-
-
-def stratified(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:
-    """One independent draw in each of ``count`` equal slices of the cumulative weight."""
-    return _index(_cumulative(weights), (np.arange(count) + rng.random(count)) / max(count, 1))
-
-
 def systematic(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:
     """One common offset in each of ``count`` equal slices: least variance of the copies of one particle.
 
@@ -157,17 +150,6 @@ def systematic_rows(weights: FloatArray, count: int, rng: np.random.Generator) -
     return drawn.reshape(rows, count)
 
 
-def residual(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:
-    """The whole part of ``count * weight`` copies for certain, the rest by independent draws from the remainders."""
-    expected = count * (weights / _total(weights))
-    whole = np.floor(expected).astype(np.int64)
-    remaining = count - int(whole.sum())
-    if remaining > 0:
-        rest = _index(_cumulative(expected - whole), rng.random(remaining))
-        whole += np.bincount(rest, minlength=len(weights))
-    return _repeat(whole)
-
-
 def _total(weights: FloatArray) -> float:
     total = float(np.sum(weights)) if len(weights) else 0.0
     if not (np.isfinite(total) and total > 0.0) or np.min(weights) < 0.0:
@@ -182,10 +164,88 @@ def _cumulative(weights: FloatArray) -> FloatArray:
     return np.asarray(cumulative / cumulative[-1])
 
 
-def _index(cumulative: FloatArray, positions: FloatArray) -> IntArray:
-    """First particle whose cumulative weight exceeds each position; (count - 1 + u) / count may round to 1."""
-    return np.searchsorted(cumulative, np.minimum(positions, np.nextafter(1.0, 0.0)), side="right").astype(np.int64)
-
-
 def _repeat(copies: IntArray) -> IntArray:
     return np.repeat(np.arange(len(copies), dtype=np.int64), copies)
+
+
+BISECTIONS = 10
+SMALLEST_SHARE = 1e-4
+
+Path = Callable[[float], FloatArray]
+"""Log-likelihoods ``(N,)`` of the particles at a share in [0, 1]: a way from none (0) to all (1)."""
+
+
+def bearable_share(path: Path, size: float, done: float = 0.0) -> float:
+    """The largest share that, after ``done`` was applied, leaves an effective sample size of at least ``size``.
+
+    Args:
+        path: to the whole log-likelihood.
+        size: in [1, N].
+        done: share by which the particles were drawn already.
+    """
+    before = path(done)
+    if _size(path(1.0) - before) >= size:
+        return 1.0
+    # The logarithm of what is added is bisected, for a narrow likelihood bears a small share only.
+    low, high = np.log(SMALLEST_SHARE), np.log(1 - done)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        enough = _size(path(done + np.exp(middle)) - before) >= size
+        low, high = (middle, high) if enough else (low, middle)
+    return done + float(np.exp(low))
+
+
+def drawn_and_spread(
+    particles: FloatArray, log_weights: FloatArray, width: float, rng: np.random.Generator
+) -> FloatArray:
+    """Particles ``(N, D)`` drawn by ``log_weights`` ``(N,)`` and spread.
+
+    Args:
+        particles: ``(N, D)``.
+        log_weights: ``(N,)``, not necessarily normalised.
+        width: standard deviation of the kernel over that of the drawn particles, (0, 1).
+        rng: random numbers.
+    """
+    drawn = particles[systematic(probabilities(log_weights), len(particles), rng)]
+    mean = drawn.mean(axis=0)
+    away = drawn - mean
+    values, vectors = np.linalg.eigh(away.T @ away / len(drawn))
+    noise = rng.standard_normal(drawn.shape) * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(mean + np.sqrt(1 - width**2) * away + width * noise @ vectors.T)
+
+
+def _size(log_weights: FloatArray) -> float:
+    return effective_sample_size(normalise(log_weights))
+
+
+@dataclass(frozen=True)
+class Covering:
+    """How views get covered and free again.
+
+    Attributes:
+        covers: rate at which an open view is covered, 1/s.
+        opens: rate at which a covered view opens, 1/s.
+        floor: v_c stays in [floor, 1 - floor].
+    """
+
+    covers: float = 0.5
+    opens: float = 1.5
+    floor: float = 0.02
+
+    def predict(self, open_before: FloatArray, seconds: float) -> FloatArray:
+        """v_c after ``seconds`` without an observation, ``(C,)``."""
+        total = self.covers + self.opens
+        rest = self.opens / total
+        after = rest + (open_before - rest) * np.exp(-total * seconds)
+        return np.asarray(np.clip(after, self.floor, 1 - self.floor))
+
+
+def weigh_views(log_ratios: FloatArray, open_before: FloatArray) -> FloatArray:
+    """``log(v_c exp(l_ci) + 1 - v_c)`` ``(N, C)`` for log-ratios ``(N, C)`` and ``(C,)`` probabilities in (0, 1)."""
+    return np.logaddexp(np.log(open_before) + log_ratios, np.log1p(-open_before))
+
+
+def open_after(log_ratios: FloatArray, open_before: FloatArray, weights: FloatArray) -> FloatArray:
+    """v_c ``(C,)`` given what the views showed: the mean over particles, weighted after weighing, of Bayes' rule."""
+    share = np.exp(np.log(open_before) + log_ratios - weigh_views(log_ratios, open_before))
+    return np.asarray(weights @ share)
