@@ -135,7 +135,7 @@ def test_configurations_build_what_they_say(name: str, trunk: int, size: int, tm
     words = ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu", *small]
     words += ["--model.weights", "null", "--trainer.precision", "32"]
     cli = TaskCLI(ACTION, words)
-    assert cli.datamodule.size == size == cli.model.inputs["rgb_local"].size
+    assert cli.datamodule.cutting.size == size == cli.model.inputs["rgb_local"].size
     assert cli.datamodule.streams == ("rgb_local", "flow_global")
     assert cli.model.network.streams["rgb_local"].trunk.channels[-1] == trunk
     assert cli.model.inputs["flow_global"].enlargement == cli.datamodule.cutting.enlargement == 3.0
