@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tsuiseki.tracking.association.learnt_costs import CostChanges
 from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.cli.run import Run, frames_expected
+from tsuiseki.tracking.cli.run import Run, count, frames_expected
 from tsuiseki.tracking.drone.models import DroneMethod, DroneModels
 from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
 from tsuiseki.tracking.drone.page import ActionReport, action_page, captions_of
@@ -66,33 +66,25 @@ def drone(
     from tsuiseki.tracking.association.learnt_costs import CostNetwork
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
     from tsuiseki.tracking.drone.models import DroneModels
-    from tsuiseki.tracking.features.camera_path import said_of_camera
+    from tsuiseki.tracking.features.camera_path import line_on_camera
 
     if not 0 <= threshold <= 1:
         raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
     changes = None if affinity is None else CostNetwork(affinity, finding.threads)
     source = video.open(images=True, replayable=True)
-    models = DroneModels.choose(
-        source,
-        method,
-        finding,
-        finding.appearance,
-        actions,
-        tracks,
-        camera_motion=not keep_camera_motion,
-    )
+    moving = not keep_camera_motion
+    models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)
     with output.run() as run:
-        kept = None if cache is None else (video.source, cache)
         tell_reading(run, models.observers.detect)
+        kept = None if cache is None else (video.source, cache)
         found = follow(run, source, models, method, drone, kept, changes)
         if found.facts:
             run.facts["flow"] = dict(found.facts)
             if unknown := found.facts["camera_unknown"]:
-                print(said_of_camera(unknown))
+                print(line_on_camera(unknown))
         tell_blank(models.observers.detect)
         write_result(run, found, source, threshold, video=video)
-        who = "person" if len(found.people) == 1 else "people"
-        run.done(f"{len(found.people)} {who} in {run.count} frames: {output.out / 'tracks.txt'}")
+        run.done(f"{count(len(found.people), 'person', 'people')} in {run.count} frames: {output.out / 'tracks.txt'}")
     return run.status
 
 
