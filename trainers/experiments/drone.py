@@ -20,7 +20,8 @@ from tsuiseki.tracking.association.costs import ActionFeatures
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.drone.models import DroneMethod, as_detections
 from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
-from tsuiseki.tracking.drone.tracker import DroneSettings, DroneTracker, acting_track
+from tsuiseki.tracking.drone.settings import DroneSettings
+from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
 from tsuiseki.tracking.drone.tracking import suited
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.action_files import (
