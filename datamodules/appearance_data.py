@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -148,6 +149,28 @@ def collate(samples: list[Sample]) -> AppearanceBatch:
     return AppearanceBatch(images, torch.tensor(ids), torch.tensor(frames), torch.tensor(query))
 
 
+@dataclass(frozen=True)
+class RenderedPeople:
+    """People of the generator to learn from.
+
+    Attributes:
+        file: that keeps them; they are rendered where it is missing. Null renders none.
+        identities: number of people.
+        views: of each.
+        validation: identities of them kept for validation.
+        share: of rendered identities in a batch, where there are others too; in [0, 1].
+    """
+
+    file: Path | None = Path("out/cache/identities.npz")
+    identities: int = 1500
+    views: int = 12
+    validation: int = 100
+    share: float = 0.5
+
+
+RENDERED, AUGMENTATION = RenderedPeople(), CropAugmentation()
+
+
 class AppearanceData(lightning.LightningDataModule):
     """Identity crops from labelled video, from the generator, or from both.
 
@@ -157,11 +180,7 @@ class AppearanceData(lightning.LightningDataModule):
         validation_folders: likewise for validation; none validates on rendered people that training never sees.
         validation_frames: likewise.
         least_visible: smallest visible share of a labelled box, in [0, 1].
-        rendered: file that keeps the rendered people; rendered anew where it is missing. Null renders none.
-        rendered_identities: number of them.
-        rendered_views: views of each.
-        rendered_validation: identities of them kept for validation.
-        rendered_share: share of rendered identities in a batch, where there are both; in [0, 1].
+        rendered: people of the generator among them.
         height: of the network's input, pixels.
         width: of the network's input, pixels.
         identities: P, people of a batch.
@@ -179,17 +198,13 @@ class AppearanceData(lightning.LightningDataModule):
         validation_folders: list[Path] | None = None,
         validation_frames: tuple[int, int] | None = None,
         least_visible: float = 0.3,
-        rendered: Path | None = Path("out/cache/identities.npz"),
-        rendered_identities: int = 1500,
-        rendered_views: int = 12,
-        rendered_validation: int = 100,
-        rendered_share: float = 0.5,
+        rendered: RenderedPeople = RENDERED,
         height: int = 128,
         width: int = 64,
         identities: int = 16,
         views: int = 4,
         batches: int = 100,
-        augmentation: CropAugmentation | None = None,
+        augmentation: CropAugmentation = AUGMENTATION,
         workers: int = 0,
         seed: int = 0,
     ) -> None:
@@ -198,27 +213,25 @@ class AppearanceData(lightning.LightningDataModule):
         self.validation_folders, self.validation_frames = validation_folders or [], validation_frames
         self.least_visible = least_visible
         self.rendered = rendered
-        self.rendered_identities, self.rendered_views = rendered_identities, rendered_views
-        self.rendered_validation, self.rendered_share = rendered_validation, rendered_share
         self.size = (height, width)
         self.identities, self.views, self.batches = identities, views, batches
-        self.augmentation = augmentation or CropAugmentation()
+        self.augmentation = augmentation
         self.workers, self.seed = workers, seed
-        if rendered is None and not self.train_folders:
+        if rendered.file is None and not self.train_folders:
             raise RequestError("nothing to learn from: give train_folders, a file for rendered people, or both")
-        if rendered is None and not self.validation_folders:
+        if rendered.file is None and not self.validation_folders:
             raise RequestError("nothing to validate on: give validation_folders and validation_frames")
 
     def prepare_data(self) -> None:
         """Render the people once, where the file is missing."""
-        if self.rendered is not None and not self.rendered.exists():
-            crops = render_people(self.seed, self.rendered_identities, self.rendered_views)
-            write_crops(self.rendered, crops)
+        file = self.rendered.file
+        if file is not None and not file.exists():
+            write_crops(file, render_people(self.seed, self.rendered.identities, self.rendered.views))
 
     def setup(self, stage: str) -> None:
         """Load the crops that ``stage`` needs."""
-        rendered = None if self.rendered is None else read_crops(self.rendered)
-        held_out = None if rendered is None else rendered.ids < self.rendered_validation
+        rendered = None if self.rendered.file is None else read_crops(self.rendered.file)
+        held_out = None if rendered is None else rendered.ids < self.rendered.validation
         if stage == "fit":
             parts = [self._cut(folder, self.train_frames) for folder in self.train_folders]
             if rendered is not None and held_out is not None:
@@ -239,7 +252,7 @@ class AppearanceData(lightning.LightningDataModule):
     def train_dataloader(self) -> DataLoader[Sample]:
         """P x K batches."""
         sampler = IdentityBatches(
-            self.train_crops, self.identities, self.views, self.batches, self.rendered_share, self._epoch_seed
+            self.train_crops, self.identities, self.views, self.batches, self.rendered.share, self._epoch_seed
         )
         return DataLoader(
             TrainingCrops(self.train_crops, self.augmentation, self.size),

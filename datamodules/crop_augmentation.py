@@ -50,7 +50,7 @@ class CropAugmentation:
 
 
 @dataclass(frozen=True)
-class Camera:
+class CropCamera:
     """What all crops of a batch share.
 
     Attributes:
@@ -70,10 +70,10 @@ class Camera:
     sharpness: float
 
 
-def draw_camera(rng: np.random.Generator, settings: CropAugmentation, full_height: int) -> Camera:
+def draw_camera(rng: np.random.Generator, settings: CropAugmentation, full_height: int) -> CropCamera:
     """One camera for a batch of crops."""
     lowest = min(settings.lowest_height, full_height)
-    return Camera(
+    return CropCamera(
         _draw_colour(rng, settings.camera_colour),
         float(np.exp(rng.normal(0, 0.2 * settings.camera_colour))),
         float(np.exp(rng.normal(0.0, 0.15) * settings.camera_colour)),
@@ -86,7 +86,7 @@ def draw_camera(rng: np.random.Generator, settings: CropAugmentation, full_heigh
 def augment_crop(
     rng: np.random.Generator,
     settings: CropAugmentation,
-    camera: Camera,
+    camera: CropCamera,
     image: ImageArray,
     box: FloatArray,
     cover: ImageArray,
@@ -114,7 +114,7 @@ def augment_crop(
         small = np.ascontiguousarray(small[:, ::-1])
     if rng.random() < settings.occlude:
         small = _occlude(rng, small, cover)
-    levels = _recolour(rng, settings, camera, small)
+    levels = _recolour(rng, settings.view_colour, camera, small)
     if rng.random() < settings.blur:
         levels = _blurred(levels, float(rng.uniform(0.3, 0.015 * height + 0.3)))
     if camera.sharpness > 0:
@@ -141,9 +141,8 @@ def _draw_colour(rng: np.random.Generator, strength: float) -> Float32Array:
     return np.asarray(tint @ (grey + saturation * (np.eye(3) - grey)), dtype=np.float32)
 
 
-def _recolour(rng: np.random.Generator, settings: CropAugmentation, camera: Camera, image: ImageArray) -> Float32Array:
+def _recolour(rng: np.random.Generator, strength: float, camera: CropCamera, image: ImageArray) -> Float32Array:
     """Levels around [0, 1]."""
-    strength = settings.view_colour
     levels = image.astype(np.float32) / 255 @ (_draw_colour(rng, strength) @ camera.colour).T
     levels = np.clip(levels, 0, 1) ** (camera.gamma * np.exp(rng.normal(0, 0.25 * strength)))
     levels = (levels - camera.pivot) * camera.contrast + camera.pivot + rng.normal(0, 0.06 * strength)

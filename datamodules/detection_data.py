@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader, Dataset, DistributedSampler
 
 from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, texture
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
-from tsuiseki.datamodules.footage import FixedView, Footage, Source
+from tsuiseki.datamodules.footage import FixedView, Footage, TrainingSource
 from tsuiseki.datamodules.generated_pictures import check_source, write_pictures
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
@@ -177,8 +177,8 @@ class DetectionData(lightning.LightningDataModule):
 
     def __init__(
         self,
-        train: list[Source],
-        val: list[Source],
+        train: list[TrainingSource],
+        val: list[TrainingSource],
         height: int = 384,
         width: int = 512,
         resize: Literal["letterbox", "stretch"] = "letterbox",

@@ -18,7 +18,7 @@ _MEMORY = 1 << 30
 
 
 @dataclass(frozen=True)
-class Source:
+class TrainingSource:
     """Labelled video to learn from or to validate on.
 
     Attributes:
@@ -88,7 +88,7 @@ class Footage:
         RequestError: the source has no usable labelled image, or an image cannot be read.
     """
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: TrainingSource) -> None:
         self.source = source
         self.labels = labelled_images(source.folder, source.frames)
         first = read_image(self.labels[0].path)

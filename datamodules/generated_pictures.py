@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.footage import Source
+from tsuiseki.datamodules.footage import TrainingSource
 from tsuiseki.datamodules.scenes.clip import IMAGES, FrameTruth, ground_truth, write_image
 from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings, plan_drone
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
@@ -29,7 +29,7 @@ _PER_CLIP, _APART = 6, 45
 _DRONE_PEOPLE, _DRONE_FOCAL = 7, (1.5, 3.0)
 
 
-def check_source(source: Source) -> None:
+def check_source(source: TrainingSource) -> None:
     """Refuse a source that asks for what the pictures of its scene do not show.
 
     Raises:
@@ -52,7 +52,7 @@ def check_source(source: Source) -> None:
         raise RequestError(f"{where}: expected `sun` as a share in [0, 1], got {source.sun}")
 
 
-def write_pictures(source: Source, size: tuple[int, int]) -> None:
+def write_pictures(source: TrainingSource, size: tuple[int, int]) -> None:
     """Render the pictures of ``source`` into its folder, on all cores; picture n depends on the seed and n only.
 
     The frames of the sequence have nothing to do with each other; every box has its own id.
@@ -83,7 +83,7 @@ def write_pictures(source: Source, size: tuple[int, int]) -> None:
         write_sequence_info(work, _SEQUENCE, 1.0, count, *size)
 
 
-def _drawn(source: Source, size: tuple[int, int], folder: Path, numbers: range) -> list[FrameTruth]:
+def _drawn(source: TrainingSource, size: tuple[int, int], folder: Path, numbers: range) -> list[FrameTruth]:
     """Draw the pictures of these numbers into ``folder``, and say what they show; nobody has an id yet."""
     truths = []
     for number in numbers:
@@ -94,7 +94,7 @@ def _drawn(source: Source, size: tuple[int, int], folder: Path, numbers: range) 
     return truths
 
 
-def _picture(source: Source, size: tuple[int, int], number: int) -> tuple[ImageArray, FloatArray, FloatArray]:
+def _picture(source: TrainingSource, size: tuple[int, int], number: int) -> tuple[ImageArray, FloatArray, FloatArray]:
     if source.scene == "drone":
         in_clip = number % _PER_CLIP
         image, truth = _drone_clip(size, source.sun, source.seed + number - in_clip).draw_frame(_APART * in_clip)

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.labelled_images import LabelledImage, labelled_images, read_image
+from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images, read_image
 from tsuiseki.datamodules.scenes.people.person import (
     Person,
     paste,
@@ -91,7 +91,7 @@ def crops_from_folder(
     """
     if is_mars(folder):
         return _from_mars(training_crops(folder))
-    parts: dict[str, list[tuple[LabelledImage, BoolArray]]] = {}
+    parts: dict[str, list[tuple[LabelledFrame, BoolArray]]] = {}
     for sample in labelled_images(folder, frames):
         if sample.frame % step == 0:
             usable = ~sample.ignored & (np.minimum(sample.visibility, uncovered(sample.boxes)) >= least_visible)
@@ -124,7 +124,7 @@ def uncovered(boxes: FloatArray) -> FloatArray:
     return np.asarray(1 - (covered * nearer).max(axis=1))
 
 
-def _cut_sequence(samples: list[tuple[LabelledImage, BoolArray]]) -> IdentityCrops:
+def _cut_sequence(samples: list[tuple[LabelledFrame, BoolArray]]) -> IdentityCrops:
     images, boxes, ids, frames = [], [np.empty((0, 4))], [], []
     for sample, usable in samples:
         image = read_image(sample.path) if usable.any() else None

@@ -15,7 +15,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 
 
 @dataclass(frozen=True)
-class LabelledImage:
+class LabelledFrame:
     """One image and the people labelled in it.
 
     Attributes:
@@ -37,7 +37,7 @@ class LabelledImage:
     visibility: FloatArray
 
 
-def labelled_images(folder: str | Path, frames: tuple[int, int] | None = None) -> list[LabelledImage]:
+def labelled_images(folder: str | Path, frames: tuple[int, int] | None = None) -> list[LabelledFrame]:
     """The labelled images of every video in ``folder``.
 
     Args:
@@ -53,7 +53,7 @@ def labelled_images(folder: str | Path, frames: tuple[int, int] | None = None) -
     return samples
 
 
-def _images_of(video: LabelledVideo, frames: tuple[int, int] | None) -> Iterator[LabelledImage]:
+def _images_of(video: LabelledVideo, frames: tuple[int, int] | None) -> Iterator[LabelledFrame]:
     if video.length is None or len(video.files) != video.length:
         raise RequestError(f"{video.name}: expected images in img1/, found none; training needs them")
     truth = video.people()
@@ -61,7 +61,7 @@ def _images_of(video: LabelledVideo, frames: tuple[int, int] | None) -> Iterator
     first, last = frames or (1, video.length)
     for frame in range(max(first, 1) - 1, min(last, video.length)):
         rows = truth.between(frame, frame)
-        yield LabelledImage(video.files[frame], video.name, frame, rows.boxes, rows.ids, rows.ignored, rows.visibility)
+        yield LabelledFrame(video.files[frame], video.name, frame, rows.boxes, rows.ids, rows.ignored, rows.visibility)
 
 
 def read_image(path: Path) -> ImageArray:

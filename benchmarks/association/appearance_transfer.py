@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.labelled_images import LabelledImage, labelled_images
+from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc, evaluate_retrieval
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.preprocessing import crop_boxes
@@ -50,7 +50,7 @@ def _root_histogram(image: ImageArray, space: str, bins: int) -> FloatArray:
 
 
 def describe(
-    samples: list[LabelledImage], method: str | Appearance, least_visible: float
+    samples: list[LabelledFrame], method: str | Appearance, least_visible: float
 ) -> tuple[FloatArray, IntArray, IntArray]:
     """Features, identities and frames of every labelled box."""
     features, ids, frames = [], [], []

@@ -55,7 +55,7 @@ def main() -> None:
     settings = replace(FlowSettings(), costs=costs, decide_every=arguments.decide_every)
     best = dict.fromkeys(("prepare", "build", "solve", "bare", "whole tracker"), float("inf"))
     for _ in range(arguments.repeat):
-        given = FlowInput(settings.input, settings.costs.link.motion, FRAME_RATE, None)
+        given = FlowInput(settings.input, FRAME_RATE, None)
         seen, scores = _timed(best, "prepare", partial(given.rows, video))
         observation = given.costs(scores)
         graph = _timed(best, "build", partial(_build, seen, observation, settings))

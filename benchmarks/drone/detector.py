@@ -20,7 +20,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.labelled_images import LabelledImage, labelled_images
+from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images
 from tsuiseki.tracking.drone.observations import Observers, observe
 from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.exported import Detector
@@ -66,7 +66,7 @@ def main() -> None:
         at_precision(arguments.detector, [i[:: arguments.every] for i in samples.values()], arguments.precision)
 
 
-def uav_images(folder: Path) -> list[LabelledImage]:
+def uav_images(folder: Path) -> list[LabelledFrame]:
     """The frames of a UAV123 sequence with their one box, which is 1-based; frames without are left out."""
     rows = np.genfromtxt(folder / "groundtruth_rect.txt", delimiter=",")
     found = []
@@ -74,14 +74,14 @@ def uav_images(folder: Path) -> list[LabelledImage]:
         if np.isfinite(row).all():
             box = corners_from_xywh(row[None] - np.array([1, 1, 0, 0]))
             found.append(
-                LabelledImage(
+                LabelledFrame(
                     path, folder.name, frame, box, np.ones(1, dtype=np.int64), np.zeros(1, dtype=np.bool_), np.ones(1)
                 )
             )
     return found
 
 
-def write_mot(images: list[LabelledImage], folder: Path) -> None:
+def write_mot(images: list[LabelledFrame], folder: Path) -> None:
     """A MOTChallenge sequence of ``images``, the first of which is its first frame."""
     (folder / "img1").mkdir(parents=True, exist_ok=True)
     start = images[0].frame
@@ -98,7 +98,7 @@ def write_mot(images: list[LabelledImage], folder: Path) -> None:
     write_sequence_info(folder, images[0].sequence, 30.0, count, width, height)
 
 
-def report(name: str, detector: Path, images: list[LabelledImage], bridging: BridgingSettings | None) -> None:
+def report(name: str, detector: Path, images: list[LabelledFrame], bridging: BridgingSettings | None) -> None:
     """Print a line for each threshold of the score."""
     for threshold in THRESHOLDS:
         observers = Observers(Detector(detector, threshold, threads=1), None, None, CameraMotionSettings(), 4, bridging)
@@ -118,13 +118,13 @@ def report(name: str, detector: Path, images: list[LabelledImage], bridging: Bri
         )
 
 
-def compare(found: Detections, sample: LabelledImage) -> tuple[BoolArray, BoolArray]:
+def compare(found: Detections, sample: LabelledFrame) -> tuple[BoolArray, BoolArray]:
     """Which labels count ``(M,)``, and which detections lie on which labels ``(N, M)``."""
     overlapping: BoolArray = iou_matrix(found.boxes, sample.boxes) >= OVERLAP
     return ~sample.ignored & (sample.visibility >= VISIBLE), overlapping
 
 
-def at_precision(detector: Path, clips: list[list[LabelledImage]], wanted: float) -> None:
+def at_precision(detector: Path, clips: list[list[LabelledFrame]], wanted: float) -> None:
     """Print the mean recall where the mean precision is ``wanted``."""
     network = Detector(detector, float(SCORES[0]), threads=1)
     found = [scored(network, images) for images in clips]
@@ -138,7 +138,7 @@ def at_precision(detector: Path, clips: list[list[LabelledImage]], wanted: float
     print(f"{len(clips)} clips: a mean precision of {wanted} is not reached at any score")
 
 
-def scored(detector: Detector, images: list[LabelledImage]) -> tuple[FloatArray, BoolArray, FloatArray]:
+def scored(detector: Detector, images: list[LabelledFrame]) -> tuple[FloatArray, BoolArray, FloatArray]:
     """Scores ``(N,)`` of detections, whether each is on somebody, and of each person the best score on him or 0."""
     scores, right, hit_by = [], [], []
     for sample in images:

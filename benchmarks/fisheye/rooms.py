@@ -23,8 +23,8 @@ from tsuiseki.tracking.formats.rotated import RotatedBoxes, about_bodies
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments.fisheye.omnidirectional import ROOMS, VALIDATION_SEEDS
-from tsuiseki.trainers.experiments.fisheye.rendered import Sequence, plan, read_rendered, render
+from tsuiseki.trainers.experiments.fisheye import ROOMS, VALIDATION_SEEDS
+from tsuiseki.trainers.experiments.fisheye_rooms import CeilingClip, plan, read_rendered, render
 from tsuiseki.trainers.experiments.store import Store
 
 VISIBLE, EVERY, LEAST_SCORE = 0.3, 5, 0.05
@@ -60,11 +60,11 @@ def main() -> None:
 
 def _pictures(
     room: Room, seconds: int, calibration: Path | None, store: Store
-) -> list[tuple[Sequence, list[tuple[str, ImageArray, FloatArray]]]]:
+) -> list[tuple[CeilingClip, list[tuple[str, ImageArray, FloatArray]]]]:
     """The pictures of both cameras with the boxes of those who are seen."""
     result = []
     for camera in range(2):
-        sequence = Sequence(room, VALIDATION_SEEDS[0], camera, seconds, 1, calibration)
+        sequence = CeilingClip(room, VALIDATION_SEEDS[0], camera, seconds, 1, calibration)
         frames = enumerate(read_rendered(store.made("frames", render, sequence), sequence))
         result.append(
             (

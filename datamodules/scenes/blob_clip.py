@@ -14,7 +14,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, Moment, write_info
+from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment, write_info
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -33,14 +33,10 @@ NATURAL = (
 
 
 @dataclass(frozen=True)
-class BlobSceneSettings:
+class BlobSceneSettings(ClipSettings):
     """A clip.
 
     Attributes:
-        frames: length.
-        width: of the images, pixels.
-        height: of the images, pixels.
-        frame_rate: a second.
         objects: how many appear in all.
         colour: theirs, a key of ``HUES``.
         purity: least and greatest share of an object's pixels that has the colour; spread evenly over the objects.
@@ -53,10 +49,6 @@ class BlobSceneSettings:
         stay: objects turn back at the border instead of leaving.
     """
 
-    frames: int = 150
-    width: int = 640
-    height: int = 480
-    frame_rate: float = 25.0
     objects: int = 5
     colour: str = "red"
     purity: tuple[float, float] = (0.45, 0.95)

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.body_clip import BodyClip, Drawn, camera_grain, check_bodies, paint
+from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.tracking.types import FloatArray
 
@@ -31,20 +32,13 @@ INTO_WALL = np.array([np.pi, 0.0, -np.pi / 2, np.pi / 2])
 
 
 @dataclass(frozen=True)
-class BouncingBallSettings:
+class BouncingBallSettings(ClipSettings):
     """A clip.
 
     Attributes:
-        frames: length.
-        width: of the images, pixels.
-        height: of the images, pixels.
-        frame_rate: a second.
         balls: how many, 1 to 5; later ones are nearer.
     """
 
-    frames: int = 150
-    width: int = 640
-    height: int = 480
     frame_rate: float = 30.0
     balls: int = 1
 

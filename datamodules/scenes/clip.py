@@ -95,34 +95,28 @@ def write_image(path: Path, image: ImageArray, quality: int = QUALITY) -> None:
     path.write_bytes(data.tobytes())
 
 
-class ClipSettings(Protocol):
-    """Settings of any clip of one size: width and height in pixels, number of frames, frames per second."""
+@dataclass(frozen=True)
+class ClipSettings:
+    """Settings of any clip of one size.
 
-    @property
-    def width(self) -> int: ...
+    Attributes:
+        width: of the images, pixels.
+        height: of the images, pixels.
+        frames: length of the clip.
+        frame_rate: frames per second.
+    """
 
-    @property
-    def height(self) -> int: ...
-
-    @property
-    def frames(self) -> int: ...
-
-    @property
-    def frame_rate(self) -> float: ...
-
-
-class PeopledSettings(ClipSettings, Protocol):
-    """Settings of a clip of people."""
-
-    @property
-    def people(self) -> int: ...
+    width: int = 640
+    height: int = 480
+    frames: int = 150
+    frame_rate: float = 25.0
 
 
 Expectation = tuple[bool, str, object]
 """Whether a setting can be used, what is expected of it, and what was given."""
 
 
-def check_settings(kind: str, settings: PeopledSettings, smallest: int, own: Iterable[Expectation]) -> None:
+def check_settings(kind: str, settings: ClipSettings, smallest: int, own: Iterable[Expectation]) -> None:
     """Refuse settings that no clip can be made with.
 
     Args:
@@ -139,7 +133,6 @@ def check_settings(kind: str, settings: PeopledSettings, smallest: int, own: Ite
         (min(size) >= smallest, f"at least {smallest}x{smallest} pixels", f"{size[0]}x{size[1]}"),
         (settings.frames >= 1, "at least one frame", settings.frames),
         (bool(np.isfinite(rate)) and rate > 0, "a positive frame_rate", rate),
-        (settings.people >= 1, "at least one person", settings.people),
     )
     for holds, what, got in (*common, *own):
         if not holds:

@@ -15,6 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from tsuiseki.datamodules.scenes.clip import (
     IMAGES,
+    ClipSettings,
     FrameTruth,
     Moment,
     by_appearance,
@@ -24,9 +25,9 @@ from tsuiseki.datamodules.scenes.clip import (
     write_info,
 )
 from tsuiseki.datamodules.scenes.people.activities import AHEAD
-from tsuiseki.datamodules.scenes.people.body import place
 from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, PerformerState, gather
 from tsuiseki.datamodules.scenes.people.person import person_solids
+from tsuiseki.datamodules.scenes.people.posture import place
 from tsuiseki.datamodules.scenes.people.props import CRATE_HEIGHT, in_hand, standing_prop
 from tsuiseki.datamodules.scenes.render.degrade import grains, level_tone, photographed, random_degradation
 from tsuiseki.datamodules.scenes.render.ground import GroundMap, ground_homography, look_down, map_ground, random_ground
@@ -58,7 +59,7 @@ STEEPEST = math.radians(89.5)
 
 
 @dataclass(frozen=True)
-class Motion:
+class FlightMotion:
     """How much a camera moves; angles in degrees.
 
     Attributes:
@@ -80,22 +81,18 @@ class Motion:
     jerk_frames: tuple[int, int]
 
 
-MOTIONS: dict[Strength, Motion] = {
-    "still": Motion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (1, 1)),
-    "calm": Motion(0.04, 0.03, 2.0, 0.02, 0.2, 0.6, (4, 9)),
-    "violent": Motion(0.08, 0.10, 4.0, 0.10, 1.2, 3.5, (1, 4)),
+MOTIONS: dict[Strength, FlightMotion] = {
+    "still": FlightMotion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (1, 1)),
+    "calm": FlightMotion(0.04, 0.03, 2.0, 0.02, 0.2, 0.6, (4, 9)),
+    "violent": FlightMotion(0.08, 0.10, 4.0, 0.10, 1.2, 3.5, (1, 4)),
 }
 
 
 @dataclass(frozen=True)
-class DroneSceneSettings:
+class DroneSceneSettings(ClipSettings):
     """A clip from a drone.
 
     Attributes:
-        width: pixels.
-        height: pixels.
-        frames: length of the clip.
-        frame_rate: frames per second.
         people: that act in view.
         camera: how much the camera moves.
         altitude: (lowest, highest), metres.
@@ -132,6 +129,7 @@ class DroneSceneSettings:
     def __post_init__(self) -> None:
         shares = (self.look_alikes, self.sun, self.shutter)
         own = (
+            (self.people >= 1, "at least one person", self.people),
             (self.camera in MOTIONS, f"a camera of {', '.join(MOTIONS)}", self.camera),
             (3 <= self.altitude[0] <= self.altitude[1], "altitude as (lowest, highest) from 3 m", self.altitude),
             (45 <= self.tilt[0] <= self.tilt[1] <= 90, "tilt as (flattest, steepest) within 45-90", self.tilt),
@@ -245,7 +243,7 @@ class Viewpoint:
 def fly(
     rng: np.random.Generator,
     view: Viewpoint,
-    motion: Motion,
+    motion: FlightMotion,
     frames: int,
     frame_rate: float,
     size: tuple[int, int],
@@ -295,7 +293,7 @@ def _wander(rng: np.random.Generator, frames: int, frame_rate: float, seconds: f
     return np.asarray(noise * math.sqrt(2 * sigma * math.sqrt(math.pi)))
 
 
-def _jerks(rng: np.random.Generator, motion: Motion, frames: int, frame_rate: float) -> FloatArray:
+def _jerks(rng: np.random.Generator, motion: FlightMotion, frames: int, frame_rate: float) -> FloatArray:
     """``(3, frames)`` degrees: sudden turns that swing back slowly, as the drone's control has it."""
     turns = np.zeros((3, frames))
     for _ in range(int(rng.poisson(motion.jerks * frames / frame_rate))):

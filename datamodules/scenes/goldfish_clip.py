@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from tsuiseki.datamodules.scenes.body_clip import BodyClip, Drawn, camera_grain, check_bodies, paint, within
+from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.fish_drawing import FishLook, draw_fish, random_look
 from tsuiseki.datamodules.scenes.fish_motion import swim
 from tsuiseki.datamodules.scenes.render.solids import Float32
@@ -28,23 +29,16 @@ NOISE = 4.0
 
 
 @dataclass(frozen=True)
-class GoldfishSettings:
+class GoldfishSettings(ClipSettings):
     """A clip.
 
     Attributes:
-        frames: length.
-        width: of the images, pixels.
-        height: of the images, pixels.
-        frame_rate: a second.
         fish: how many, 1 to 5; nearer ones (later ids) cover farther ones.
         size_spread: each fish is larger or smaller by up to this share.
         glints: share of the surface that mirrors the lamp.
         pebbles: stones of the fish's colour on the floor.
     """
 
-    frames: int = 150
-    width: int = 640
-    height: int = 480
     frame_rate: float = 15.0
     fish: int = 2
     size_spread: float = 0.06

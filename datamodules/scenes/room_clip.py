@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.clip import (
     IMAGES,
+    ClipSettings,
     FrameTruth,
     Moment,
     check_settings,
@@ -59,17 +60,13 @@ CAMERAS_FILE, PLACES_FILE = "cameras.yaml", "gt/world.csv"
 
 
 @dataclass(frozen=True)
-class RoomSettings:
+class RoomSettings(ClipSettings):
     """A clip of a room.
 
     Attributes:
         size: width and length of the floor, metres.
-        frames: length of the clip.
-        frame_rate: frames per second.
         people: who wander about.
         repeated: probability of wearing the clothes of another, or nearly.
-        width: pixels.
-        height: pixels.
     """
 
     size: tuple[float, float] = SIZES["large"]
@@ -82,6 +79,7 @@ class RoomSettings:
 
     def __post_init__(self) -> None:
         own = (
+            (self.people >= 1, "at least one person", self.people),
             (min(self.size) >= 2, "a floor of at least 2 by 2 m", self.size),
             (0 <= self.repeated <= 1, "repeated in [0, 1]", self.repeated),
         )
@@ -89,7 +87,7 @@ class RoomSettings:
 
 
 @dataclass(frozen=True)
-class View:
+class RoomView:
     """One camera and what it sees of the empty room: linear light, and the part of it that shadows take away."""
 
     camera: OmnidirectionalCamera
@@ -127,7 +125,7 @@ class RoomClip:
             images, truths = zip(*(self.draw_frame(view, frame) for view in views), strict=True)
             yield images, list(truths)
 
-    def view(self, number: int) -> View:
+    def view(self, number: int) -> RoomView:
         """What camera ``number`` sees of the empty room."""
         rng = np.random.default_rng([self.seed, 5])
         camera = self.cameras[number]
@@ -136,9 +134,9 @@ class RoomClip:
         noises = grains(np.random.default_rng([self.seed, 6, number]), NOISE, camera.width, camera.height)
         seen = empty.colour[empty.colour.max(axis=2) > 0.004]
         exposure = automatic_exposure(np.broadcast_to(seen[:, None], (len(seen), 1, 3))[::8].repeat(8, axis=0))
-        return View(camera, empty, direct, encoded(empty.colour, exposure), exposure, noises)
+        return RoomView(camera, empty, direct, encoded(empty.colour, exposure), exposure, noises)
 
-    def draw_frame(self, view: View, frame: int) -> tuple[ImageArray, FrameTruth]:
+    def draw_frame(self, view: RoomView, frame: int) -> tuple[ImageArray, FrameTruth]:
         """Frame ``frame`` as a camera sees it, ``(H, W, 3)`` uint8 RGB before JPEG, and what it shows.
 
         Ids count the people of the plan from 1, the same for all cameras.
@@ -230,7 +228,7 @@ def lamps(rng: np.random.Generator) -> Light:
     return Light(*(np.asarray(v, dtype=np.float32) for v in (direction, sun, sky, sky * rng.uniform(0.45, 0.75))))
 
 
-def _with_people(view: View, things: list[Thing], light: Light) -> tuple[ImageArray, list[Sighting | None]]:
+def _with_people(view: RoomView, things: list[Thing], light: Light) -> tuple[ImageArray, list[Sighting | None]]:
     image, camera = view.photograph.copy(), view.camera
     sun = shadows(things, camera, light.direction, 2.0)
     under = shadows(things, camera, np.array([0, 0, 1], dtype=np.float32), 4.0)

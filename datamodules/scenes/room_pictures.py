@@ -12,8 +12,8 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import people_in_view
 from tsuiseki.datamodules.scenes.people.activities import calling, drinking, reading, sitting
-from tsuiseki.datamodules.scenes.people.body import Pose, standing, walking
 from tsuiseki.datamodules.scenes.people.person import Person, person_solids, random_person
+from tsuiseki.datamodules.scenes.people.posture import Pose, standing, walking
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Thing, compose, empty_picture, shadows
 from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera

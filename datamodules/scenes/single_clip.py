@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.body import walking
 from tsuiseki.datamodules.scenes.people.person import (
     Person,
     paste,
@@ -16,6 +15,7 @@ from tsuiseki.datamodules.scenes.people.person import (
     random_identities,
     render_person_sprite,
 )
+from tsuiseki.datamodules.scenes.people.posture import walking
 from tsuiseki.datamodules.scenes.render.shading import Light, random_light
 from tsuiseki.tracking.types import FloatArray, ImageArray
 

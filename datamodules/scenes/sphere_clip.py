@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import Moment, write_image
-from tsuiseki.datamodules.scenes.people.body import Pose, place, stride_length, walking
 from tsuiseki.datamodules.scenes.people.person import Person, person_solids, random_person
+from tsuiseki.datamodules.scenes.people.posture import Pose, place, stride_length, walking
 from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, Float32, Surfaces, boxes, cone_spheres
+from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, Float32, Parts, Surface
 from tsuiseki.datamodules.scenes.things.room import Colour, draw_hall, hall_furniture
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -254,21 +254,20 @@ def _bodies(
 def _things(clip: SphereClip, time: float) -> list[Thing]:
     pose, (position, heading), grip = _bodies(clip.person, clip.settings, time)
     body = Thing(person_solids(clip.person, pose, position, heading), clip.person.look)
-    surfaces = Surfaces()
-    surfaces.add(*clip.colours, STRIPES_ACROSS, 0.8 * clip.settings.radius, 0.03)
-    radius = np.full((1, 2), clip.settings.radius)
-    sphere = cone_spheres(grip[None], grip[None], radius, np.array([[0.0, 1.0, 0.0]]), np.ones(1), surfaces)
-    return [body, Thing(sphere)]
+    radius, ball = clip.settings.radius, Parts()
+    paint = Surface(*clip.colours, STRIPES_ACROSS, 0.8 * radius, 0.03)
+    ball.cone(grip, grip, (radius, radius), paint, front=np.array([0.0, 1.0, 0.0]))
+    return [body, Thing(ball.solids())]
 
 
 def _board(camera: PinholeCamera) -> Thing:
     """A board that fills the view, half a metre before the camera."""
     forward = camera.rotation[2]
     yaw = float(np.arctan2(forward[1], forward[0]))
-    surfaces = Surfaces()
-    surfaces.add((0.35, 0.30, 0.28), (0.5, 0.45, 0.4), STRIPES_ACROSS, 0.09, 0.1)
-    centre = camera.position + 0.55 * forward
-    return Thing(boxes(centre[None], np.array([[0.02, 1.0, 1.0]]), np.array([yaw]), surfaces))
+    board = Parts()
+    paint = Surface((0.35, 0.30, 0.28), (0.5, 0.45, 0.4), STRIPES_ACROSS, 0.09, 0.1)
+    board.box(camera.position + 0.55 * forward, [0.02, 1.0, 1.0], yaw, paint)
+    return Thing(board.solids())
 
 
 def _colour(values: FloatArray) -> Colour:

@@ -12,6 +12,7 @@ from scipy.spatial import ConvexHull
 
 from tsuiseki.datamodules.scenes.clip import (
     IMAGES,
+    ClipSettings,
     FrameTruth,
     Moment,
     by_appearance,
@@ -52,14 +53,10 @@ CAMERA_HEIGHT, BLUR = (2.5, 9.0), 0.5
 
 
 @dataclass(frozen=True)
-class StreetSettings:
+class StreetSettings(ClipSettings):
     """A street clip.
 
     Attributes:
-        width: pixels.
-        height: pixels.
-        frames: length of the clip.
-        frame_rate: frames per second.
         people: about how many are around at a time.
         occluders: things that may hide people: poles, boxes, bushes, parked cars.
         person_height: (least, greatest) of a person where people walk, pixels.
@@ -69,10 +66,7 @@ class StreetSettings:
         samples: rays along each side of a pixel.
     """
 
-    width: int = 640
-    height: int = 480
     frames: int = 200
-    frame_rate: float = 25.0
     people: int = 10
     occluders: int = 7
     person_height: tuple[float, float] = (30.0, 170.0)
@@ -83,6 +77,7 @@ class StreetSettings:
 
     def __post_init__(self) -> None:
         own = (
+            (self.people >= 1, "at least one person", self.people),
             (self.occluders >= 0, "occluders >= 0", self.occluders),
             (0 < self.person_height[0] < self.person_height[1], "person_height as (low, high)", self.person_height),
             (0 <= self.look_alikes <= 1, "look_alikes in [0, 1]", self.look_alikes),

@@ -10,7 +10,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import people_in_view
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
-from tsuiseki.datamodules.scenes.figures.standing import Standing, dressed, pictured_things, tilt_of
+from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dressed, pictured_things, tilt_of
 from tsuiseki.datamodules.scenes.people.person import person_solids, random_person, random_pose
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, by_night, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground

@@ -37,13 +37,15 @@ def test_crops_show_the_labelled_people(acting_clips: Path, tmp_path: Path) -> N
 
 
 def test_clips_are_cut_once_and_anew_when_the_settings_change(acting_clips: Path, tmp_path: Path) -> None:
-    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], tmp_path, size=16, cutting=SETTINGS)
+    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], tmp_path, cutting=SETTINGS)
     data.prepare_data()
     folder = tmp_path / "train-0"
     first = (folder / "rows.npz").stat().st_mtime_ns
     data.prepare_data()
     assert (folder / "rows.npz").stat().st_mtime_ns == first
-    other = ActionData([acting_clips / "train"], [acting_clips / "validation"], tmp_path, size=24, cutting=SETTINGS)
+    other = ActionData(
+        [acting_clips / "train"], [acting_clips / "validation"], tmp_path, cutting=replace(SETTINGS, size=24)
+    )
     other.prepare_data()
     assert (folder / "rows.npz").stat().st_mtime_ns != first
     (clip, _) = action_sequences(acting_clips / "train")
@@ -59,7 +61,7 @@ def test_clips_without_people_are_left_out_by_name(
         (tmp_path / name / "img1").symlink_to(acting_clips / "train/train-0/img1")
         text = "\n".join(" ".join([*row[:6], lost, *row[7:]]) for row in rows)
         (tmp_path / name / "gt/actions.txt").write_text(text)
-    data = ActionData([tmp_path], [acting_clips / "validation"], tmp_path / "cut", size=16, cutting=SETTINGS)
+    data = ActionData([tmp_path], [acting_clips / "validation"], tmp_path / "cut", cutting=SETTINGS)
     data.prepare_data()
     data.setup("fit")
     assert "left out, since nobody is labelled there: empty" in capsys.readouterr().err
@@ -73,7 +75,7 @@ def test_clips_without_people_are_left_out_by_name(
 def test_damaged_crops_are_cut_anew_with_a_warning(
     acting_clips: Path, tmp_path: Path, part: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], tmp_path, size=16, cutting=SETTINGS)
+    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], tmp_path, cutting=SETTINGS)
     data.prepare_data()
     damaged = tmp_path / "train-1" / part
     whole = damaged.read_bytes()
@@ -99,7 +101,7 @@ def test_a_clip_that_breaks_off_leaves_nothing(acting_clips: Path, tmp_path: Pat
 
 
 def loaded(acting_clips: Path, folder: Path, **more: object) -> ActionBatches:
-    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], folder, size=16, cutting=SETTINGS)
+    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], folder, cutting=SETTINGS)
     data.prepare_data()
     data.setup("fit")
     options: dict[str, object] = {"segments": 1, "span": 12, "rarity": 0.5}

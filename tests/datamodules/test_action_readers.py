@@ -72,7 +72,7 @@ def test_clips_of_images_and_of_video_have_their_one_action(drone_action: Path) 
 
 
 def test_drone_action_trains_an_action_network(drone_action: Path, tmp_path: Path) -> None:
-    data = ActionData([drone_action], [tmp_path / "other"], tmp_path / "cache", size=16, cutting=SETTINGS)
+    data = ActionData([drone_action], [tmp_path / "other"], tmp_path / "cache", cutting=SETTINGS)
     data.prepare_data()
     data.setup("fit")
     assert data.names == DRONE_ACTION_CLASSES
@@ -102,7 +102,7 @@ def test_the_command_line_trains_on_drone_action(
 
 def test_another_clip_of_the_same_name_is_cut_anew(drone_action: Path, tmp_path: Path) -> None:
     def crops() -> np.ndarray:
-        data = ActionData([drone_action], [tmp_path / "other"], tmp_path / "cache", size=16, cutting=SETTINGS)
+        data = ActionData([drone_action], [tmp_path / "other"], tmp_path / "cache", cutting=SETTINGS)
         data.prepare_data()
         data.setup("fit")
         return data.train_crops.crops("rgb_local", np.arange(4))
@@ -127,7 +127,7 @@ def test_boxes_that_do_not_belong_to_the_video_are_named(
     labels.unlink()
     if rows:
         write_boxes(labels, rows)
-    data = ActionData([drone_action], [tmp_path / "other"], tmp_path / "cache", size=16, cutting=SETTINGS)
+    data = ActionData([drone_action], [tmp_path / "other"], tmp_path / "cache", cutting=SETTINGS)
     with pytest.raises(RequestError, match=message):
         data.prepare_data()
 
@@ -148,9 +148,7 @@ def test_all_actions_of_okutama_are_read_where_they_are_asked_for(acting_clips: 
     several.write_text(single.read_text().replace('"Walking"', '"Walking" "Calling"'))
     counts = []
     for multiple_actions in (False, True):
-        data = ActionData(
-            [folder], [acting_clips / "train"], tmp_path / "cache", multiple_actions, size=16, cutting=SETTINGS
-        )
+        data = ActionData([folder], [acting_clips / "train"], tmp_path / "cache", multiple_actions, cutting=SETTINGS)
         data.prepare_data()
         data.setup("fit")
         counts.append(data.train_crops.actions.sum(axis=1).max())

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.datamodules.appearance_data import AppearanceData, IdentityBatches
+from tsuiseki.datamodules.appearance_data import AppearanceData, IdentityBatches, RenderedPeople
 from tsuiseki.datamodules.crop_augmentation import CropAugmentation, augment_crop, draw_camera
 from tsuiseki.datamodules.identity_crops import (
     IdentityCrops,
@@ -180,10 +180,7 @@ def test_module_mixes_video_and_rendered(sequence: Path, tmp_path: Path) -> None
     data = AppearanceData(
         train_folders=[sequence],
         train_frames=(1, 8),
-        rendered=tmp_path / "people.npz",
-        rendered_identities=5,
-        rendered_views=4,
-        rendered_validation=2,
+        rendered=RenderedPeople(tmp_path / "people.npz", identities=5, views=4, validation=2),
         height=32,
         width=16,
         identities=3,
@@ -204,9 +201,9 @@ def test_module_mixes_video_and_rendered(sequence: Path, tmp_path: Path) -> None
 
 def test_bad_requests(sequence: Path) -> None:
     with pytest.raises(RequestError, match="nothing to learn from"):
-        AppearanceData(rendered=None)
+        AppearanceData(rendered=RenderedPeople(None))
     with pytest.raises(RequestError, match="nothing to validate on"):
-        AppearanceData(train_folders=[sequence], rendered=None)
+        AppearanceData(train_folders=[sequence], rendered=RenderedPeople(None))
     with pytest.raises(RequestError, match=r"no frame lies within \(20, 30\)"):
         crops_from_folder(sequence, (20, 30))
     with pytest.raises(RequestError, match="at least 2 identities"):

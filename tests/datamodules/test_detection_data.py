@@ -20,7 +20,7 @@ from tsuiseki.datamodules.detection_data import (
     EpochSampler,
     collate,
 )
-from tsuiseki.datamodules.footage import Footage, Source
+from tsuiseki.datamodules.footage import Footage, TrainingSource
 from tsuiseki.datamodules.generated_pictures import write_pictures
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
@@ -46,21 +46,21 @@ def walker(tmp_path: Path) -> Path:
 
 def data(folder: Path, **changes: object) -> DetectionData:
     settings: dict[str, object] = {"height": 96, "width": 128, "batch_size": 4, "examples_per_epoch": 8, "workers": 0}
-    train = [Source(str(folder), (1, 7), fixed_camera=True)]
-    module = DetectionData(train, [Source(str(folder), (8, 10))], **(settings | changes))  # type: ignore[arg-type]
+    train = [TrainingSource(str(folder), (1, 7), fixed_camera=True)]
+    module = DetectionData(train, [TrainingSource(str(folder), (8, 10))], **(settings | changes))  # type: ignore[arg-type]
     module.setup("fit")
     return module
 
 
 def test_footage_keeps_frame_ranges_as_files_count_them(walker: Path) -> None:
-    footage = Footage(Source(str(walker), (8, 10)))
+    footage = Footage(TrainingSource(str(walker), (8, 10)))
     assert len(footage) == 3
     assert footage.example(0).boxes[0].tolist() == [94.0, 40.0, 114.0, 100.0]
     assert footage.example(0).ignored.tolist() == [False, True]
 
 
 def test_a_fixed_camera_gives_its_people_and_its_empty_view(walker: Path) -> None:
-    footage = Footage(Source(str(walker), fixed_camera=True))
+    footage = Footage(TrainingSource(str(walker), fixed_camera=True))
     view = footage.view(0)
     assert view is not None
     assert len(view.people()) == 10
@@ -114,7 +114,10 @@ def test_epochs_go_on_where_the_last_one_ended() -> None:
 
 def test_shares_say_where_examples_come_from(walker: Path) -> None:
     module = data(walker)
-    module.sources["train"] = [Source(str(walker), (1, 3), share=3.0), Source(str(walker), (4, 7), share=1.0)]
+    module.sources["train"] = [
+        TrainingSource(str(walker), (1, 3), share=3.0),
+        TrainingSource(str(walker), (4, 7), share=1.0),
+    ]
     module.setup("fit")
     assert module.training.shares.tolist() == [0.75, 0.25]
 
@@ -129,7 +132,7 @@ def test_shares_say_where_examples_come_from(walker: Path) -> None:
     ],
 )
 def test_what_a_scene_does_not_show_is_refused(tmp_path: Path, scene: Any, given: dict[str, Any]) -> None:
-    source = Source(str(tmp_path / "generated"), generate=1, scene=scene, **given)
+    source = TrainingSource(str(tmp_path / "generated"), generate=1, scene=scene, **given)
     (name,) = given
     with pytest.raises(RequestError, match=f"expected `{name}` with a varied, .* or near scene, got {scene}"):
         DetectionData([source], [source], height=48, width=64)
@@ -137,19 +140,19 @@ def test_what_a_scene_does_not_show_is_refused(tmp_path: Path, scene: Any, given
 
 @pytest.mark.parametrize("scene", ["street", "ceiling"])
 def test_no_sun_shines_where_the_scene_has_none(tmp_path: Path, scene: Any) -> None:
-    source = Source(str(tmp_path / "generated"), generate=1, scene=scene, sun=0.5)
+    source = TrainingSource(str(tmp_path / "generated"), generate=1, scene=scene, sun=0.5)
     with pytest.raises(RequestError, match=f"expected `sun` with a varied, .* or drone scene, got {scene}"):
         DetectionData([source], [source], height=48, width=64)
 
 
 def test_shares_of_pictures_are_shares(tmp_path: Path) -> None:
-    source = Source(str(tmp_path / "generated"), generate=1, scene="varied", sun=1.5)
+    source = TrainingSource(str(tmp_path / "generated"), generate=1, scene="varied", sun=1.5)
     with pytest.raises(RequestError, match=r"expected `sun` as a share in \[0, 1\], got 1.5"):
         DetectionData([source], [source], height=48, width=64)
 
 
 def test_steady_boxes_are_of_rendered_people(tmp_path: Path) -> None:
-    source = Source(str(tmp_path / "generated"), generate=1, scene="varied", boxes="steady")
+    source = TrainingSource(str(tmp_path / "generated"), generate=1, scene="varied", boxes="steady")
     with pytest.raises(RequestError, match="expected `sprites` with steady `boxes`, which are theirs, got none"):
         DetectionData([source], [source], height=48, width=64)
 
@@ -157,7 +160,7 @@ def test_steady_boxes_are_of_rendered_people(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scene", ["varied", "drone"])
 def test_pictures_in_the_sun_are_other_pictures_of_the_same_people(tmp_path: Path, scene: Any) -> None:
     for name, share in (("without", 0.0), ("with", 1.0)):
-        source = Source(str(tmp_path / name), generate=2, scene=scene, size=(96, 64), seed=2, sun=share)
+        source = TrainingSource(str(tmp_path / name), generate=2, scene=scene, size=(96, 64), seed=2, sun=share)
         DetectionData([source], [source], height=64, width=96).prepare_data()
     without, changed = (read_ground_truth(tmp_path / name / "gt" / "gt.txt") for name in ("without", "with"))
     np.testing.assert_array_equal(without.boxes, changed.boxes)
@@ -167,7 +170,7 @@ def test_pictures_in_the_sun_are_other_pictures_of_the_same_people(tmp_path: Pat
 
 def test_pictures_are_generated_once_and_read_as_any_sequence(tmp_path: Path) -> None:
     folder = tmp_path / "generated"
-    source = Source(str(folder), generate=3, seed=5)
+    source = TrainingSource(str(folder), generate=3, seed=5)
     module = DetectionData([source], [source], height=48, width=64, examples_per_epoch=2, batch_size=1, workers=0)
     module.prepare_data()
     before = {p: p.stat().st_mtime_ns for p in folder.rglob("*")}
@@ -183,21 +186,21 @@ def test_pictures_are_generated_once_and_read_as_any_sequence(tmp_path: Path) ->
 
 def test_hidden_people_are_ignored(tmp_path: Path) -> None:
     folder = tmp_path / "generated"
-    write_pictures(Source(str(folder), generate=4, seed=1), (96, 72))
+    write_pictures(TrainingSource(str(folder), generate=4, seed=1), (96, 72))
     truth = read_ground_truth(folder / "gt" / "gt.txt")
-    footage = Footage(Source(str(folder), least_visible=0.9))
+    footage = Footage(TrainingSource(str(folder), least_visible=0.9))
     ignored = np.concatenate([footage.example(i).ignored for i in range(4)])
     assert ignored.sum() == (truth.visibility < 0.9).sum() > 0
 
 
 def test_missing_sources_are_said(tmp_path: Path) -> None:
     with pytest.raises(RequestError, match=r"data\.train and in data\.val"):
-        DetectionData([], [Source("somewhere")])
+        DetectionData([], [TrainingSource("somewhere")])
     with pytest.raises(RequestError, match="expected a ground truth, a sequence folder"):
-        Footage(Source(str(tmp_path / "nothing")))
+        Footage(TrainingSource(str(tmp_path / "nothing")))
 
 
 def test_an_image_that_is_none(walker: Path) -> None:
     (walker / "img1" / "000002.png").write_bytes(b"not an image")
     with pytest.raises(RequestError, match=r"000002.png.*cannot be decoded"):
-        Footage(Source(str(walker)))
+        Footage(TrainingSource(str(walker)))

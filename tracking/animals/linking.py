@@ -184,7 +184,9 @@ def _flow(
 ) -> list[IntArray]:
     """For each frame the track of each pose, 0 for none."""
     flow = FlowTracker(
-        FlowSettings(input=InputSettings(camera=None), smoothing=None, min_time=settings.shortest, fill=0.0).alike(),
+        FlowSettings(
+            input=InputSettings(follow_camera=False), smoothing=False, min_time=settings.shortest, fill=0.0
+        ).alike(),
         frame_rate=frame_rate,
         size=size,
     )

@@ -27,40 +27,30 @@ import numpy as np
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.types import FloatArray, IntArray
 
+# How far a box moves between two frames at most, heights.
+REACH = 1.0
+# Width of the kernel that the first shift is found with, and by how much a pair may differ from the camera's motion,
+# heights a second.
+MODE, TOLERANCE = 1.5, 0.45
+# Rounds of the reweighted least squares, and how strongly turning and scaling are held back in it.
+ROUNDS, RIDGE = 8, 0.5
+# Pairs that must agree.
+LEAST = 4.0
+# Shift a second, in heights, from which the camera is said to move.
+MOVING = 0.3
 
-@dataclass(frozen=True)
-class CameraFromBoxes:
-    """Settings of the estimate.
 
-    Attributes:
-        reach: how far a box moves between two frames at most, heights.
-        mode: width of the kernel that the first shift is found with, heights a second.
-        tolerance: by how much a pair may differ from the camera's motion, heights a second.
-        rounds: of the reweighted least squares.
-        ridge: how strongly turning and scaling are held back.
-        least: pairs that must agree.
-        moving: shift a second, in heights, from which the camera is said to move.
+def doubt_of(support: float, frame_rate: float) -> float:
+    """Standard deviation of a step that fewer pairs than `LEAST` agree with, in heights of a box.
+
+    By so much a pair may differ and still agree, over the root of how many do; of less than one it is not known how
+    many would.
     """
-
-    reach: float = 1.0
-    mode: float = 1.5
-    tolerance: float = 0.45
-    rounds: int = 8
-    ridge: float = 0.5
-    least: float = 4.0
-    moving: float = 0.3
-
-    def doubt(self, support: float, frame_rate: float) -> float:
-        """Standard deviation of a step that fewer pairs than ``least`` agree with, in heights of a box.
-
-        By so much a pair may differ and still agree, over the root of how many do; of less than one it is not known
-        how many would.
-        """
-        return self.tolerance / frame_rate / math.sqrt(max(support, 0.25))
+    return TOLERANCE / frame_rate / math.sqrt(max(support, 0.25))
 
 
 @dataclass(frozen=True)
-class Steps:
+class CameraSteps:
     """How the camera moved into each of T frames.
 
     Attributes:
@@ -74,9 +64,7 @@ class Steps:
     shift: FloatArray
 
 
-def steps_from_boxes(
-    frames: IntArray, boxes: FloatArray, count: int, frame_rate: float, settings: CameraFromBoxes
-) -> Steps:
+def steps_from_boxes(frames: IntArray, boxes: FloatArray, count: int, frame_rate: float) -> CameraSteps:
     """The steps into the frames 0 to ``count - 1``; into the first there is none.
 
     Args:
@@ -84,11 +72,10 @@ def steps_from_boxes(
         boxes: ``(N, 4)`` pixels.
         count: T.
         frame_rate: frames a second.
-        settings: of the estimate.
     """
-    steps = Steps(np.tile(np.eye(3)[:2], (count, 1, 1)), np.zeros(count), np.zeros(count))
+    steps = CameraSteps(np.tile(np.eye(3)[:2], (count, 1, 1)), np.zeros(count), np.zeros(count))
     every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
-    reach = np.repeat(settings.reach * size.max(axis=1)[:, None], 2, axis=1)
+    reach = np.repeat(REACH * size.max(axis=1)[:, None], 2, axis=1)
     i, j = near_pairs(frames, centre, reach, 1, every, every)
     change = np.log(size[j] / size[i])
     alike = np.abs(change[:, 1]) < 0.5
@@ -105,13 +92,13 @@ def steps_from_boxes(
     present = np.maximum(total(weight), 1e-12)
     middle = np.stack([total(weight * centre[i, k]) for k in (0, 1)], axis=1) / present[:, None]
     place = centre[i] - middle[time]
-    ridge = settings.ridge * total(weight * np.square(place).sum(axis=1)) / present
-    kernel = settings.mode / frame_rate * height
+    ridge = RIDGE * total(weight * np.square(place).sum(axis=1)) / present
+    kernel = MODE / frame_rate * height
     scale, turn, shift = np.zeros(count), np.zeros(count), _common_shift(time, move, kernel, weight, count)
-    for _ in range(settings.rounds):
+    for _ in range(ROUNDS):
         off = move - _moves(place, time, scale, turn, shift)
         squared = np.square(off).sum(axis=1)
-        agree = weight / (1 + squared / np.square(settings.tolerance / frame_rate * height)) ** 2
+        agree = weight / (1 + squared / np.square(TOLERANCE / frame_rate * height)) ** 2
         share = agree / np.square(height)
         mass = total(share) + 1e-12
         mean_place = np.stack([total(share * place[:, k]) for k in (0, 1)], axis=1) / mass[:, None]

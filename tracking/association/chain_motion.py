@@ -42,19 +42,15 @@ class MotionNoise:
         measurement: r, heights of the box and logarithms, for a sure box that nothing hides.
         acceleration: q, of the same a second and the root of a second.
         velocity: v, of the same a second.
-        unsure: how much further off a box of probability 0 is than one of probability 1, in r.
-        hidden: how much further off a box is that is quite hidden.
     """
 
     measurement: tuple[float, float, float] = (0.03, 0.14, 0.05)
     acceleration: tuple[float, float, float] = (0.246, 0.49, 0.099)
     velocity: tuple[float, float, float] = (0.75, 0.15, 0.11)
-    unsure: float = 1.5
-    hidden: float = 0.75
 
     def __post_init__(self) -> None:
-        if min(*self.measurement, *self.acceleration, *self.velocity) <= 0 or min(self.unsure, self.hidden) < 0:
-            raise ValueError("expected measurement, acceleration and velocity above 0, unsure and hidden from 0")
+        if min(*self.measurement, *self.acceleration, *self.velocity) <= 0:
+            raise ValueError("expected measurement, acceleration and velocity above 0")
 
 
 @dataclass(frozen=True)
@@ -190,7 +186,7 @@ def _filtered(
 
 
 @dataclass(frozen=True)
-class Along:
+class TrackMotion:
     """What is known at N detections.
 
     Attributes:
@@ -208,15 +204,15 @@ class Along:
     beginning: BoolArray
 
     @classmethod
-    def alone(cls, table: DetectionTable, motion: MotionNoise) -> Along:
+    def alone(cls, table: DetectionTable, motion: MotionNoise) -> TrackMotion:
         """Of detections of which each is a track by itself."""
         never = np.zeros(len(table), dtype=np.bool_)
         past, future = (beliefs_alone(table.measured, motion) for _ in range(2))
         return cls(np.full(len(table), -1), past, future, never, never)
 
-    def select(self, which: BoolArray) -> Along:
+    def select(self, which: BoolArray) -> TrackMotion:
         """Of the detections at a mask."""
-        return Along(
+        return TrackMotion(
             self.follower[which],
             self.past.select(which),
             self.future.select(which),
@@ -224,9 +220,9 @@ class Along:
             self.beginning[which],
         )
 
-    def and_then(self, other: Along) -> Along:
+    def and_then(self, other: TrackMotion) -> TrackMotion:
         """Of these and of further detections."""
-        return Along(
+        return TrackMotion(
             np.append(self.follower, other.follower),
             joined_beliefs(self.past, other.past),
             joined_beliefs(self.future, other.future),
@@ -236,7 +232,7 @@ class Along:
 
 
 @dataclass(frozen=True)
-class Changed:
+class MotionChange:
     """Where something is known anew.
 
     Attributes:
@@ -249,8 +245,8 @@ class Changed:
 
 
 def followed(
-    known: Along, table: DetectionTable, labels: IntArray, follower: IntArray, motion: MotionNoise, reach: int
-) -> tuple[Along, Changed]:
+    known: TrackMotion, table: DetectionTable, labels: IntArray, follower: IntArray, motion: MotionNoise, reach: int
+) -> tuple[TrackMotion, MotionChange]:
     """What is known along other tracks.
 
     Args:
@@ -268,7 +264,7 @@ def followed(
     past = stretch.any_within((_came_from(before) != _came_from(after))[order], reach, 0)
     future = stretch.any_within((before != after)[order], 0, reach)
     needed = stretch.any_within(past, 0, RUN_UP) | stretch.any_within(future, RUN_UP, 0)
-    changed = Changed(np.empty(len(table), np.bool_), np.empty(len(table), np.bool_))
+    changed = MotionChange(np.empty(len(table), np.bool_), np.empty(len(table), np.bool_))
     changed.past[order], changed.future[order] = past, future
     # A part of a track that lies apart from its other parts is filtered by itself.
     part = np.cumsum(np.diff(stretch.first, prepend=-1).astype(np.bool_) | (needed & ~np.roll(needed, 1)))
@@ -276,7 +272,7 @@ def followed(
     label[order] = part
     again = np.sort(order[needed])
     behind, ahead = beliefs_along(label[again], table.measured.select(again), motion)
-    now = Along(
+    now = TrackMotion(
         follower.copy(),
         known.past.replaced(again[changed.past[again]], behind.select(changed.past[again])),
         known.future.replaced(again[changed.future[again]], ahead.select(changed.future[again])),

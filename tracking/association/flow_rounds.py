@@ -1,20 +1,15 @@
-"""The links between detections of a window as one table.
+"""Links of a flow network that are priced again along the tracks found, in turn with the flow.
 
-Links of a flow network that are priced again along the tracks found, in turn with the flow.
-
-Two detections have a place each, and no velocity. Along the track that each belongs to there is one: so the flow is
+Two detections have a place each, and no velocity. Along the track that each belongs to there is one. So the flow is
 solved, a Kalman filter runs along its tracks from both sides, and all links are priced again by what the two sides say
-(see `link_cost`). This is the thesis's alternation of tracks and features (5.3) with motion for action. Prices go only
-part of the way to their new values, since two explanations that are about as good would otherwise take turns.
+(see `link_cost`). This is the thesis's alternation of tracks and features (5.3), with motion in place of actions.
+Prices go only part of the way to their new values, since two explanations that are about as good would otherwise take
+turns. Links over long gaps are needed only where a track ends or begins. In every round they are looked for near the
+ends of the tracks found.
 
-Links over long gaps are needed only where a track ends or begins. In every round they are looked for near the ends of
-the tracks found.
-
-Prices before any track is known, where they are too high.
-
-Where targets move fast, frames are few or boxes inexact, what the velocity of two detections alone is worth exceeds
-what they are. Then first prices make no track, no track tells the velocity, and no round mends it. That is so where
-most detections are right and most of those are left out all the same.
+First prices may be too high. Where targets move fast, frames are few or boxes inexact, the cost of the unknown velocity
+of two detections exceeds what they are worth. Then no track forms, no track tells the velocity, and no round mends it.
+`FirstPrices` recognises this: most detections are right, and most of those are left out all the same.
 """
 
 from __future__ import annotations
@@ -23,10 +18,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tsuiseki.tracking.association.chain_motion import Along, Changed
+from tsuiseki.tracking.association.chain_motion import MotionChange, TrackMotion
 from tsuiseki.tracking.association.costs import window_means
 from tsuiseki.tracking.association.detection_tables import DetectionTable
-from tsuiseki.tracking.association.link_cost import MOST_WORTH, LinkCost
+from tsuiseki.tracking.association.link_cost import DOUBT, MOST_WORTH, LinkCost
 from tsuiseki.tracking.association.link_pricing import Pricing, priced
 from tsuiseki.tracking.association.nearby import (
     BOXES_AT_ONCE,
@@ -78,6 +73,16 @@ def joined_links(one: Links, other: Links) -> Links:
     )
 
 
+# Seconds from the end of a track that count as near it.
+ENDS = 0.3
+# Share of the old price in the new one.
+KEEP = 0.5
+# Links that cost more are left out; above entry + exit, for they may become cheaper.
+DEAREST = 14.0
+# Seconds over which features are averaged along tracks.
+AVERAGED = 0.7
+
+
 @dataclass(frozen=True)
 class RoundSettings:
     """Which links of detections there are, and how often they are priced.
@@ -85,24 +90,16 @@ class RoundSettings:
     Attributes:
         window: longest gap of a link, seconds.
         near: gaps up to this many seconds are linked everywhere, longer ones only near the ends of tracks.
-        ends: seconds from the end of a track that count as near it.
         rounds: how often links are priced again; 0 keeps the prices of pairs.
-        keep: share of the old price in the new one.
-        dearest: links that cost more are left out; above entry + exit, for they may become cheaper.
-        averaged: seconds over which features are averaged along tracks.
     """
 
     window: float = 1.3
     near: float = 0.6
-    ends: float = 0.3
     rounds: int = 5
-    keep: float = 0.5
-    dearest: float = 14.0
-    averaged: float = 0.7
 
     def __post_init__(self) -> None:
-        if not (self.near > 0 and self.window > 0 and self.ends >= 0 and self.rounds >= 0 and 0 <= self.keep < 1):
-            raise ValueError("expected window and near above 0, ends and rounds from 0 and keep in [0, 1)")
+        if not (self.near > 0 and self.window > 0 and self.rounds >= 0):
+            raise ValueError("expected window and near above 0 and rounds from 0")
 
 
 def candidates(
@@ -140,7 +137,7 @@ def _reach(table: DetectionTable, tails: IntArray, side: FloatArray, gap: IntArr
     if wander[-1] > wander[0]:
         later = wander[np.searchsorted(table.frames, gap + table.frames[tails], side="right") - 1]
         doubt = np.sqrt(np.maximum(later - wander[tails], 0))
-        reach += (side * cost.doubt * doubt)[:, None]
+        reach += (side * DOUBT * doubt)[:, None]
     return reach
 
 
@@ -186,12 +183,12 @@ def repriced(
     links: Links,
     table: DetectionTable,
     labels: IntArray,
-    known: Along,
-    changed: Changed,
+    known: TrackMotion,
+    changed: MotionChange,
     settings: RoundSettings,
     free: BoolArray,
     by: Pricing,
-) -> tuple[Links, Along]:
+) -> tuple[Links, TrackMotion]:
     """The links with those that the ends of the tracks ask for, at the prices of what is known along the tracks.
 
     Only links are priced of which an end is known anew, unless learnt changes compare links with each other.
@@ -209,12 +206,12 @@ def repriced(
     Returns:
         The links, and what is known, with the ends from and to which links were looked for.
     """
-    means = None if table.features is None else mean_features(table, labels, table.features, settings.averaged)
+    means = None if table.features is None else mean_features(table, labels, table.features, AVERAGED)
     tail, head = table.rows(links.tail), table.rows(links.head)
     again = changed.past[tail] | changed.future[head] | np.isnan(links.price)
     if by.change is not None:
         again[:] = True
-    ending, beginning = (_mask(ends, len(table)) & free for ends in near_ends(table, labels, settings.ends))
+    ending, beginning = (_mask(ends, len(table)) & free for ends in near_ends(table, labels, ENDS))
     fresh = ending & (changed.past | ~known.ending), beginning & (changed.future | ~known.beginning)
     more = _fresh_candidates(table, (ending, beginning), fresh, settings, by.cost)
     more = _without(more, tail, head, len(table))
@@ -224,11 +221,11 @@ def repriced(
         table, (i, j), (known.past, known.future), by, means=means, hidden=hidden, labels=labels
     )
     old = links.select(~again)
-    old.cost[:] += (1 - settings.keep) * (old.price - old.cost)
+    old.cost[:] += (1 - KEEP) * (old.price - old.cost)
     # Prices of pairs are no prices along tracks, and new links have none.
     before = np.append(np.where(np.isnan(links.price[again]), np.nan, links.cost[again]), np.full(len(more[0]), np.nan))
     before = before[kept]
-    near = price + np.where(np.isnan(before), 0.0, settings.keep * (before - price))
+    near = price + np.where(np.isnan(before), 0.0, KEEP * (before - price))
     new = Links(table.numbers[i[kept]], table.numbers[j[kept]], near, price, hidden)
     return joined_links(old, new), replace(known, ending=ending, beginning=beginning)
 
@@ -267,7 +264,7 @@ RIGHT, FEWEST, MOST, USED = 0.7, 10, 2 / 3, 0.6
 
 
 @dataclass(frozen=True)
-class Believed:
+class FirstPrices:
     """U detections as the video would have them if those that it does not bear out were missed by chance.
 
     Attributes:
@@ -285,7 +282,7 @@ class Believed:
 
 
 def with_known_velocity(links: Links, cost: LinkCost, frame_rate: float) -> Links:
-    """Links, of which those without a price along tracks are priced as with `LinkCost.settled` = 1."""
-    less = (1 - cost.settled) * cost.room(1 / frame_rate)
+    """Links, of which those without a price along tracks are priced as with `LinkCost.velocity_confidence` = 1."""
+    less = (1 - cost.velocity_confidence) * cost.room(1 / frame_rate)
     known = np.maximum(links.cost - less, -MOST_WORTH)
     return replace(links, cost=np.where(np.isnan(links.price), known, links.cost))

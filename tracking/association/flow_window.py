@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsuiseki.tracking.association.chain_motion import RUN_UP, Along, followed
+from tsuiseki.tracking.association.chain_motion import RUN_UP, TrackMotion, followed
 from tsuiseki.tracking.association.costs import TransitionCost
 from tsuiseki.tracking.association.detection_tables import (
     DetectionTable,
@@ -15,7 +15,9 @@ from tsuiseki.tracking.association.detection_tables import (
 )
 from tsuiseki.tracking.association.evidence import detection_evidence, link_evidence
 from tsuiseki.tracking.association.flow_rounds import (
-    Believed,
+    AVERAGED,
+    DEAREST,
+    FirstPrices,
     Links,
     RoundSettings,
     candidates,
@@ -28,7 +30,15 @@ from tsuiseki.tracking.association.link_cost import MOST_WORTH, LinkCost
 from tsuiseki.tracking.association.link_pricing import LinkChange, Pricing, priced
 from tsuiseki.tracking.association.nearby import Pairs, gaps
 from tsuiseki.tracking.association.network_flow import FlowGraph, FlowSolution, track_labels
-from tsuiseki.tracking.association.places import MEMORY, Counts, EntryPlaces, no_counts, place_costs, starts_and_ends
+from tsuiseki.tracking.association.places import (
+    MEMORY,
+    UNKNOWN,
+    EntryCounts,
+    EntryPlaces,
+    no_counts,
+    place_costs,
+    starts_and_ends,
+)
 from tsuiseki.tracking.association.sliding_flow import Decision, SlidingFlow
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
@@ -93,7 +103,7 @@ class FlowWindow:
         self.changes = changes
         self._table = DetectionTable.empty(frame_rate, size)
         self._links = Links()
-        self._known = Along.alone(self._table, costs.link.motion)
+        self._known = TrackMotion.alone(self._table, costs.link.motion)
         # Of decided detections: what follows them. Of undecided ones: what followed them in the last round.
         self._follower = np.empty(0, dtype=np.int64)
         # Where decided tracks begin and end.
@@ -134,7 +144,7 @@ class FlowWindow:
         longest = gaps(min(rounds.near, rounds.window), table.frame_rate)
         i, j = candidates(table, free, fresh, 1, longest, self.costs.link)
         link = self.costs.link
-        alone = Along.alone(table, link.motion)
+        alone = TrackMotion.alone(table, link.motion)
         self._known = self._known.and_then(alone.select(table.numbers >= new.numbers[0]))
         kept, cost, hidden = priced(
             table,
@@ -153,7 +163,7 @@ class FlowWindow:
         start: FloatArray | None = None,
         end: FloatArray | None = None,
         rounds: int | None = None,
-        believed: Believed | None = None,
+        first_prices: FirstPrices | None = None,
     ) -> None:
         """Alternate between the flow and the prices of its links.
 
@@ -162,7 +172,7 @@ class FlowWindow:
             start: ``(U,)`` changes of the cost of a track's start at each; none by default.
             end: ``(U,)`` likewise of its end.
             rounds: how often links are priced again at most; by default as often as the settings say.
-            believed: by which it is told whether first prices are too high; by default none are.
+            first_prices: by which it is told whether first prices are too high; by default none are.
         """
         free, table, places = self.free(), self._table, self.costs.places
         nothing = np.zeros(int(free.sum()))
@@ -174,9 +184,9 @@ class FlowWindow:
         rounds = self.costs.rounds.rounds if rounds is None else rounds
         for number in range(rounds + 1):
             self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
-            if number == 0 and believed is not None and believed.left_out(self._flow.solution().used):
+            if number == 0 and first_prices is not None and first_prices.left_out(self._flow.solution().used):
                 self._links = with_known_velocity(self._links, self.costs.link, table.frame_rate)
-                observation = observation + believed.change
+                observation = observation + first_prices.change
                 self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
             solution = self._flow.solution()
             undecided = self._flow.undecided
@@ -189,7 +199,7 @@ class FlowWindow:
             if places is not None:
                 here = self.place_costs(table.image[free])
             labels, costs = self.labels(), self.costs
-            reach = max(RUN_UP, gaps(costs.rounds.averaged, table.frame_rate))
+            reach = max(RUN_UP, gaps(AVERAGED, table.frame_rate))
             known, changed = followed(self._known, table, labels, self._follower, costs.link.motion, reach)
             self._links, self._known = repriced(
                 self._links,
@@ -206,20 +216,20 @@ class FlowWindow:
         """``(N,)`` changes of entry and of exit costs at ``(N, 4)`` boxes in the image, by the tracks found so far."""
         if self.costs.places is None:
             return np.zeros(len(boxes)), np.zeros(len(boxes))
-        counts = self._counts.and_then(self._told(self.costs.places).select(self.free() & (self.labels() >= 0)))
+        counts = self._counts.and_then(self._starts_and_ends().select(self.free() & (self.labels() >= 0)))
         return place_costs(counts, boxes, self._table.size, self.costs.places)
 
-    def _told(self, places: EntryPlaces) -> Counts:
+    def _starts_and_ends(self) -> EntryCounts:
         """What the last solution says of where tracks begin and end, of the detections that are kept."""
         table = self._table
-        margin = places.unknown * table.frame_rate
+        margin = UNKNOWN * table.frame_rate
         known = (margin, float(table.frames.max(initial=0)) - margin)
-        return Counts(table.image, *starts_and_ends(self.labels(), table.frames, known, places.shortest))
+        return EntryCounts(table.image, *starts_and_ends(self.labels(), table.frames, known))
 
     def decide(self, last_frame: int, before: int, *, whatever: bool = False) -> Decision:
         """Decide what lies before a frame and no frame after ``last_frame`` can change, or ``whatever`` those say."""
         flow = self._flow
-        counts = None if self.costs.places is None else self._told(self.costs.places)
+        counts = None if self.costs.places is None else self._starts_and_ends()
         decision = flow.decide_before(before) if whatever else flow.decide(last_frame, before)
         if counts is not None:
             counts = counts.select(np.isin(self._table.numbers, decision.numbers[decision.used]))
@@ -292,7 +302,7 @@ class FlowWindow:
         return self.changes.detections(detection_evidence(self._table, observation, logit)[free])
 
     def _pricing(self) -> Pricing:
-        return Pricing(self.costs.link, self.costs.rounds.dearest, self._transition, self._link_change())
+        return Pricing(self.costs.link, DEAREST, self._transition, self._link_change())
 
     def _link_change(self) -> LinkChange | None:
         changes = self.changes

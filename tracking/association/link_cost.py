@@ -1,22 +1,16 @@
-"""How ill two chains of detections go together: the logarithm of Student's t density, over all coordinates.
-
-With e = (difference of place, difference of velocity) in one coordinate, Σ = [[a, b], [b, c]] its covariance, D = |Σ|,
-
-    ½ log(D / 4 r² v²) + (ν + 2)/2 · log(1 + (c e₁² − 2 b e₁ e₂ + a e₂²) / (D ν)).
-
-What belongs to one detection is laid out by columns once, so that pairs only look it up; the logarithms of the
-coordinates are one of a product.
-
-Which detections or ends of chains can be the same person, and what it costs to link them.
+"""What it costs to link detections, or ends of chains, that can be the same person.
 
 A link from i to j compares what the past of i's chain predicts at j with what the future of j's chain says there. With
-e the difference of place and velocity in one coordinate and Σ its covariance, the cost is
+e = (difference of place, of velocity) in one coordinate, its covariance Σ = [[a, b], [b, c]] and D = |Σ|, it is
 
-    Σ_coordinates [ ½ log(|Σ| / 4 r² v²) + (ν + 2)/2 · log(1 + eᵀ Σ⁻¹ e / ν) ]
+    Σ_coordinates [ ½ log(D / 4 r² v²) + (ν + 2)/2 · log(1 + (c e₁² − 2 b e₁ e₂ + a e₂²) / (D ν)) ]
     + miss · (τ − one frame) · (1 − covering · hidden)
 
 the negative logarithm of Student's t density over its value between two chains of one detection each that agree, plus
-what it costs that nobody detected the person in between: less where a nearer box hides the place, or the image ends.
+the cost of a person who was not detected in between: less where a nearer box hides the place, or the image ends.
+
+The values of one detection are laid out by columns once, so that pairs only look them up; the logarithms of the
+coordinates are one of a product.
 """
 
 from __future__ import annotations
@@ -31,6 +25,22 @@ from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import Measurements
 from tsuiseki.tracking.types import FloatArray, IntArray
 
+# However well two chains fit, a link is worth no more: a track's end may always be bought.
+MOST_WORTH = 15.0
+# Degrees of freedom ν; the fewer, the less a large difference counts.
+TAILS = 2.5
+# Share of the cost of a miss that is not paid where the person is hidden.
+COVERING = 0.7
+# The appearance of two single detections speaks for a link by no more than this. Otherwise detections of one person
+# with and without features would rather make two tracks.
+MOST_ALIKE = 3.0
+# Learnt costs count for no more than this, either way.
+MOST_LEARNT = 5.0
+# Deviation of the camera's motion, in heights, above which it makes links no dearer: where nobody knows how far the
+# camera jumped, all links over the jump are equally far. And its standard deviations by which links reach further.
+LOST, DOUBT = 0.5, 2.0
+# Cost of a sudden change of motion; see `LinkCost.mismatch_along`.
+TURN = 3.0
 # Pairs that are compared together: as many as the processor holds close by.
 PAIRS_AT_ONCE = 8192
 
@@ -50,42 +60,27 @@ class Mismatch(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class StudentT:
-    """The distribution.
-
-    Attributes:
-        motion: r and v, of which D is counted from, and q.
-        tails: ν.
-        lost: deviation of the camera's motion, heights, above which it makes nothing dearer.
-        most_worth: no pair costs less than this below 0.
-    """
-
-    motion: MotionNoise
-    tails: float
-    lost: float
-    most_worth: float
-
-    def cost(self, fit: FloatArray, volume: FloatArray) -> FloatArray:
-        """``(P,)`` from the products of 1 + eᵀ Σ⁻¹ e / ν and of D / 4 r² v²."""
-        return np.asarray((self.tails + 2) / 2 * np.log(fit) + 0.5 * np.log(volume))
-
-    def doubt(self, wander: FloatArray) -> FloatArray:
-        """``(P,)`` the part of the camera's variance that makes nothing dearer."""
-        return np.maximum(wander - self.lost**2, 0)
+def _student_cost(fit: FloatArray, volume: FloatArray) -> FloatArray:
+    """``(P,)`` costs from the products of 1 + eᵀ Σ⁻¹ e / ν and of D / 4 r² v²."""
+    return np.asarray((TAILS + 2) / 2 * np.log(fit) + 0.5 * np.log(volume))
 
 
-class Alone:
+def _free_variance(wander: FloatArray) -> FloatArray:
+    """``(P,)`` the part of the camera's variance that makes nothing dearer."""
+    return np.maximum(wander - LOST**2, 0)
+
+
+class SingleMismatch:
     """`Mismatch` of detections of which each is all that is known of its chain: P = diag(r², v²), and no velocity.
 
     Args:
-        law: the distribution.
+        motion: noise of detections and of motion.
         seen: the detections.
         less: what is taken off.
     """
 
-    def __init__(self, law: StudentT, seen: Measurements, less: float) -> None:
-        self._law, self._less = law, less
+    def __init__(self, motion: MotionNoise, seen: Measurements, less: float) -> None:
+        self._motion, self._less = motion, less
         self._places, self._noise = seen.places.T.copy(), np.square(seen.noise)
         self._side = np.maximum(*self._places[2:])
 
@@ -94,7 +89,7 @@ class Alone:
         return in_parts(self._cost, i, j, seconds, wander)
 
     def _cost(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
-        law, motion = self._law, self._law.motion
+        motion = self._motion
         noise, squared = self._noise[i] + self._noise[j], seconds * seconds
         # Places count in geometric means of the two longer sides.
         per_side = np.exp(-(self._side[i] + self._side[j]))
@@ -106,29 +101,29 @@ class Alone:
             if group == 0:
                 a += wander
             determinant = a * c - b * b
-            scale = c / determinant * (1 / law.tails)
+            scale = c / determinant * (1 / TAILS)
             if group == 0:
                 scale *= per_side
-                determinant -= law.doubt(wander) * c
+                determinant -= _free_variance(wander) * c
             determinant *= 1 / (4 * r**2 * v**2)
             for k in np.flatnonzero(group == GROUPS):
                 apart = self._places[k][i] - self._places[k][j]
                 fit *= 1 + scale * (apart * apart)
                 volume *= determinant
-        return np.maximum(law.cost(fit, volume) - self._less, -law.most_worth)
+        return np.maximum(_student_cost(fit, volume) - self._less, -MOST_WORTH)
 
 
-class Along:
+class ChainMismatch:
     """`Mismatch` of what the past of the earlier one's chain says and what the future of the later one's does.
 
     Args:
-        law: the distribution.
+        motion: noise of detections and of motion.
         past: what the past of its chain says at each detection.
         future: likewise of the future.
     """
 
-    def __init__(self, law: StudentT, past: Beliefs, future: Beliefs) -> None:
-        self._law = law
+    def __init__(self, motion: MotionNoise, past: Beliefs, future: Beliefs) -> None:
+        self._motion = motion
         self._past, self._future = _Columns(past), _Columns(future)
 
     def __call__(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
@@ -136,10 +131,8 @@ class Along:
         return in_parts(self._cost, i, j, seconds, wander)
 
     def _cost(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
-        law, past, future = self._law, self._past, self._future
-        r2, q2, v2 = (
-            np.square(values) for values in (law.motion.measurement, law.motion.acceleration, law.motion.velocity)
-        )
+        motion, past, future = self._motion, self._past, self._future
+        r2, q2, v2 = (np.square(values) for values in (motion.measurement, motion.acceleration, motion.velocity))
         per_side = np.exp(-(past.side[i] + future.side[j]))
         fit, volume = np.ones(len(i)), np.ones(len(i))
         for group in range(3):
@@ -151,10 +144,10 @@ class Along:
             if group == 0:
                 a += wander
             determinant = a * c - b * b
-            scale = 1 / (determinant * law.tails)
+            scale = 1 / (determinant * TAILS)
             if group == 0:
                 scale *= per_side
-                determinant -= law.doubt(wander) * c
+                determinant -= _free_variance(wander) * c
             determinant *= 1 / (4 * r2[group] * v2[group])
             b *= 2
             for k in np.flatnonzero(group == GROUPS):
@@ -163,27 +156,26 @@ class Along:
                 velocity -= future.velocity[k][j]
                 fit *= 1 + scale * (apart * (c * apart - b * velocity) + a * (velocity * velocity))
                 volume *= determinant
-        return np.maximum(law.cost(fit, volume), -law.most_worth)
+        return np.maximum(_student_cost(fit, volume), -MOST_WORTH)
 
 
-class OrSuddenChange:
-    """`Mismatch` along chains, or of strangers for ``turn`` more, whichever is less; see `LinkCost.mismatch_along`.
+class MismatchOrTurn:
+    """`Mismatch` along chains, or of strangers for `TURN` more, whichever is less; see `LinkCost.mismatch_along`.
 
     Args:
         along: along chains.
-        alone: of strangers, which is asked for only where chains go together worse than for ``turn``.
-        turn: see `LinkCost`.
+        alone: of strangers, which is asked for only where chains go together worse than for `TURN`.
     """
 
-    def __init__(self, along: Along, alone: Alone, turn: float) -> None:
-        self._along, self._alone, self._turn = along, alone, turn
+    def __init__(self, along: ChainMismatch, alone: SingleMismatch) -> None:
+        self._along, self._alone = along, alone
 
     def __call__(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
         """See `Mismatch`."""
         cost = self._along(i, j, seconds, wander)
-        dear = np.flatnonzero(cost > self._turn)
+        dear = np.flatnonzero(cost > TURN)
         alone = self._alone(i[dear], j[dear], seconds[dear], wander[dear])
-        cost[dear] = np.minimum(cost[dear], alone + self._turn)
+        cost[dear] = np.minimum(cost[dear], alone + TURN)
         return cost
 
 
@@ -208,62 +200,37 @@ def in_parts(cost: Mismatch, i: IntArray, j: IntArray, seconds: FloatArray, wand
     return total
 
 
-# However well two chains fit, a link is worth no more: a track's end may always be bought.
-MOST_WORTH = 15.0
-
-
 @dataclass(frozen=True)
 class LinkCost:
     """What links cost.
 
     Attributes:
         motion: noise of detections and of motion.
-        tails: ν, degrees of freedom; the fewer, the less a large difference counts.
         miss: cost of a second without a detection.
-        covering: share of that which is not paid where the person is hidden.
         appearance: weight of the cosine distance of two appearance features, and of two averaged along tracks.
         neutral: cosine distance that speaks neither for nor against, taken also where it is not known; likewise two.
-        action: what the action features of two detections or tracks say; None leaves them out.
-        most_alike: the appearance of two single detections speaks for a link by no more than this. Otherwise detections
-            of one person with and without features would rather make two tracks.
-        most_learnt: learnt costs count for no more than this, either way.
+        action: cost of the action features of two detections or tracks; None leaves them out.
         reach: differences of centres in x and in y that are considered, longer sides of the earlier box.
         speed: what is added to them every second.
-        doubt: and what is added where the camera's motion is in doubt, in its standard deviations.
-        lost: deviation of the camera's motion, in heights, above which it makes links no dearer: where nobody knows how
-            far the camera jumped, all links over the jump are equally far.
         size: largest difference of log heights that is considered.
-        settled: how far the first prices take the velocity for known, 0 to 1; see `mismatch_alone`.
-        turn: cost of a sudden change of motion; see `mismatch_along`.
+        velocity_confidence: weight in [0, 1] of the unknown velocity when links are first scored; see `mismatch_alone`.
     """
 
     motion: MotionNoise = field(default_factory=MotionNoise)
-    tails: float = 2.5
     miss: float = 1.5
-    covering: float = 0.7
     appearance: tuple[float, float] = (14.0, 18.0)
     neutral: tuple[float, float] = (0.27, 0.24)
     action: ActionCost | None = None
-    most_alike: float = 3.0
-    most_learnt: float = 5.0
     reach: tuple[float, float] = (0.3, 0.3)
     speed: tuple[float, float] = (2.1, 1.2)
-    doubt: float = 2.0
-    lost: float = 0.5
     size: float = 0.5
-    settled: float = 0.3
-    turn: float = 3.0
+    velocity_confidence: float = 0.3
 
     def __post_init__(self) -> None:
-        if not (self.tails > 0 and self.miss >= 0 and 0 <= self.covering <= 1 and self.size > 0):
-            raise ValueError("expected tails and size above 0, miss from 0 and covering from 0 to 1")
-        if not (0 <= self.settled <= 1 and self.turn >= 0):
-            raise ValueError(f"expected settled from 0 to 1 and turn from 0, got {self.settled} and {self.turn}")
-        if min(self.reach) <= 0 or min(*self.speed, self.doubt, self.lost) < 0:
-            raise ValueError(
-                f"expected reach above 0, speed, doubt and lost from 0, got {self.reach}, {self.speed}"
-                f", {self.doubt} and {self.lost}"
-            )
+        if not (self.miss >= 0 and self.size > 0 and min(self.reach) > 0 and min(self.speed) >= 0):
+            raise ValueError("expected size and reach above 0, miss and speed from 0")
+        if not 0 <= self.velocity_confidence <= 1:
+            raise ValueError(f"expected velocity_confidence from 0 to 1, got {self.velocity_confidence}")
 
     def at_speed(self, speed: float) -> LinkCost:
         """The same where targets move at ``speed``, longer sides a second, as `TypicalSpeed` tells it.
@@ -292,18 +259,18 @@ class LinkCost:
 
     def waiting(self, seconds: FloatArray, one_frame: float, hidden: FloatArray) -> FloatArray:
         """``(P,)`` what the time between two detections costs in which the person was not detected."""
-        return np.asarray(self.miss * (seconds - one_frame) * (1 - self.covering * hidden))
+        return np.asarray(self.miss * (seconds - one_frame) * (1 - COVERING * hidden))
 
     def appearance_cost(self, distance: FloatArray, *, averaged: bool) -> FloatArray:
         """``(P,)`` what cosine distances of single, or of averaged features say; NaN where one is not known."""
         weight, neutral = self.appearance[averaged], self.neutral[averaged]
         cost = np.asarray(weight * np.nan_to_num(distance - neutral))
-        return cost if averaged else np.maximum(cost, -self.most_alike)
+        return cost if averaged else np.maximum(cost, -MOST_ALIKE)
 
     def learnt(self, cost: FloatArray) -> FloatArray:
         """``(P,)`` what learnt costs -log P say: -logit P, within bounds, since no single pair is beyond doubt."""
         probability = np.exp(-cost)
-        return np.clip(np.log1p(-probability + 1e-9) + cost, -self.most_learnt, self.most_learnt)
+        return np.clip(np.log1p(-probability + 1e-9) + cost, -MOST_LEARNT, MOST_LEARNT)
 
     def mismatch(
         self, past: Beliefs, future: Beliefs, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray
@@ -318,14 +285,14 @@ class LinkCost:
             seconds: ``(P,)`` between the two.
             wander: ``(P,)`` variance that the camera's motion adds in between, squared heights.
         """
-        return Along(self._law(), past, future)(i, j, seconds, wander)
+        return ChainMismatch(self.motion, past, future)(i, j, seconds, wander)
 
-    def mismatch_along(self, seen: Measurements, past: Beliefs, future: Beliefs, one_frame: float) -> OrSuddenChange:
+    def mismatch_along(self, seen: Measurements, past: Beliefs, future: Beliefs, one_frame: float) -> MismatchOrTurn:
         """`mismatch` of the past of one and the future of the other, or of a sudden change of motion in between.
 
         Constant velocity with small changes fits those who walk, not those whom the camera suddenly swings past. The
         more a chain is sure of its velocity, the dearer such a change gets, until whole people are left out. So the
-        link may also be explained by two strangers to each other's motion, `mismatch_alone`, for ``turn`` more: of two
+        link may also be explained by two strangers to each other's motion, `mismatch_alone`, for `TURN` more: of two
         explanations the likelier one counts.
 
         Args:
@@ -334,20 +301,17 @@ class LinkCost:
             future: likewise of the future.
             one_frame: seconds.
         """
-        return OrSuddenChange(Along(self._law(), past, future), self.mismatch_alone(seen, one_frame), self.turn)
+        return MismatchOrTurn(ChainMismatch(self.motion, past, future), self.mismatch_alone(seen, one_frame))
 
-    def mismatch_alone(self, seen: Measurements, one_frame: float) -> Alone:
+    def mismatch_alone(self, seen: Measurements, one_frame: float) -> SingleMismatch:
         """`mismatch` of detections of which each is all that is known of its chain: with P = diag(r², v²).
 
         Of two detections alone nobody knows the velocity, and ½ log |Σ| says how much room that leaves. A chain has one
         velocity, so it should pay for this once, but here every link of it does: the faster the targets and the fewer
-        the frames, the more. What it costs over ``one_frame`` is therefore taken off in part, ``settled`` of it:
-        with 0 chains of fast targets never form, with 1 whatever lies in reach is linked.
+        the frames, the more. What it costs over ``one_frame`` is therefore taken off in part, ``velocity_confidence``
+        of it: with 0 chains of fast targets never form, with 1 whatever lies in reach is linked.
         """
-        return Alone(self._law(), seen, self.settled * self.room(one_frame))
-
-    def _law(self) -> StudentT:
-        return StudentT(self.motion, self.tails, self.lost, MOST_WORTH)
+        return SingleMismatch(self.motion, seen, self.velocity_confidence * self.room(one_frame))
 
     def room(self, seconds: float) -> float:
         """½ log(|Σ| / 4r²v²) of two detections alone, summed over the coordinates: what the unknown velocity costs."""

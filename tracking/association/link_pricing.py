@@ -104,47 +104,21 @@ def priced(
         if labels is not None:
             doing = cost.action.means(table.frames, labels, table.actions, table.frame_rate)
     hiding = Hiding.of(table.frames, table.image, table.size)
-    prices = _Prices(table, by, mismatch, hiding, means, doing, labels is not None)
+    prices = _Prices(table, by, (past, future), mismatch, hiding, means, doing, labels is not None)
     if hidden is None:
         # A view of one number.
         hidden = np.broadcast_to(np.nan, len(i))
     if change is not None:
         # Learnt changes compare links with each other.
-        of = prices(i, j, hidden)
-        kept = of.kept
-        seconds = (table.frames[j[kept]] - table.frames[i[kept]]) / table.frame_rate
-        parts = LinkParts(
-            i[kept], j[kept], past, future, seconds, of.distance, of.motion, of.hidden, of.price, of.action
-        )
-        return kept, np.maximum(of.price + change(table, parts), -MOST_WORTH), of.hidden
+        kept, parts = prices(i, j, hidden)
+        return kept, np.maximum(parts.cost + change(table, parts), -MOST_WORTH), parts.hidden
     found = []
     for start in range(0, max(len(i), 1), PAIRS_AT_ONCE):
-        part = slice(start, start + PAIRS_AT_ONCE)
-        of = prices(i[part], j[part], hidden[part])
-        found.append((of.kept + start, of.price, of.hidden))
-    kept, price, covered = (np.concatenate(column) for column in zip(*found, strict=True))
-    return kept, price, covered
-
-
-@dataclass(frozen=True)
-class _Priced:
-    """Of P links the K that are kept.
-
-    Attributes:
-        kept: ``(K,)`` indices of P.
-        distance: ``(K,)`` of appearance, NaN where not known.
-        motion: ``(K,)`` cost of how ill the motions go together.
-        action: ``(K,)`` cost of how unlike the two act, NaN where not known.
-        price: ``(K,)``.
-        hidden: ``(K,)`` share of the person hidden in between.
-    """
-
-    kept: IntArray
-    distance: FloatArray
-    motion: FloatArray
-    action: FloatArray
-    price: FloatArray
-    hidden: FloatArray
+        some = slice(start, start + PAIRS_AT_ONCE)
+        kept, parts = prices(i[some], j[some], hidden[some])
+        found.append((kept + start, parts.cost, parts.hidden))
+    kept, cost_of_kept, covered = (np.concatenate(column) for column in zip(*found, strict=True))
+    return kept, cost_of_kept, covered
 
 
 @dataclass(frozen=True)
@@ -153,14 +127,15 @@ class _Prices:
 
     table: DetectionTable
     by: Pricing
+    beliefs: tuple[Beliefs, Beliefs]
     mismatch: Mismatch
     hiding: Hiding
     means: tuple[FloatArray, FloatArray] | None
     doing: tuple[FloatArray, FloatArray] | None
     along: bool
 
-    def __call__(self, i: IntArray, j: IntArray, hidden: FloatArray) -> _Priced:
-        """Those of P links that are kept."""
+    def __call__(self, i: IntArray, j: IntArray, hidden: FloatArray) -> tuple[IntArray, LinkParts]:
+        """``(K,)`` indices of those of P links that are kept, and these."""
         table, cost, one_frame = self.table, self.by.cost, 1 / self.table.frame_rate
         gap = table.frames[j] - table.frames[i]
         seconds = np.asarray(gap * one_frame, dtype=np.float64)
@@ -190,7 +165,9 @@ class _Prices:
         asked = np.flatnonzero(np.isnan(covered))
         covered[asked] = self.hiding.between(i[kept[asked]], j[kept[asked]])
         price = total[kept] + cost.waiting(seconds[kept], one_frame, covered)
-        return _Priced(kept, distance[kept], motion[kept], action[kept], price, covered)
+        columns = (seconds, distance, motion)
+        parts = LinkParts(i[kept], j[kept], *self.beliefs, *(c[kept] for c in columns), covered, price, action[kept])
+        return kept, parts
 
     def _learnt_up_to(self) -> float:
         """Longest gap that the learnt costs speak of, frames."""

@@ -25,6 +25,12 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Cells along the longer side of what the boxes cover, and detections that are remembered, the latest.
 CELLS, MEMORY = 64, 30_000
+# Heights from the border that count as near it.
+NEAR = 0.25
+# Seconds at the beginning and at the end of the video in which starts and ends tell nothing.
+UNKNOWN = 0.5
+# Detections of the tracks that tell.
+SHORTEST = 5
 
 
 @dataclass(frozen=True)
@@ -37,9 +43,6 @@ class EntryPlaces:
         width: of the kernel, mean heights of boxes.
         prior: κ, detections.
         border: β, how much likelier starts and ends near the border are taken to be at first, as a logarithm.
-        near: heights from the border that count as near it.
-        unknown: seconds at the beginning and at the end of what is seen in which starts and ends tell nothing.
-        shortest: detections of the tracks that tell.
     """
 
     weight: float = 1.0
@@ -47,17 +50,14 @@ class EntryPlaces:
     width: float = 1.0
     prior: float = 1000.0
     border: float = 0.0
-    near: float = 0.25
-    unknown: float = 0.5
-    shortest: int = 5
 
     def __post_init__(self) -> None:
-        if min(self.weight, self.most, self.border, self.near, self.unknown) < 0 or min(self.width, self.prior) <= 0:
+        if min(self.weight, self.most, self.border) < 0 or min(self.width, self.prior) <= 0:
             raise ValueError("expected width and prior above 0, and the others from 0")
 
 
 @dataclass(frozen=True)
-class Counts:
+class EntryCounts:
     """What tracks found so far say of N detections of them.
 
     Attributes:
@@ -70,26 +70,26 @@ class Counts:
     starts: BoolArray
     ends: BoolArray
 
-    def and_then(self, other: Counts) -> Counts:
+    def and_then(self, other: EntryCounts) -> EntryCounts:
         """These and others."""
-        return Counts(
+        return EntryCounts(
             np.concatenate([self.boxes, other.boxes]),
             np.append(self.starts, other.starts),
             np.append(self.ends, other.ends),
         )
 
-    def select(self, which: BoolArray | slice) -> Counts:
+    def select(self, which: BoolArray | slice) -> EntryCounts:
         """Those at a mask or in a range."""
-        return Counts(self.boxes[which], self.starts[which], self.ends[which])
+        return EntryCounts(self.boxes[which], self.starts[which], self.ends[which])
 
 
-def no_counts() -> Counts:
+def no_counts() -> EntryCounts:
     """Of nothing."""
-    return Counts(np.empty((0, 4)), np.empty(0, dtype=np.bool_), np.empty(0, dtype=np.bool_))
+    return EntryCounts(np.empty((0, 4)), np.empty(0, dtype=np.bool_), np.empty(0, dtype=np.bool_))
 
 
 def starts_and_ends(
-    labels: IntArray, frames: IntArray, known: tuple[float, float], shortest: int
+    labels: IntArray, frames: IntArray, known: tuple[float, float], shortest: int = SHORTEST
 ) -> tuple[BoolArray, BoolArray]:
     """``(N,)`` detections with which tracks begin, and ``(N,)`` those with which they end.
 
@@ -111,7 +111,7 @@ def starts_and_ends(
 
 
 def place_costs(
-    counts: Counts, boxes: FloatArray, size: tuple[int, int] | None, settings: EntryPlaces
+    counts: EntryCounts, boxes: FloatArray, size: tuple[int, int] | None, settings: EntryPlaces
 ) -> tuple[FloatArray, FloatArray]:
     """``(N,)`` changes of the entry costs, and of the exit costs, of detections with ``(N, 4)`` boxes in the image.
 
@@ -137,7 +137,7 @@ def place_costs(
         return np.asarray(scipy.ndimage.gaussian_filter(table, sigma, mode="constant") * max(2 * np.pi * sigma**2, 1.0))
 
     every, at = density(counts.boxes), _cells(boxes, low, cell, shape)
-    edge = np.exp(settings.border * _near_border(boxes, size, settings.near))
+    edge = np.exp(settings.border * _near_border(boxes, size))
     changes = []
     for told in (counts.starts, counts.ends):
         mean = max(float(told.mean()), 1 / len(told))
@@ -158,10 +158,10 @@ def _cells(boxes: FloatArray, low: FloatArray, cell: float, shape: IntArray) -> 
     return np.asarray(row * shape[0] + column)
 
 
-def _near_border(boxes: FloatArray, size: tuple[int, int] | None, near: float) -> BoolArray:
+def _near_border(boxes: FloatArray, size: tuple[int, int] | None) -> BoolArray:
     """``(N,)`` whether a box comes near the left, right or lower border; people do not come from above."""
     if size is None:
         return np.zeros(len(boxes), dtype=np.bool_)
-    reach = near * sizes(boxes)[:, 1]
+    reach = NEAR * sizes(boxes)[:, 1]
     x1, _, x2, y2 = boxes.T
     return np.asarray((x1 < reach) | (x2 > size[0] - reach) | (y2 > size[1] - reach))

@@ -16,7 +16,7 @@ of their neighbours. What persists still longer is allowed for by a factor.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -152,57 +152,42 @@ def _smoothed(times: IntArray, values: FloatArray, observed: BoolArray, strength
     return np.asarray(scipy.linalg.solveh_banded(bands, target)[times])
 
 
-@dataclass(frozen=True)
-class FittedSmoothing:
-    """How the strength of smoothing is chosen.
-
-    Attributes:
-        strengths: those that are tried, for centres and for sizes by themselves.
-        left_out: length of the runs that are left out, seconds.
-        persisting: factor on the best strength, for errors that persist longer than these runs.
-        farthest: a box further from the curve counts as this far, longer sides.
-        most: boxes that are looked at, those of the longest tracks.
-        otherwise: strengths at 30 frames a second where no track is long enough.
-    """
-
-    strengths: tuple[float, ...] = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
-    left_out: float = 0.4
-    persisting: float = 3.0
-    farthest: float = 0.2
-    most: int = 4000
-    otherwise: SmoothingSettings = field(default_factory=lambda: SmoothingSettings(60.0, 5000.0))
-
-    def __post_init__(self) -> None:
-        if not self.strengths or min(self.strengths) <= 0 or min(self.left_out, self.farthest, self.persisting) <= 0:
-            raise ValueError("expected strengths, left_out, persisting and farthest above 0")
+# Strengths that are tried, for centres and for sizes by themselves.
+STRENGTHS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
+# Length of the runs that are left out, seconds; and boxes that are looked at, those of the longest tracks.
+LEFT_OUT, MOST_BOXES = 0.4, 4000
+# Factor on the best strength, for errors that persist longer than the runs; a box further from the curve than this
+# counts as this far, longer sides.
+PERSISTING, FARTHEST_OFF = 3.0, 0.2
+# Strengths at 30 frames a second where no track is long enough.
+USUAL = SmoothingSettings(60.0, 5000.0)
 
 
-def fit_smoothing(tracks: Sequence[Track], frame_rate: float, settings: FittedSmoothing) -> SmoothingSettings:
+def fit_smoothing(tracks: Sequence[Track], frame_rate: float) -> SmoothingSettings:
     """The strengths that predict boxes of these tracks best.
 
     Args:
         tracks: their boxes as if the camera stood still; those that are not observed are passed over.
         frame_rate: frames a second.
-        settings: of the choice.
     """
-    run = max(2, round(settings.left_out * frame_rate))
+    run = max(2, round(LEFT_OUT * frame_rate))
     chosen: list[Track] = []
     for track in sorted(tracks, key=lambda one: (-int(one.observed.sum()), one.id)):
-        if track.observed.sum() < 3 * run or sum(map(len, chosen)) >= settings.most:
+        if track.observed.sum() < 3 * run or sum(map(len, chosen)) >= MOST_BOXES:
             break
         chosen.append(track)
     if not chosen:
         # The strength weighs squared second differences, which grow with the time between two frames.
         scale = (frame_rate / 30) ** 3
-        return SmoothingSettings(settings.otherwise.position * scale, settings.otherwise.size * scale)
+        return SmoothingSettings(USUAL.position * scale, USUAL.size * scale)
     row, boundaries, values, kept = _one_after_the_other(chosen, run)
-    off = np.zeros((len(settings.strengths), 2))
-    for k, strength in enumerate(settings.strengths):
+    off = np.zeros((len(STRENGTHS), 2))
+    for k, strength in enumerate(STRENGTHS):
         for fold in kept:
             distance = np.abs(_curve(row, boundaries, values, fold, strength) - values)[~fold]
-            distance = np.minimum(distance, settings.farthest)
+            distance = np.minimum(distance, FARTHEST_OFF)
             off[k] += distance[:, :2].sum(), distance[:, 2:].sum()
-    position, size = (settings.persisting * settings.strengths[int(k)] for k in off.argmin(axis=0))
+    position, size = (PERSISTING * STRENGTHS[int(k)] for k in off.argmin(axis=0))
     return SmoothingSettings(position, size)
 
 

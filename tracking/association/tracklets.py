@@ -117,27 +117,12 @@ class Tracklets:
         self._sums = sums + member @ features
 
 
-@dataclass(frozen=True)
-class JoinSettings:
-    """Which tracklets are joined.
-
-    Attributes:
-        window: longest gap, seconds.
-        appearance_window: longest gap where the appearance of both is known, seconds.
-        limit: a link that costs more joins nothing.
-        miss: cost of a second without a detection.
-        passes: how often all ends are matched, at most.
-    """
-
-    window: float = 2.0
-    appearance_window: float = 5.0
-    limit: float = 12.0
-    miss: float = 0.6
-    passes: int = 4
-
-    def __post_init__(self) -> None:
-        if min(self.window, self.appearance_window, self.miss) < 0 or self.passes < 0:
-            raise ValueError("expected windows, miss and passes from 0")
+# Longest gap that is joined, and longest one where the appearance of both is known, seconds.
+JOIN_WINDOW, APPEARANCE_WINDOW = 2.0, 5.0
+# A link that costs more joins nothing; and cost of a second without a detection.
+MOST_FOR_JOIN, MISS_OF_JOIN = 12.0, 0.6
+# How often all ends are matched, at most.
+JOIN_PASSES = 4
 
 
 def join(
@@ -145,7 +130,6 @@ def join(
     labels: IntArray,
     appearance: FloatArray | None,
     link: LinkCost,
-    settings: JoinSettings,
     changes: CostChanges | None = None,
     started: BoolArray | None = None,
     places: tuple[FloatArray, FloatArray] | None = None,
@@ -157,19 +141,18 @@ def join(
         labels: ``(N,)`` tracklet of each from 0 on, -1 for none.
         appearance: ``(M, D)`` mean features of the tracklets, NaN where not known; None where not described.
         link: what links cost.
-        settings: of the joining.
         changes: by how much learnt costs differ from these.
         started: ``(M,)`` tracklets that are known to start a track, so that none is joined to their starts; by default
             none is.
         places: ``(N,)`` changes of the costs of a start at each detection, and of an end, by which a join may cost
             more; by default none.
     """
-    link = replace(link, miss=settings.miss)
-    for _ in range(settings.passes):
+    link = replace(link, miss=MISS_OF_JOIN)
+    for _ in range(JOIN_PASSES):
         ends = Ends.of(labels)
         if len(ends.track) == 0:
             break
-        i, j, parts = join_parts(table, labels, ends, appearance, link, settings)
+        i, j, parts = join_parts(table, labels, ends, appearance, link)
         cost = parts.cost
         if changes is not None:
             cost = cost + changes.joins(evidence_of_joins(table, labels, ends, parts, link))
@@ -177,7 +160,7 @@ def join(
             cost = np.where(started[j], np.inf, cost)
         if places is not None:
             cost = cost - places[0][parts.j] - places[1][parts.i]
-        before, after = cheapest_matching(i, j, cost - settings.limit)
+        before, after = cheapest_matching(i, j, cost - MOST_FOR_JOIN)
         if len(before) == 0:
             break
         into = np.arange(max(int(labels.max(initial=-1)) + 1, 0 if appearance is None else len(appearance)))
@@ -220,10 +203,9 @@ def join_parts(
     ends: Ends,
     appearance: FloatArray | None,
     link: LinkCost,
-    settings: JoinSettings,
 ) -> tuple[IntArray, IntArray, LinkParts]:
     """Numbers of the tracks that may follow each other, and what it costs to join their ends."""
-    i, j = _in_time(table, ends, settings.appearance_window if appearance is not None else settings.window)
+    i, j = _in_time(table, ends, APPEARANCE_WINDOW if appearance is not None else JOIN_WINDOW)
     past, future = beliefs_along(labels, table.measured, link.motion)
     tails, heads = ends.last[i], ends.first[j]
     one_frame = 1 / table.frame_rate
@@ -241,7 +223,7 @@ def join_parts(
     if appearance is not None:
         distance = cosine_distances(appearance, ends.track[i], ends.track[j])
         cost = np.where(
-            np.isnan(distance) & (seconds > settings.window),
+            np.isnan(distance) & (seconds > JOIN_WINDOW),
             np.inf,
             cost + link.appearance_cost(distance, averaged=True),
         )

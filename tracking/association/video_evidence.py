@@ -32,32 +32,23 @@ from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
+# Probability of a detection before the video tells, and how many detections that counts as much as.
+EXPECTED, IN_ADVANCE = 0.9, 20
+# Speed of targets before the video tells, and the least that is ever reported, longer sides a second.
+EXPECTED_SPEED, LEAST_SPEED = 0.75, 0.5
+# Seconds to the earlier and to the later box, at least a frame.
+INTERVAL = 0.1
+# Intersection over union of a box with the mean of the two, from which it lies on a line with them.
+ON_LINE = 0.6
+# How far a box may move at any rate, longer sides, and what is added to that every second.
+REACH, SPEED = 0.3, 6.0
+# Largest difference of log widths and of log heights.
+CHANGE = 0.7
 
-@dataclass(frozen=True)
-class Recurrence:
-    """What counts as found again.
 
-    Attributes:
-        interval: seconds to the earlier and to the later box, at least a frame.
-        overlap: intersection over union of a box with the mean of the two.
-        reach: how far a box may move at any rate, longer sides.
-        speed: what is added to that every second.
-        size: largest difference of log widths and of log heights.
-    """
-
-    interval: float = 0.1
-    overlap: float = 0.6
-    reach: float = 0.3
-    speed: float = 6.0
-    size: float = 0.7
-
-    def __post_init__(self) -> None:
-        if not (self.interval > 0 and 0 < self.overlap < 1 and self.reach > 0 and self.speed >= 0 and self.size > 0):
-            raise ValueError("expected overlap in (0, 1), speed from 0, and interval, reach and size above 0")
-
-    def frames(self, frame_rate: float, stride: int = 1) -> int:
-        """The interval in frames, of which every ``stride``-th one has detections."""
-        return stride * max(1, round(self.interval * frame_rate / stride))
+def interval_frames(frame_rate: float, stride: int = 1) -> int:
+    """`INTERVAL` in frames, of which every ``stride``-th one has detections."""
+    return stride * max(1, round(INTERVAL * frame_rate / stride))
 
 
 @dataclass(frozen=True)
@@ -75,30 +66,27 @@ class FoundAgain:
     before: IntArray
 
 
-def found_again(
-    frames: IntArray, boxes: FloatArray, frame_rate: float, settings: Recurrence, stride: int = 1
-) -> FoundAgain:
+def found_again(frames: IntArray, boxes: FloatArray, frame_rate: float, stride: int = 1) -> FoundAgain:
     """Which detections lie between an earlier and a later one, and how fast those that do move.
 
     Args:
         frames: ``(N,)`` increasing.
         boxes: ``(N, 4)`` pixels, as if the camera stood still.
         frame_rate: frames a second.
-        settings: what counts as found again.
         stride: detections are in every ``stride``-th frame, see `Stride`.
     """
     speed, earlier = np.full(len(frames), np.nan), np.full(len(frames), -1)
     if len(frames) == 0:
         return FoundAgain(earlier >= 0, speed, earlier)
     every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
-    gap = settings.frames(frame_rate, stride)
+    gap = interval_frames(frame_rate, stride)
     side = size.max(axis=1)
-    reach = np.repeat((settings.reach + settings.speed * gap / frame_rate) * side[:, None], 2, axis=1)
+    reach = np.repeat((REACH + SPEED * gap / frame_rate) * side[:, None], 2, axis=1)
     i, j = near_pairs(frames, centre, reach, gap, every, every)
-    alike = (np.abs(np.log(size[j] / size[i])) < settings.size).all(axis=1)
+    alike = (np.abs(np.log(size[j] / size[i])) < CHANGE).all(axis=1)
     before, middle, after = _triples(i[alike], j[alike], len(frames))
     fit = iou_pairs((boxes[before] + boxes[after]) / 2, boxes[middle])
-    good = fit > settings.overlap
+    good = fit > ON_LINE
     before, middle, after, fit = before[good], middle[good], after[good], fit[good]
     # Ascending, so that the best triple of a box is written last.
     order = np.argsort(fit, kind="stable")
@@ -121,14 +109,9 @@ def _triples(i: IntArray, j: IntArray, count: int) -> tuple[IntArray, IntArray, 
 @dataclass
 class RateOfRight:
     """How often right detections of a video are found again: the square of how often on one side.
-
-    Attributes:
-        expected: what is taken for one side before anything is known.
-        weight: detections that count as much as that.
+    Before anything is known `EXPECTED` is taken for one side, as if that many detections `IN_ADVANCE` had said so.
     """
 
-    expected: float = 0.9
-    weight: int = 20
     _asked: int = 0
     _found: int = 0
 
@@ -139,7 +122,7 @@ class RateOfRight:
 
     def __call__(self) -> float:
         """In (0, 1]."""
-        return float(((self._found + self.weight * self.expected) / (self._asked + self.weight)) ** 2)
+        return float(((self._found + IN_ADVANCE * EXPECTED) / (self._asked + IN_ADVANCE)) ** 2)
 
 
 @dataclass
@@ -147,12 +130,9 @@ class Stride:
     """Every how many frames there are detections: the greatest common divisor of the gaps between frames that have any.
 
     A detector that is run on every third frame finds nobody again a frame later, however right it is.
-
-    Attributes:
-        longest: seconds; where times between detections have no smaller common divisor, there is no rhythm.
+    Where times between detections have no common divisor of up to a second, there is no rhythm.
     """
 
-    longest: float = 1.0
     _first: int | None = None
     _divisor: int = 0
 
@@ -165,23 +145,19 @@ class Stride:
 
     def __call__(self, frame_rate: float) -> int:
         """Frames from one with detections to the next."""
-        return self._divisor if 1 < self._divisor <= self.longest * frame_rate else 1
+        return self._divisor if 1 < self._divisor <= frame_rate else 1
 
 
 @dataclass
 class TypicalSpeed:
     """How fast the targets of a video move: the speed that nine of ten detections stay below.
 
+    Before anything is known `EXPECTED_SPEED` is taken, as if that many detections `IN_ADVANCE` had it.
+
     Attributes:
-        expected: what is taken for it before anything is known, longer sides a second.
-        weight: detections that count as much as that.
-        least: no speed below is reported.
         memory: detections that it is taken from, the latest.
     """
 
-    expected: float = 0.75
-    weight: int = 20
-    least: float = 0.5
     memory: int = 30_000
     _speeds: FloatArray = field(default_factory=lambda: np.empty(0))
 
@@ -191,12 +167,8 @@ class TypicalSpeed:
 
     def __call__(self) -> float:
         """The speed, longer sides a second."""
-        known = np.append(self._speeds, np.full(self.weight, self.expected))
-        return max(self.least, float(np.quantile(known, 0.9)))
-
-
-# What a detection is taken to be before the video has told, and how many detections that counts as much as.
-EXPECTED, IN_ADVANCE = 0.9, 20
+        known = np.append(self._speeds, np.full(IN_ADVANCE, EXPECTED_SPEED))
+        return max(LEAST_SPEED, float(np.quantile(known, 0.9)))
 
 
 @dataclass(frozen=True)
@@ -208,7 +180,6 @@ class DetectionCost:
         weight: of the logit.
         least: p is kept within [least, 1 - least].
         interval: how much more a detection is worth where fewer are made in a second.
-        again: what counts as found again.
         memory: detections that the fit, and the speed of targets, is taken from, the latest.
     """
 
@@ -216,7 +187,6 @@ class DetectionCost:
     weight: float = 1.0
     least: float = 0.1
     interval: float = 0.0
-    again: Recurrence = field(default_factory=Recurrence)
     memory: int = 30_000
 
     def __post_init__(self) -> None:
@@ -281,7 +251,7 @@ class VideoEvidence:
     """Looks for detections that are found again, as soon as the later ones have come.
 
     Args:
-        settings: what counts as found again, and how the probability of scores is fitted.
+        settings: how the probability of scores is fitted.
         frame_rate: frames a second.
 
     Attributes:
@@ -293,10 +263,10 @@ class VideoEvidence:
     def __init__(self, settings: DetectionCost, frame_rate: float) -> None:
         self.probability = ScoreCalibration(settings)
         self.speed = TypicalSpeed(memory=settings.memory)
-        self.rate_of_right = RateOfRight(EXPECTED, IN_ADVANCE)
-        self._again, self._frame_rate = settings.again, frame_rate
+        self.rate_of_right = RateOfRight()
+        self._frame_rate = frame_rate
         self._stride = Stride()
-        self._recent = _Recent()
+        self._recent = _RecentDetections()
 
     def copy(self) -> VideoEvidence:
         """A copy that goes on by itself."""
@@ -316,9 +286,9 @@ class VideoEvidence:
         """
         self._stride.add(frames)
         stride = self._stride(self._frame_rate)
-        gap = self._again.frames(self._frame_rate, stride)
+        gap = interval_frames(self._frame_rate, stride)
         recent = self._recent.joined(frames, boxes, scores)
-        triples = found_again(recent.frames, recent.boxes, self._frame_rate, self._again, stride)
+        triples = found_again(recent.frames, recent.boxes, self._frame_rate, stride)
         told = (recent.frames >= max(self._recent.told, gap)) & (recent.frames <= last - gap)
         self.probability.add(recent.scores[told], triples.found[told])
         self.speed.add(triples.speed[told])
@@ -328,7 +298,7 @@ class VideoEvidence:
 
 
 @dataclass(frozen=True)
-class _Recent:
+class _RecentDetections:
     """The detections of the last frames.
 
     Attributes:
@@ -343,16 +313,16 @@ class _Recent:
     scores: FloatArray = field(default_factory=lambda: np.empty(0))
     told: int = 0
 
-    def joined(self, frames: IntArray, boxes: FloatArray, scores: FloatArray) -> _Recent:
+    def joined(self, frames: IntArray, boxes: FloatArray, scores: FloatArray) -> _RecentDetections:
         """With the detections of the next frames."""
-        return _Recent(
+        return _RecentDetections(
             np.append(self.frames, frames),
             np.concatenate([self.boxes, boxes]),
             np.append(self.scores, scores),
             self.told,
         )
 
-    def since(self, frame: int, told: int) -> _Recent:
+    def since(self, frame: int, told: int) -> _RecentDetections:
         """Those from a frame on."""
         kept = self.frames >= frame
-        return _Recent(self.frames[kept], self.boxes[kept], self.scores[kept], told)
+        return _RecentDetections(self.frames[kept], self.boxes[kept], self.scores[kept], told)

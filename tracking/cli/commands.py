@@ -176,7 +176,7 @@ COMMANDS: Tree = {
             "phd-equalisation": Experiment("equal likelihoods keep the weak target", "coloured:equalisation"),
             "association": Experiment("people and cars linked on given detections, with peers", "association"),
             "end-to-end": Experiment("costs learnt through the flow", "end_to_end"),
-            "omnidirectional": Experiment("people under ceiling fisheye cameras", "fisheye.omnidirectional"),
+            "omnidirectional": Experiment("people under ceiling fisheye cameras", "fisheye"),
             "stereo-sphere": Experiment("a ball in space from two cameras", "sphere"),
             "sphere-points": Experiment("a thrown ball from its measured pixels", "sphere_points"),
         },

@@ -62,7 +62,7 @@ class Size(Length):
 
 
 @dataclass(frozen=True)
-class Footage(Size):
+class FilmSize(Size):
     """How much is drawn, and how fast.
 
     Attributes:
@@ -72,11 +72,11 @@ class Footage(Size):
     frame_rate: float = 25.0
 
 
-STREET, BLOBS, DRONE = Footage(200), Footage(150), Footage(300, 1280, 720, 30.0)
-FISHEYE, GOLDFISH, SPHERE = Footage(900, 1280, 960, 15.0), Size(150), Length(100)
+STREET, BLOBS, DRONE = FilmSize(200), FilmSize(150), FilmSize(300, 1280, 720, 30.0)
+FISHEYE, GOLDFISH, SPHERE = FilmSize(900, 1280, 960, 15.0), Size(150), Length(100)
 
 
-def street(output: SeededOutput, clip: Footage = STREET, people: int = 10, occluders: int = 7) -> int:
+def street(output: SeededOutput, clip: FilmSize = STREET, people: int = 10, occluders: int = 7) -> int:
     """Make a clip of people walking on a street, before a fixed camera, as a MOTChallenge sequence.
 
     Args:
@@ -92,7 +92,7 @@ def street(output: SeededOutput, clip: Footage = STREET, people: int = 10, occlu
 
 def blobs(
     output: SeededOutput,
-    clip: Footage = BLOBS,
+    clip: FilmSize = BLOBS,
     objects: int = 5,
     colour: str = "red",
     purity: tuple[float, float] = (0.45, 0.95),
@@ -115,7 +115,7 @@ def blobs(
 
 def drone(
     output: SeededOutput,
-    clip: Footage = DRONE,
+    clip: FilmSize = DRONE,
     people: int = 9,
     camera: Literal["still", "calm", "violent"] = "violent",
     altitude: tuple[float, float] = (10.0, 45.0),
@@ -147,7 +147,7 @@ def drone(
 
 def fisheye(
     output: SeededOutput,
-    clip: Footage = FISHEYE,
+    clip: FilmSize = FISHEYE,
     room: Literal["large", "small"] = "large",
     people: int = 6,
     repeated: float = 0.5,

@@ -20,9 +20,7 @@ DRONE_MOTION = MotionNoise((0.08, 0.25, 0.13), (0.5, 0.8, 0.3), (2.5, 0.2, 0.2))
 
 
 DRONE_FLOW = FlowSettings(
-    input=InputSettings(
-        detection=DetectionCost(offset=3.0, weight=0.5, least=0.02, interval=0.5), any_speed=False, unscored=0.4
-    ),
+    input=InputSettings(detection=DetectionCost(offset=3.0, weight=0.5, least=0.02, interval=0.5), any_speed=False),
     costs=FlowCosts(
         link=LinkCost(
             motion=DRONE_MOTION,

@@ -102,11 +102,11 @@ def camera_motion(
     Raises:
         ValueError: the frames differ in shape.
     """
-    step = cameraview_step(before, after, settings, people)
+    step = camera_step(before, after, settings, people)
     return None if step is None else step.similarity
 
 
-def cameraview_step(
+def camera_step(
     before: ImageArray,
     after: ImageArray,
     settings: CameraMotionSettings | None = None,
@@ -116,11 +116,11 @@ def cameraview_step(
     if before.shape != after.shape:
         raise ValueError(f"expected two frames of one shape, got {before.shape} and {after.shape}")
     settings = settings or CameraMotionSettings()
-    return view_step(View.of(before, settings, people), View.of(after, settings, None))
+    return frame_step(CameraFrame.of(before, settings, people), CameraFrame.of(after, settings, None))
 
 
 @dataclass(frozen=True)
-class View:
+class CameraFrame:
     """A frame as it is compared with others.
 
     Attributes:
@@ -136,7 +136,7 @@ class View:
     settings: CameraMotionSettings
 
     @classmethod
-    def of(cls, image: ImageArray, settings: CameraMotionSettings, people: FloatArray | None) -> View:
+    def of(cls, image: ImageArray, settings: CameraMotionSettings, people: FloatArray | None) -> CameraFrame:
         height, width = image.shape[:2]
         ratio = min(settings.longest_side / max(height, width), 1.0)
         small = cv2.resize(image, (round(width * ratio), round(height * ratio)), interpolation=cv2.INTER_AREA)
@@ -164,7 +164,7 @@ class View:
         return none if found is None else np.asarray(found, dtype=np.float32).reshape(-1, 2)
 
 
-def view_step(first: View, second: View) -> CameraStep | None:
+def frame_step(first: CameraFrame, second: CameraFrame) -> CameraStep | None:
     """The step from one view to another, in pixels of the frames; None where nothing tells."""
     settings = first.settings
     followed = _by_features(first, second)
@@ -186,7 +186,7 @@ def view_step(first: View, second: View) -> CameraStep | None:
     return _in_frames(first, followed) if followed is not None and followed.share >= settings.majority[1] else None
 
 
-def _in_frames(first: View, found: FoundStep) -> CameraStep:
+def _in_frames(first: CameraFrame, found: FoundStep) -> CameraStep:
     """A step between patterns in pixels of the frames, the more in doubt the less the patterns agree."""
     ratio = first.image.shape[1] / first.ratio / first.pattern.shape[1]
     similarity = np.column_stack([found.similarity[:, :2], found.similarity[:, 2] * ratio])
@@ -196,18 +196,18 @@ def _in_frames(first: View, found: FoundStep) -> CameraStep:
 
 
 @dataclass(frozen=True)
-class _Followed(FoundStep):
+class _ByFeatures(FoundStep):
     """What features say, and the share of them that agree."""
 
     share: float
 
 
-def _by_features(first: View, second: View) -> _Followed | None:
+def _by_features(first: CameraFrame, second: CameraFrame) -> _ByFeatures | None:
     """The similarity that most features agree on; None where too few do."""
     settings, start = first.settings, first.features
     if len(start) < settings.least:
         return None
-    best: _Followed | None = None
+    best: _ByFeatures | None = None
     # What moves by itself may lead the common shift astray, which a camera that stands still does not need.
     for shift in (_common_shift(first.grey, second.grey), np.zeros(2, dtype=np.float32)):
         end, found = _follow(first.grey, second.grey, start, shift)
@@ -219,7 +219,9 @@ def _by_features(first: View, second: View) -> _Followed | None:
     return best
 
 
-def _agreed(first: View, second: View, start: NDArray[np.float32], end: NDArray[np.float32]) -> _Followed | None:
+def _agreed(
+    first: CameraFrame, second: CameraFrame, start: NDArray[np.float32], end: NDArray[np.float32]
+) -> _ByFeatures | None:
     """The similarity that takes most of ``start`` ``(N, 2)`` to ``end``; None where too few agree."""
     settings = first.settings
     matrix, inliers = cv2.estimateAffinePartial2D(
@@ -234,7 +236,7 @@ def _agreed(first: View, second: View, start: NDArray[np.float32], end: NDArray[
     ratio = first.pattern.shape[1] / first.grey.shape[1]
     similarity = np.column_stack([result[:, :2], result[:, 2] * ratio])
     fit = agreement(first.pattern, second.pattern, similarity, settings.search.overlap)
-    return _Followed(similarity, fit, int(inliers.sum()) / len(first.features))
+    return _ByFeatures(similarity, fit, int(inliers.sum()) / len(first.features))
 
 
 def _common_shift(first: Grey, second: Grey) -> NDArray[np.float32]:

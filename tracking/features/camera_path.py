@@ -16,7 +16,13 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraMotionSettings, CameraStep, View, view_step
+from tsuiseki.tracking.features.camera_motion import (
+    STANDS_STILL,
+    CameraFrame,
+    CameraMotionSettings,
+    CameraStep,
+    frame_step,
+)
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 
@@ -194,7 +200,7 @@ class _Placed:
     """A frame that others are compared with, and the ``(2, 3)`` transform from its pixels to those of the first."""
 
     frame: int
-    view: View
+    view: CameraFrame
     transform: FloatArray
 
 
@@ -235,7 +241,7 @@ class CameraPath:
     def add(self, image: ImageArray, people: FloatArray | None = None) -> FloatArray:
         """Take the next frame, in which ``people`` ``(N, 4)`` may move by themselves; returns its transform."""
         frame, before = len(self), self._before
-        view = View.of(image, self.settings, None if people is None else np.asarray(people, dtype=np.float64))
+        view = CameraFrame.of(image, self.settings, None if people is None else np.asarray(people, dtype=np.float64))
         transform = STANDS_STILL if before is None else self._transform(before, view, frame)
         self.transforms.append(transform)
         still = before is not None and transform is before.transform and frame not in self.unknown
@@ -262,11 +268,11 @@ class CameraPath:
         similarity = STANDS_STILL if same else np.asarray(np.linalg.solve(now, earlier)[:2])
         return CameraStep(similarity, np.inf if frame in self.unknown else self.deviations.get(frame, 0.0))
 
-    def _transform(self, before: _Placed, view: View, frame: int) -> FloatArray:
+    def _transform(self, before: _Placed, view: CameraFrame, frame: int) -> FloatArray:
         """Where the next frame lies."""
         lost_from = self._lost_from
         if lost_from is not None:
-            over = view_step(lost_from.view, view)
+            over = frame_step(lost_from.view, view)
             if over is not None:
                 # The way from the frame before, which lies somewhere, stays unknown.
                 self.unknown.append(frame)
@@ -274,7 +280,7 @@ class CameraPath:
                 return _moved_on(lost_from.transform, over)
             if frame - lost_from.frame >= self.settings.patience:
                 self._lost_from = None
-        step = view_step(before.view, view)
+        step = frame_step(before.view, view)
         if step is None:
             self.unknown.append(frame)
             self._lost_from = lost_from or before

@@ -24,7 +24,7 @@ Boxes: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
-class Layout:
+class DetectorLayout:
     """One way in which detectors are exported.
 
     Attributes:
@@ -173,32 +173,34 @@ def _untold(outputs: Outputs) -> None:
 
 _YOLO = ImageInput()
 _PLAIN = ImageInput("stretch")
-LAYOUTS: Mapping[LayoutName, Layout] = {
-    "yolov8": Layout("(1, 4+C, N)", read_yolov8, lambda o: o[0].shape[0] - 4, _YOLO),
-    "yolov8-rows": Layout("(1, N, 4+C), a box a cell, in pixels", read_yolov8_rows, lambda o: o[0].shape[1] - 4, _YOLO),
-    "yolov5": Layout("(1, N, 5+C), three boxes a cell", read_yolov5, lambda o: o[0].shape[1] - 5, _YOLO),
-    "yolov6": Layout(
+LAYOUTS: Mapping[LayoutName, DetectorLayout] = {
+    "yolov8": DetectorLayout("(1, 4+C, N)", read_yolov8, lambda o: o[0].shape[0] - 4, _YOLO),
+    "yolov8-rows": DetectorLayout(
+        "(1, N, 4+C), a box a cell, in pixels", read_yolov8_rows, lambda o: o[0].shape[1] - 4, _YOLO
+    ),
+    "yolov5": DetectorLayout("(1, N, 5+C), three boxes a cell", read_yolov5, lambda o: o[0].shape[1] - 5, _YOLO),
+    "yolov6": DetectorLayout(
         "(1, N, 5+C), a box a cell, in pixels, column 5 all ones", read_yolov5, lambda o: o[0].shape[1] - 5, _YOLO
     ),
-    "yolox": Layout(
+    "yolox": DetectorLayout(
         "(1, N, 5+C), a box a cell, in strides",
         read_yolox,
         lambda o: o[0].shape[1] - 5,
         replace(_YOLO, colour="BGR", pixels="bytes"),
     ),
-    "yolox-decoded": Layout(
+    "yolox-decoded": DetectorLayout(
         "(1, N, 5+C), a box a cell, in pixels",
         read_yolov5,
         lambda o: o[0].shape[1] - 5,
         replace(_YOLO, colour="BGR", pixels="bytes"),
     ),
-    "yolo-suppressed": Layout(
+    "yolo-suppressed": DetectorLayout(
         "(1, N, 6) corners in pixels, score, class", read_yolo_suppressed, _untold, _YOLO, suppressed=True
     ),
-    "rtdetr-joined": Layout(
+    "rtdetr-joined": DetectorLayout(
         "(1, N, 4+C) centres as shares, scores", read_rtdetr_joined, lambda o: o[0].shape[1] - 4, _PLAIN
     ),
-    "detr": Layout(
+    "detr": DetectorLayout(
         "(1, N, 4) centres as shares, (1, N, C) classes",
         read_detr,
         lambda o: paired(o)[1].shape[-1],
@@ -206,7 +208,7 @@ LAYOUTS: Mapping[LayoutName, Layout] = {
         outputs=2,
         paired=True,
     ),
-    "corners": Layout(
+    "corners": DetectorLayout(
         "(1, N, 4) corners as shares, (1, N, C) classes",
         read_corners,
         lambda o: paired(o)[1].shape[-1],
@@ -214,7 +216,7 @@ LAYOUTS: Mapping[LayoutName, Layout] = {
         outputs=2,
         paired=True,
     ),
-    "torchvision": Layout(
+    "torchvision": DetectorLayout(
         "boxes (N, 4) in pixels, labels (N,), scores (N,)",
         read_torchvision,
         _untold,
@@ -222,7 +224,7 @@ LAYOUTS: Mapping[LayoutName, Layout] = {
         suppressed=True,
         outputs=3,
     ),
-    "tensorflow": Layout(
+    "tensorflow": DetectorLayout(
         "detection_boxes (1, N, 4) y before x as shares, detection_classes, detection_scores, num_detections",
         read_tensorflow,
         _untold,

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from tsuiseki.tracking.features.exported import Detector, SizedDetect
-from tsuiseki.tracking.features.views import EVERY_TILE, LARGEST_SCALE, MOST_COLUMNS, TiledDetector, View, view_of
+from tsuiseki.tracking.features.views import EVERY_TILE, LARGEST_SCALE, MOST_COLUMNS, TiledDetector, TileView, view_of
 from tsuiseki.tracking.types import Detections, ImageArray
 
 # Up to `LARGEST_SCALE` more tiles are worth their time where they find this many times the people.
@@ -40,7 +40,7 @@ class ViewChoice:
         people: expected in a frame at each number of tiles across that was tried.
     """
 
-    view: View
+    view: TileView
     milliseconds: float | None
     people: dict[int, float]
 

@@ -39,7 +39,7 @@ _COVERED = 0.6
 
 
 @dataclass(frozen=True)
-class View:
+class TileView:
     """The parts of a frame that the detector looks at.
 
     Attributes:
@@ -54,7 +54,7 @@ class View:
         return len(self.tiles)
 
 
-def view_of(size: tuple[int, int], columns: int, shape: float, rows: int | None = None) -> View:
+def view_of(size: tuple[int, int], columns: int, shape: float, rows: int | None = None) -> TileView:
     """Tiles over a frame, overlapping by `OVERLAP`, and the whole frame.
 
     Args:
@@ -66,7 +66,7 @@ def view_of(size: tuple[int, int], columns: int, shape: float, rows: int | None 
     height, width = size
     whole = np.array([[0, 0, width, height]], dtype=np.int64)
     if columns == 1 and rows in (None, 1):
-        return View(1, whole)
+        return TileView(1, whole)
     wide = width / (1 + (columns - 1) * (1 - OVERLAP))
     high = min(wide / shape, height) if rows is None else height / (1 + (rows - 1) * (1 - OVERLAP))
     if rows is None:
@@ -75,7 +75,7 @@ def view_of(size: tuple[int, int], columns: int, shape: float, rows: int | None 
     top = np.linspace(0, height - high, rows)
     y, x = (grid.ravel() for grid in np.meshgrid(top, left, indexing="ij"))
     tiles = np.stack([x, y, x + wide, y + high], axis=1).round().astype(np.int64)
-    return View(columns, np.concatenate([whole, tiles]))
+    return TileView(columns, np.concatenate([whole, tiles]))
 
 
 def parse_view(text: str) -> tuple[int, int | None] | None:
@@ -114,7 +114,7 @@ class TiledDetector:
     """
 
     def __init__(
-        self, detector: SizedDetect, view: View, iou_threshold: float = 0.5, batch_size: int = 4, workers: int = 1
+        self, detector: SizedDetect, view: TileView, iou_threshold: float = 0.5, batch_size: int = 4, workers: int = 1
     ) -> None:
         self.detector, self.view = detector, view
         self.sizes = _shown_sizes(view, detector.input_size)
@@ -147,7 +147,7 @@ class TiledDetector:
         return [replace(seen, boxes=seen.boxes / scale) for seen, scale in zip(found, scales, strict=True)]
 
 
-def _shown_sizes(view: View, wanted: tuple[int, int] | None) -> IntArray:
+def _shown_sizes(view: TileView, wanted: tuple[int, int] | None) -> IntArray:
     sizes = (view.tiles[:, 2:] - view.tiles[:, :2])[:, ::-1]
     if wanted is not None:
         scales = (np.array(wanted) / sizes[1:]).min(axis=1, keepdims=True)

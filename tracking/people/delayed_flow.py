@@ -24,7 +24,7 @@ import numpy as np
 from tsuiseki.tracking.association.flow_window import CONTEXT, FlowWindow
 from tsuiseki.tracking.association.nearby import Pairs
 from tsuiseki.tracking.association.smoothing import SmoothingSettings, fit_smoothing
-from tsuiseki.tracking.association.tracklets import join
+from tsuiseki.tracking.association.tracklets import APPEARANCE_WINDOW, JOIN_WINDOW, join
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, solve_window
 from tsuiseki.tracking.people.whole_flow import long_tracks, reported
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Targets, Track
@@ -78,9 +78,7 @@ class DelayedFlow:
 
     def __init__(self, settings: FlowSettings, given: FlowInput, window: FlowWindow, delay: int) -> None:
         self.settings, self.input, self.window, self.delay = settings, given, window, delay
-        join = settings.join
-        looks_back = [] if join is None else [join.window, join.appearance_window]
-        longest = max(settings.costs.rounds.window, settings.fill, *looks_back)
+        longest = max(settings.costs.rounds.window, settings.fill, JOIN_WINDOW, APPEARANCE_WINDOW)
         self._reach = round((longest + CONTEXT) * given.frame_rate)
         self._waiting: tuple[Detections, ...] = ()
         self._frame = self._answered = self._told = 0
@@ -144,15 +142,15 @@ class DelayedFlow:
 
     def _tracks(self) -> IntArray:
         """``(N,)`` track of each detection as far as is known now, tracklets joined; -1 for none."""
-        table, settings = self.window.table, self.settings
+        table = self.window.table
         labels = self.window.labels()
         # A detection that was forgotten as nobody's stays so.
         labels[~self.window.free() & (self._owner < 0)] = -1
-        if settings.join is None or not (labels >= 0).any():
+        if not (labels >= 0).any():
             return labels
         known = self._known(labels, (self._owner < 0) & (labels >= 0))
         features = None if table.features is None else mean_of(known.sums[:, 3:])
-        return join(table, labels, features, self.window.costs.link, settings.join, self.window.changes, known.ids > 0)
+        return join(table, labels, features, self.window.costs.link, self.window.changes, known.ids > 0)
 
     def _known(self, tracks: IntArray, rows: BoolArray) -> People:
         """What is known of M tracks: what is settled of the people in them, and detections besides."""
@@ -231,11 +229,11 @@ class DelayedFlow:
 
     def _strength(self, tracks: list[Track]) -> SmoothingSettings | None:
         """How far these tracks are smoothed: chosen anew every few seconds."""
-        settings, rate = self.settings.smoothing, self.input.frame_rate
-        if settings is None:
+        rate = self.input.frame_rate
+        if not self.settings.smoothing:
             return None
         if self._smoothing is None or self._frame >= self._fitted + FIT_EVERY * rate:
-            self._smoothing, self._fitted = fit_smoothing(tracks, rate, settings), self._frame
+            self._smoothing, self._fitted = fit_smoothing(tracks, rate), self._frame
         return self._smoothing
 
     def _forget(self, joins: Pairs, before: int) -> None:

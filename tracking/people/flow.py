@@ -81,7 +81,7 @@ class FlowTracker:
         self.delay = delay
         standing = camera if isinstance(camera, StandingCamera) else None
         path = camera if isinstance(camera, CameraPath) else None
-        given = FlowInput(settings.input, settings.costs.link.motion, frame_rate, size, path, standing, observation)
+        given = FlowInput(settings.input, frame_rate, size, path, standing, observation)
         most_undecided = None if settings.most_undecided is None else round(settings.most_undecided * frame_rate)
         window = FlowWindow(settings.costs, frame_rate, size, most_undecided, transition, changes)
         self._changes = changes

@@ -9,15 +9,12 @@ from statistics import median
 
 import numpy as np
 
-from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes, Steps, steps_from_boxes
-from tsuiseki.tracking.association.chain_motion import MotionNoise
+from tsuiseki.tracking.association.camera_from_boxes import LEAST, MOVING, CameraSteps, doubt_of, steps_from_boxes
 from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.association.detection_tables import DetectionRows, DetectionTable, Measurements, rows_of
-from tsuiseki.tracking.association.flow_rounds import Believed
+from tsuiseki.tracking.association.flow_rounds import FirstPrices
 from tsuiseki.tracking.association.flow_window import FlowCosts, FlowWindow
 from tsuiseki.tracking.association.nearby import centres, hidden_parts, near_pairs, sizes
-from tsuiseki.tracking.association.smoothing import FittedSmoothing
-from tsuiseki.tracking.association.tracklets import JoinSettings
 from tsuiseki.tracking.association.video_evidence import DetectionCost, VideoEvidence
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory
@@ -29,33 +26,29 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 STILL = 0.002
 
 
+# By how much further off, in r, a box of probability 0 is than one of probability 1, and one that is quite hidden.
+UNSURE, HIDDEN = 1.5, 0.75
+# Seconds that stay undecided beyond the longest link, for the motion on both sides of what is decided.
+SETTLE = 0.7
+# Deviation of the camera's place, in heights of a box, after a step that its images do not tell.
+LOST = 3.0
+# Of two boxes of a frame that overlap by more (intersection over union), the one of the lower score is left out.
+DUPLICATE = 0.95
+
+
 @dataclass(frozen=True)
 class InputSettings:
     """How detections are prepared.
 
     Attributes:
         detection: what scores are worth.
-        camera: how its motion is estimated from boxes; None takes it to stand still.
-        lost: deviation of the camera's place, in heights of a box, after a step that its images do not tell.
-        unscored: cost of a detection without a score, such as a filter's, where others have one; None takes what the
-            video says of such detections, too.
+        follow_camera: take the camera's motion out of the boxes; otherwise it is taken to stand still.
         any_speed: links are priced for targets as fast as those of the video; otherwise for those of the settings.
-        duplicate: of two boxes of a frame that overlap by more (intersection over union), the one of the lower score
-            is left out.
     """
 
     detection: DetectionCost = field(default_factory=DetectionCost)
-    camera: CameraFromBoxes | None = field(default_factory=CameraFromBoxes)
-    lost: float = 3.0
-    unscored: float | None = None
+    follow_camera: bool = True
     any_speed: bool = True
-    duplicate: float = 0.95
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.lost < np.inf:
-            raise ValueError(f"expected lost from 0, got {self.lost}")
-        if not 0 < self.duplicate <= 1:
-            raise ValueError(f"expected duplicate in (0, 1], got {self.duplicate}")
 
 
 @dataclass
@@ -64,7 +57,6 @@ class FlowInput:
 
     Attributes:
         settings: of the preparation.
-        noise: of measurements.
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
         path: the camera's motion from images, of which several may read; None takes the boxes.
@@ -77,7 +69,6 @@ class FlowInput:
     """
 
     settings: InputSettings
-    noise: MotionNoise
     frame_rate: float
     size: tuple[int, int] | None
     path: CameraPath | None = None
@@ -86,15 +77,14 @@ class FlowInput:
     duplicates: int = 0
     _last: Detections = field(default_factory=Detections.empty)
     _count: int = 0
-    _scored: bool = False
 
     def __post_init__(self) -> None:
-        if self.settings.camera is None:
+        if not self.settings.follow_camera:
             self.standing = None
         self.camera = CameraTrajectory("boxes" if self.path is None else "images")
         self.evidence = VideoEvidence(self.settings.detection, self.frame_rate)
         self._shifts: list[float] = []
-        # Steps to frames whose detections have not come to `rows` yet.
+        # CameraSteps to frames whose detections have not come to `rows` yet.
         self._steps: list[CameraStep] = []
         self._still: list[bool] = []
         self.stood_still = 0
@@ -121,12 +111,11 @@ class FlowInput:
         """
         first = len(self.camera)
         rows = rows_of(found, first, self._count)
-        kept = ~duplicates(rows.frames, rows.boxes, rows.scores, self.settings.duplicate)
+        kept = ~duplicates(rows.frames, rows.boxes, rows.scores)
         self.duplicates += int((~kept).sum())
         rows = rows.select(kept)
         rows = replace(rows, numbers=self._count + np.arange(len(rows)))
         self._count += len(rows)
-        self._scored = self._scored or not np.isnan(rows.scores).all()
         self._follow_camera(rows, first, len(found))
         boxes = self.camera.to_first(rows.boxes, rows.frames)
         self.evidence.add(rows.frames, boxes, rows.scores, len(self.camera) - 1)
@@ -159,7 +148,7 @@ class FlowInput:
         odds = np.exp(self.observation(np.nan_to_num(scores)) - self.observation.b)
         return np.clip(1 / (1 + odds), least, 1 - least)
 
-    def believed(self, scores: FloatArray) -> Believed | None:
+    def first_prices(self, scores: FloatArray) -> FirstPrices | None:
         """How likely detections of ``(N,)`` scores are right though not found again; None where speeds are given.
 
         A detector that misses a person in every third frame is right more often than the video bears it out.
@@ -169,7 +158,7 @@ class FlowInput:
         known = self.probability(scores)
         right = np.minimum(known / self.evidence.rate_of_right(), 1) if self.observation is None else known
         costs = self.settings.detection
-        return Believed(right, costs(right, self.frame_rate) - costs(known, self.frame_rate))
+        return FirstPrices(right, costs(right, self.frame_rate) - costs(known, self.frame_rate))
 
     def logits(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` logits of the probabilities of ``(N,)`` scores."""
@@ -178,10 +167,7 @@ class FlowInput:
 
     def costs(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` what using detections of ``(N,)`` scores costs."""
-        costs = self.settings.detection(self.probability(scores), self.frame_rate)
-        if self.settings.unscored is None or not self._scored:
-            return costs
-        return np.where(np.isnan(scores), self.settings.unscored, costs)
+        return self.settings.detection(self.probability(scores), self.frame_rate)
 
     def flow_costs(self, costs: FlowCosts) -> FlowCosts:
         """What the flow costs where targets move as fast as in this video."""
@@ -193,26 +179,26 @@ class FlowInput:
         """``(N,)`` by how much more than r each measurement deviates."""
         hidden = hidden_parts(rows.frames, rows.boxes)
         unsure = 1 - self.evidence.probability(rows.scores)
-        return 1 + self.noise.unsure * unsure + self.noise.hidden * hidden
+        return 1 + UNSURE * unsure + HIDDEN * hidden
 
     def _follow_camera(self, rows: DetectionRows, first: int, count: int) -> None:
         """Extend the trajectory by ``count`` frames from ``first`` on."""
         if self.path is not None:
             self._follow_images(rows, count)
             return
-        if self.settings.camera is None:
+        if not self.settings.follow_camera:
             for _ in range(count):
                 self.camera.append(np.eye(3)[:2])
             return
         boxes = np.concatenate([self._last.boxes, rows.boxes])
         frames = np.append(np.zeros(len(self._last), np.int64), rows.frames - first + 1)
-        steps = steps_from_boxes(frames, boxes, count + 1, self.frame_rate, self.settings.camera)
+        steps = steps_from_boxes(frames, boxes, count + 1, self.frame_rate)
         still, self._still = self._still[:count], self._still[count:]
         for index in range(1, count + 1):
             if index <= len(still) and still[index - 1]:
                 self._stand_still()
             else:
-                self._append_step(steps, index, self.settings.camera)
+                self._append_step(steps, index)
 
     def _follow_images(self, rows: DetectionRows, count: int) -> None:
         """The same by what the images said."""
@@ -222,7 +208,7 @@ class FlowInput:
         steps, self._steps = self._steps[:count], self._steps[count:]
         for step in steps:
             known = np.isfinite(step.deviation)
-            deviation = step.deviation / height if known else self.settings.lost
+            deviation = step.deviation / height if known else LOST
             self.camera.append(step.similarity, deviation, known=known, moving=not known)
 
     def _stand_still(self) -> None:
@@ -231,15 +217,15 @@ class FlowInput:
         self._shifts = [*self._shifts, 0.0][-round(max(self.frame_rate, 2)) :]
         self.camera.append(np.eye(3)[:2])
 
-    def _append_step(self, steps: Steps, index: int, settings: CameraFromBoxes) -> None:
+    def _append_step(self, steps: CameraSteps, index: int) -> None:
         shift, support = float(steps.shift[index]), float(steps.support[index])
         usual = self._usual_shift()
-        moving = usual * self.frame_rate > settings.moving
-        if support >= settings.least:
+        moving = usual * self.frame_rate > MOVING
+        if support >= LEAST:
             self._shifts = [*self._shifts, shift][-round(max(self.frame_rate, 2)) :]
             self.camera.append(steps.similarity[index])
         elif moving and support > 0:
-            doubt = settings.doubt(support, self.frame_rate)
+            doubt = doubt_of(support, self.frame_rate)
             self.camera.append(steps.similarity[index], doubt, known=False, moving=True)
         else:
             self.camera.append(None, usual if moving else STILL, moving=moving)
@@ -261,29 +247,28 @@ def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, round
     observation, free = given.costs(scores), window.free()
     if not free.any():
         return
-    believed = given.believed(scores[free])
+    first_prices = given.first_prices(scores[free])
     if window.changes is None:
-        window.solve(observation[free], rounds=rounds, believed=believed)
+        window.solve(observation[free], rounds=rounds, first_prices=first_prices)
         return
     change = window.learnt(given.logits(scores), observation)
-    window.solve(observation[free] + change[:, 0], change[:, 1], change[:, 2], rounds, believed)
+    window.solve(observation[free] + change[:, 0], change[:, 1], change[:, 2], rounds, first_prices)
 
 
-def duplicates(frames: IntArray, boxes: FloatArray, scores: FloatArray, overlap: float) -> BoolArray:
+def duplicates(frames: IntArray, boxes: FloatArray, scores: FloatArray) -> BoolArray:
     """``(N,)`` boxes that lie on another one of their frame that scores more, or as much and comes first.
 
     Args:
         frames: ``(N,)``.
         boxes: ``(N, 4)`` pixels.
         scores: ``(N,)``, NaN where there is none.
-        overlap: intersection over union above which two boxes are one.
     """
     double = np.zeros(len(frames), dtype=np.bool_)
     if len(frames) == 0:
         return double
     every, size = np.arange(len(frames)), sizes(boxes)
-    i, j = near_pairs(frames, centres(boxes), size * (1 - overlap), 0, every, every)
-    same = (i < j) & (iou_pairs(boxes[i], boxes[j]) > overlap)
+    i, j = near_pairs(frames, centres(boxes), size * (1 - DUPLICATE), 0, every, every)
+    same = (i < j) & (iou_pairs(boxes[i], boxes[j]) > DUPLICATE)
     i, j = i[same], j[same]
     known = np.nan_to_num(scores, nan=-np.inf)
     double[np.where(known[j] > known[i], i, j)] = True
@@ -297,37 +282,33 @@ class FlowSettings:
     Attributes:
         input: how detections are prepared: the worth of their scores, the motion of the camera, duplicates.
         costs: of the flow over detections.
-        join: how tracklets are joined over longer gaps; None leaves them apart.
         min_detections: tracks of fewer detections are dropped, unless the video itself has fewer frames.
         min_time: and so are those of fewer than this many seconds of detections.
         least: mean logit of the probability of a track's detections, under which it is taken for clutter; only where
             learnt prices say what scores are worth.
         fill: longest gap that is filled, on a straight line.
-        smoothing: how it is chosen how far boxes are smoothed; None reports them as detected.
+        smoothing: smooth boxes by as much as suits the video; otherwise they are reported as detected.
         decide_every: least time between two decisions; None solves all frames at once in the end.
-        settle: time that stays undecided beyond the longest link, for the motion on both sides of what is decided.
         most_undecided: most time that may stay undecided; None lets it grow until every decision is exact.
     """
 
     input: InputSettings = field(default_factory=InputSettings)
     costs: FlowCosts = field(default_factory=FlowCosts)
-    join: JoinSettings | None = field(default_factory=JoinSettings)
     min_detections: int = 3
     min_time: float = 0.16
     least: float = 1.0
     fill: float = 2.0
-    smoothing: FittedSmoothing | None = field(default_factory=FittedSmoothing)
+    smoothing: bool = True
     decide_every: float | None = 20.0
-    settle: float = 0.7
     most_undecided: float | None = None
 
     def __post_init__(self) -> None:
         if self.decide_every is not None and self.decide_every <= 0:
             raise ValueError(f"expected decide_every above 0 seconds, got {self.decide_every}")
-        if min(self.min_detections, self.min_time, self.fill, self.settle) < 0:
-            raise ValueError("expected min_detections, min_time, fill and settle from 0")
-        if self.most_undecided is not None and self.most_undecided <= self.costs.rounds.window + self.settle:
-            raise ValueError(f"expected most_undecided above window + settle, got {self.most_undecided}")
+        if min(self.min_detections, self.min_time, self.fill) < 0:
+            raise ValueError("expected min_detections, min_time and fill from 0")
+        if self.most_undecided is not None and self.most_undecided <= self.costs.rounds.window + SETTLE:
+            raise ValueError(f"expected most_undecided above window + {SETTLE:g} s, got {self.most_undecided}")
 
     def alike(self) -> FlowSettings:
         """These settings with entry and exit costs that take all places alike."""

@@ -16,7 +16,7 @@ from tsuiseki.tracking.association.sliding_flow import Decision
 from tsuiseki.tracking.association.smoothing import GapSettings, SmoothingSettings, fill_gaps, fit_smoothing, smooth
 from tsuiseki.tracking.association.tracklets import Chained, Tracklets, join, straddling_tracks
 from tsuiseki.tracking.features.camera_path import CameraTrajectory
-from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, solve_window
+from tsuiseki.tracking.people.flow_input import SETTLE, FlowInput, FlowSettings, solve_window
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 
 
@@ -70,12 +70,12 @@ class WholeFlow:
         tracklets.add(self._chained(rest, window.table))
         every = self._table()
         labels = tracklets.labels(len(every))
-        if self.settings.join is not None and len(every):
+        if len(every):
             appearance = tracklets.appearance()
             link, places = window.costs.link, None
             if window.costs.places is not None:
                 places = window.place_costs(every.image)
-            labels = join(every, labels, appearance, link, self.settings.join, window.changes, None, places)
+            labels = join(every, labels, appearance, link, window.changes, None, places)
         return self._finished(every, labels)
 
     def _decide(self) -> None:
@@ -84,7 +84,7 @@ class WholeFlow:
         window, settings = self.window, self.settings
         solve_window(window, self.input, self._scores[window.table.numbers])
         table = window.table
-        margin = round((settings.costs.rounds.window + settings.settle) * self.input.frame_rate)
+        margin = round((settings.costs.rounds.window + SETTLE) * self.input.frame_rate)
         decision = window.decide(self._frame - 1, self._frame - margin)
         self._tracklets.add(self._chained(decision, table))
 
@@ -131,7 +131,7 @@ class WholeFlow:
             self.actions.append(None if every.actions is None else every.actions[piece])
             tracks.append(track)
             images.append(every.image[piece])
-        smoothing = None if settings.smoothing is None else fit_smoothing(tracks, rate, settings.smoothing)
+        smoothing = fit_smoothing(tracks, rate) if settings.smoothing else None
         result = [reported(*one, self.input.camera, longest, smoothing) for one in zip(tracks, images, strict=True)]
         return self._without_straddling(result) if self.drop_straddling else result
 

@@ -16,7 +16,7 @@ from lightning.pytorch.callbacks import Callback, EMAWeightAveraging, ModelCheck
 
 from tsuiseki.datamodules.augmentation import Augmentation, fitted_scale
 from tsuiseki.datamodules.detection_data import Composition, DetectionData
-from tsuiseki.datamodules.footage import Source
+from tsuiseki.datamodules.footage import TrainingSource
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import view_of
@@ -108,7 +108,9 @@ def fine_tune(
 def _data(
     videos: Sequence[Watched], layout: Layout, columns: int, round_: int, settings: AdaptSettings
 ) -> DetectionData:
-    sources = [Source(v.folder, frames=(1, v.learnt(KEPT_BACK)), fixed_camera=v.fixed, share=v.length) for v in videos]
+    sources = [
+        TrainingSource(v.folder, frames=(1, v.learnt(KEPT_BACK)), fixed_camera=v.fixed, share=v.length) for v in videos
+    ]
     window = layout.window(WINDOW)
     closer = _enlargement(videos[0].size, layout.size, columns) * _fitted(videos[0].size, layout.size, window)
     return DetectionData(

@@ -84,7 +84,7 @@ def link_samples(
     path = CameraPath()
     for one in observations:
         path.follow(one.motion or CameraStep(STANDS_STILL))
-    given = FlowInput(flow.input, costs.link.motion, frame_rate, size, path)
+    given = FlowInput(flow.input, frame_rate, size, path)
     found = [replace(o.detections, actions=averaged(o.actions)) for o in observations if o.actions is not None]
     seen, scores = given.rows(found)
     assert seen.actions is not None

@@ -14,11 +14,11 @@ import numpy as np
 from tsuiseki.tracking.association.chain_motion import beliefs_along
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, JOIN_FEATURES, detection_evidence, link_evidence
-from tsuiseki.tracking.association.flow_rounds import mean_features
+from tsuiseki.tracking.association.flow_rounds import AVERAGED, mean_features
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.learnt_costs import CostChanges
 from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
-from tsuiseki.tracking.association.tracklets import Ends, evidence_of_joins, join_parts
+from tsuiseki.tracking.association.tracklets import MISS_OF_JOIN, MOST_FOR_JOIN, Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, owners_of
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
@@ -42,7 +42,7 @@ def sequence_graphs(
         changes: learnt costs with which the tracker finds the tracks along which links are priced; by default none.
     """
     settings = settings or FlowSettings().alike()
-    preparing = FlowInput(settings.input, settings.costs.link.motion, video.frame_rate, video.size, video.path())
+    preparing = FlowInput(settings.input, video.frame_rate, video.size, video.path())
     seen, scores = preparing.rows(list(video.detections) or [Detections.empty()])
     settings = replace(settings, costs=preparing.flow_costs(settings.costs))
     probability = preparing.probability(scores)
@@ -52,8 +52,8 @@ def sequence_graphs(
     window.add(seen)
     if len(seen):
         change = window.learnt(logit, observation)
-        believed = preparing.believed(scores)
-        window.solve(observation + change[:, 0], change[:, 1], change[:, 2], believed=believed)
+        believed = preparing.first_prices(scores)
+        window.solve(observation + change[:, 0], change[:, 1], change[:, 2], first_prices=believed)
     owners = owners_of(seen.frames, seen.image, video.truth)
     labels = window.labels() if len(seen) else np.empty(0, np.int64)
     parts = _link_parts(seen, window, labels, settings)
@@ -73,7 +73,7 @@ def _link_parts(seen: DetectionTable, window: FlowWindow, labels: IntArray, sett
 
     tails, heads = (np.searchsorted(seen.numbers, part) for part in (window.links.tail, window.links.head))
     past, future = beliefs_along(labels, seen.measured, settings.costs.link.motion)
-    averaged = settings.costs.rounds.averaged
+    averaged = AVERAGED
     means = None if seen.features is None else mean_features(seen, labels, seen.features, averaged)
     cost, hidden = settings.costs.link, window.links.hidden
     by = Pricing(cost, np.inf, change=keep)
@@ -140,15 +140,15 @@ def _tracklet_graph(
 ) -> Graph:
     """Tracklets in place of detections, joins of their ends in place of links; an owner has half of one."""
     ends = Ends.of(labels)
-    count, joining = len(ends.track), settings.join
+    count = len(ends.track)
     none = np.empty(0, dtype=np.int64)
     i, j, cost, rows = none, none, np.empty(0), np.empty((0, len(JOIN_FEATURES)))
-    if count and joining is not None:
-        link = replace(settings.costs.link, miss=joining.miss)
-        before, after, parts = join_parts(seen, labels, ends, None, link, joining)
-        near = np.flatnonzero(parts.cost < 3 * joining.limit)
+    if count:
+        link = replace(settings.costs.link, miss=MISS_OF_JOIN)
+        before, after, parts = join_parts(seen, labels, ends, None, link)
+        near = np.flatnonzero(parts.cost < 3 * MOST_FOR_JOIN)
         i, j = np.searchsorted(ends.track, before[near]), np.searchsorted(ends.track, after[near])
-        cost = parts.cost[near] - joining.limit
+        cost = parts.cost[near] - MOST_FOR_JOIN
         rows = evidence_of_joins(seen, labels, ends, parts, link)[near]
     majority = _owners_of_tracks(owners, labels, int(labels.max(initial=-1)) + 1)[ends.track]
     starts = seen.frames[ends.first] if count else none

@@ -25,7 +25,8 @@ from tsuiseki.tracking.evaluation.resampling import score_sums
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, write_detections
 from tsuiseki.tracking.geometry import clip_boxes
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped

@@ -8,8 +8,8 @@ import signal
 import sys
 import time
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import lightning
@@ -32,14 +32,14 @@ class Task:
         model: its LightningModule.
         data: its LightningDataModule.
         monitor: the validation metric whose largest value makes the best checkpoint.
-        links: arguments of the model that the data takes over, by name.
+        links: arguments of the model that the data takes over, and what they are called there.
     """
 
     name: str
     model: type[lightning.LightningModule]
     data: type[lightning.LightningDataModule]
     monitor: str
-    links: tuple[str, ...] = ()
+    links: Mapping[str, str] = field(default_factory=dict)
 
 
 def fit_detector(arguments: Sequence[str]) -> Path:
@@ -47,7 +47,7 @@ def fit_detector(arguments: Sequence[str]) -> Path:
     from tsuiseki.datamodules.detection_data import DetectionData
     from tsuiseki.trainers.networks.detector_training import DetectorTraining
 
-    links = ("height", "width", "resize")
+    links = {name: name for name in ("height", "width", "resize")}
     return fit(Task("detector", DetectorTraining, DetectionData, "val/ap50", links), arguments)
 
 
@@ -56,7 +56,7 @@ def fit_appearance(arguments: Sequence[str]) -> Path:
     from tsuiseki.datamodules.appearance_data import AppearanceData
     from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 
-    links = ("height", "width")
+    links = {name: name for name in ("height", "width")}
     return fit(Task("appearance", AppearanceTraining, AppearanceData, "val/map", links), arguments)
 
 
@@ -65,7 +65,7 @@ def fit_action(arguments: Sequence[str]) -> Path:
     from tsuiseki.datamodules.action_data import ActionData
     from tsuiseki.trainers.networks.action_training import ActionTraining
 
-    links = ("streams", "size", "flow", "compensate")
+    links = {"streams": "streams"} | {name: f"cutting.{name}" for name in ("size", "flow", "compensate")}
     return fit(Task("action", ActionTraining, ActionData, "val/map", links), arguments)
 
 
@@ -178,8 +178,8 @@ class TaskCLI(LightningCLI):
         parser.add_argument("--out", type=str, required=True, help="folder for checkpoints and logs")
         parser.add_argument("--ckpt_path", type=Path | None, default=None, help="checkpoint to go on from")
         parser.add_argument("--overwrite", type=bool, default=False, help="replace a training in the folder")
-        for name in self.task.links:
-            parser.link_arguments(f"model.{name}", f"data.{name}")
+        for ours, theirs in self.task.links.items():
+            parser.link_arguments(f"model.{ours}", f"data.{theirs}")
 
     def parse_arguments(self, parser: LightningArgumentParser, args: object) -> None:
         """As LightningCLI does, whatever else stands on the command line."""

@@ -69,7 +69,7 @@ class Garment:
 
 
 @dataclass(frozen=True)
-class Body:
+class BaseBody:
     """The base mesh with its helpers and rig; axes forward, left, up, metres.
 
     Attributes:
@@ -166,7 +166,7 @@ def _axes(points: FloatArray) -> FloatArray:
     return np.asarray(points[:, [2, 0, 1]] * _METRES)
 
 
-def _read_body(model: Path) -> Body:
+def _read_body(model: Path) -> BaseBody:
     points: list[list[str]] = []
     places: list[list[str]] = []
     quads: dict[str, list[list[list[int]]]] = {}
@@ -189,7 +189,7 @@ def _read_body(model: Path) -> Body:
     joints = [cubes[_CUBES[bone]] for bone in BONES]
     tips = {bone: cubes[cube] for bone, cube in _TIPS.items()}
     weights = _read_weights(model / "rigs" / "standard", len(vertices))
-    return Body(vertices, skin[..., 0], uv[skin[..., 1]], helpers, weights, joints, tips)
+    return BaseBody(vertices, skin[..., 0], uv[skin[..., 1]], helpers, weights, joints, tips)
 
 
 def _read_weights(folder: Path, count: int) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.figures.assets import BONES, Assets, Body, Garment
+from tsuiseki.datamodules.scenes.figures.assets import BONES, Assets, BaseBody, Garment
 from tsuiseki.datamodules.scenes.figures.mesh import (
     EXTRA,
     HAIR,
@@ -118,7 +118,7 @@ def _levels(name: str, value: float) -> list[tuple[str, float]]:
     return [(f"average{name}", 1 - abs(value)), (f"{'max' if value > 0 else 'min'}{name}", abs(value))]
 
 
-def _skin(body: Body, shape: FloatArray, hidden: IntArray, texture: ImageArray) -> Mesh:
+def _skin(body: BaseBody, shape: FloatArray, hidden: IntArray, texture: ImageArray) -> Mesh:
     covered = np.zeros(len(shape), dtype=np.bool_)
     covered[hidden] = True
     seen = ~covered[body.quads].all(axis=1)
@@ -127,7 +127,7 @@ def _skin(body: Body, shape: FloatArray, hidden: IntArray, texture: ImageArray) 
     return Mesh(shape, triangles, uv, body.weights, np.full(len(triangles), SKIN, np.uint8), texture)
 
 
-def _fitted(body: Body, shape: FloatArray, garment: Garment, label: int) -> Mesh:
+def _fitted(body: BaseBody, shape: FloatArray, garment: Garment, label: int) -> Mesh:
     """A garment put on; a suit's label 0 stands for `UPPER` and `LOWER`, by the bones that move it."""
     scale = (shape[:, 2].max() - shape[:, 2].min()) / (body.vertices[:, 2].max() - body.vertices[:, 2].min())
     vertices = np.einsum("nk,nkd->nd", garment.shares, shape[garment.anchors]) + scale * garment.offsets
@@ -161,7 +161,7 @@ def _clothes(rng: np.random.Generator, assets: Assets, shape: FloatArray, sex: s
     return worn
 
 
-def _sewn(rng: np.random.Generator, body: Body, shape: FloatArray, part: str, loose: float) -> Mesh:
+def _sewn(rng: np.random.Generator, body: BaseBody, shape: FloatArray, part: str, loose: float) -> Mesh:
     """A garment made of the body's helper meshes, ``loose`` metres off the body."""
     quads = body.helpers["helper-skirt" if part == "skirt" else "helper-tights"]
     triangles = triangles_of_quads(quads)
@@ -233,7 +233,7 @@ def _carried(rng: np.random.Generator, joints: FloatArray, height: float) -> lis
     return []
 
 
-def _cap(rng: np.random.Generator, shape: FloatArray, body: Body, joints: FloatArray) -> Mesh:
+def _cap(rng: np.random.Generator, shape: FloatArray, body: BaseBody, joints: FloatArray) -> Mesh:
     """A cap, or with luck a hood."""
     top = shape[body.quads.ravel()]
     top = top[top[:, 2] > joints[BONES.index("head"), 2] + 0.1]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from tsuiseki.datamodules.scenes.figures.assets import BONES, Assets
 from tsuiseki.datamodules.scenes.figures.figure import Figure, random_figure
 from tsuiseki.datamodules.scenes.figures.mesh import Fragments, Mesh, nearest, rasterise, vertex_normals
-from tsuiseki.datamodules.scenes.people.body import Build, Skeleton, place, random_manner, standing, walking
 from tsuiseki.datamodules.scenes.people.person import view_from
+from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton, place, random_manner, standing, walking
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -27,7 +27,7 @@ _PARENTS = {"trunk": "pelvis", "head": "trunk"} | {
 _NEXT = {"upperarm": "lowerarm", "lowerarm": "wrist", "upperleg": "lowerleg", "lowerleg": "foot"}
 
 
-def posed(figure: Figure, skeleton: Skeleton) -> list[FloatArray]:
+def posed(figure: Figure, skeleton: PersonSkeleton) -> list[FloatArray]:
     """Vertices ``(N, 3)`` of each mesh of ``figure`` with limbs as the ``skeleton``'s, the lowest at height 0.
 
     The skeleton stands at the origin; only its directions matter, lengths are the figure's own.
@@ -45,7 +45,7 @@ def posed(figure: Figure, skeleton: Skeleton) -> list[FloatArray]:
     return [v - [0.0, 0.0, lowest] for v in meshes]
 
 
-def _bones(figure: Figure, skeleton: Skeleton) -> tuple[list[FloatArray], list[FloatArray]]:
+def _bones(figure: Figure, skeleton: PersonSkeleton) -> tuple[list[FloatArray], list[FloatArray]]:
     """Rotations of all bones from rest, and where they begin."""
     rotation = {"pelvis": skeleton.pelvis_axes, "trunk": skeleton.trunk_axes, "head": skeleton.head_axes}
     origin = {"pelvis": figure.joints[0]}
@@ -61,7 +61,7 @@ def _bones(figure: Figure, skeleton: Skeleton) -> tuple[list[FloatArray], list[F
     return [rotation[b] for b in BONES], [origin[b] for b in BONES]
 
 
-def _direction(s: Skeleton, part: str, k: int) -> FloatArray:
+def _direction(s: PersonSkeleton, part: str, k: int) -> FloatArray:
     start, end = {
         "upperarm": (s.shoulder, s.elbow),
         "lowerarm": (s.elbow, s.wrist),
@@ -143,7 +143,7 @@ def random_sprites(
 
 
 def steady_sides(
-    figure: Figure, skeleton: Skeleton, walk: list[Skeleton], camera: PinholeCamera, sprite: Sprite
+    figure: Figure, skeleton: PersonSkeleton, walk: list[PersonSkeleton], camera: PinholeCamera, sprite: Sprite
 ) -> FloatArray:
     """``(2,)`` columns of ``sprite``, ``figure`` in the pose of ``skeleton``: the mean sides in the poses of ``walk``.
 
@@ -157,13 +157,13 @@ def steady_sides(
     return np.asarray(sprite.steady + moved)
 
 
-def _sides(figure: Figure, skeleton: Skeleton, camera: PinholeCamera) -> FloatArray:
+def _sides(figure: Figure, skeleton: PersonSkeleton, camera: PinholeCamera) -> FloatArray:
     """``(2,)`` columns of the left and right end of ``figure`` in a pose."""
     columns = camera.project(np.concatenate(posed(figure, skeleton)))[0][:, 0]
     return np.array([columns.min(), columns.max()])
 
 
-def render_figure(figure: Figure, skeleton: Skeleton, camera: PinholeCamera, tilt: float) -> Sprite:
+def render_figure(figure: Figure, skeleton: PersonSkeleton, camera: PinholeCamera, tilt: float) -> Sprite:
     """``figure`` in the pose of ``skeleton`` before ``camera``, which looks down by ``tilt`` radians.
 
     The steady sides are those of the silhouette.

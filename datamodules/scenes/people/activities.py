@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.body import (
+from tsuiseki.datamodules.scenes.people.person import Person
+from tsuiseki.datamodules.scenes.people.posture import (
     FOREARM,
     HAND,
     SIDES,
@@ -23,7 +24,6 @@ from tsuiseki.datamodules.scenes.people.body import (
     stride_length,
     walking,
 )
-from tsuiseki.datamodules.scenes.people.person import Person
 from tsuiseki.datamodules.scenes.people.props import CART_AHEAD, CRATE_AHEAD, HANDLE_HEIGHT, SUITCASE_BEHIND, Kind, Prop
 from tsuiseki.tracking.formats.acting_tracks import (
     CALLING,

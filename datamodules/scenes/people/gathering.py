@@ -20,9 +20,8 @@ from tsuiseki.datamodules.scenes.people.activities import (
     resting_pose,
     stride_frequency,
 )
-from tsuiseki.datamodules.scenes.people.body import Pose, blend, random_manner
-from tsuiseki.datamodules.scenes.people.look import look_alike, random_build
-from tsuiseki.datamodules.scenes.people.person import Person, random_person
+from tsuiseki.datamodules.scenes.people.person import Person, somebody
+from tsuiseki.datamodules.scenes.people.posture import Pose, blend
 from tsuiseki.datamodules.scenes.people.props import Prop, random_prop
 from tsuiseki.tracking.formats.acting_tracks import CARRYING, PUSHING, RUNNING, SITTING
 from tsuiseki.tracking.types import FloatArray
@@ -54,7 +53,7 @@ class Performer:
 
 
 @dataclass
-class Standing:
+class PlacedProp:
     """A thing on the ground: a bench, or what can be fetched; ``last`` is the frame it was taken in."""
 
     prop: Prop
@@ -73,7 +72,7 @@ class Errand:
     heading: float
     deadline: int
     partner: int | None = None
-    thing: Standing | None = None
+    thing: PlacedProp | None = None
 
 
 @dataclass
@@ -93,7 +92,7 @@ class Actor:
     errand: Errand | None = None
     prop: Prop | None = None
     hand: int = 1
-    seat: Standing | None = None
+    seat: PlacedProp | None = None
     before: Pose = field(default_factory=Pose)
     states: list[PerformerState] = field(default_factory=list)
 
@@ -152,7 +151,7 @@ class Gathering:
     """Everybody and everything of a clip."""
 
     performers: list[Performer]
-    things: list[Standing]
+    things: list[PlacedProp]
 
 
 class _Stage:
@@ -169,27 +168,22 @@ class _Stage:
     ) -> None:
         self.rng, self.rate, self.arena, self.obstacles = rng, frame_rate, arena, obstacles
         self.things = [
-            Standing(random_prop(rng, "bench"), self.somewhere(0.9), float(rng.uniform(0, 2 * np.pi)))
+            PlacedProp(random_prop(rng, "bench"), self.somewhere(0.9), float(rng.uniform(0, 2 * np.pi)))
             for _ in range(int(rng.integers(1, 3)))
         ]
         self.spent = dict.fromkeys(ACTIVITIES, 0.0)
         self.actors: list[Actor] = []
         for _ in range(people):
-            person = self._somebody(look_alikes)
+            person = somebody(rng, [actor.person for actor in self.actors], look_alikes)
             self.actors.append(Actor(person, self.somewhere(), float(rng.uniform(0, 2 * np.pi))))
         for kind in ("cart", "crate", "suitcase"):
             if rng.random() < 0.5:
-                self.things.append(Standing(random_prop(rng, kind), self.somewhere(), float(rng.uniform(0, 2 * np.pi))))
+                self.things.append(
+                    PlacedProp(random_prop(rng, kind), self.somewhere(), float(rng.uniform(0, 2 * np.pi)))
+                )
         for index in range(people):
             if self.actors[index].until == 0:
                 self.choose(index, 0, at_once=True)
-
-    def _somebody(self, look_alikes: float) -> Person:
-        rng = self.rng
-        if self.actors and rng.random() < look_alikes:
-            other = self.actors[int(rng.integers(len(self.actors)))].person
-            return Person(random_build(rng), look_alike(rng, other.look), random_manner(rng))
-        return random_person(rng)
 
     def somewhere(self, reach: float = 1.0) -> FloatArray:
         """A place in the arena, an ellipse: ``(2, 2)`` centre and half axes."""
@@ -236,7 +230,7 @@ class _Stage:
         same = actor.activity.act in FETCHED and actor.activity.act == activity.act
         if actor.prop and actor.activity.act in FETCHED and not same:
             place = actor.position + AHEAD[actor.prop.kind] * actor.facing()
-            self.things.append(Standing(actor.prop, place, actor.heading, frame))
+            self.things.append(PlacedProp(actor.prop, place, actor.heading, frame))
         if not same:
             actor.prop = None
             kinds = {**HELD, **FETCHED}.get(activity.act or "")

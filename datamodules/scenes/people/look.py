@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.body import Build
+from tsuiseki.datamodules.scenes.people.posture import Build
 from tsuiseki.datamodules.scenes.render.solids import CHECKS, CLOUDS, PLAIN, SPECKLE, STRIPES_ACROSS, STRIPES_ALONG
 
 Colour = tuple[float, float, float]
@@ -72,7 +72,7 @@ FRONTS = ("closed", "open", "zip", "logo")
 
 
 @dataclass(frozen=True)
-class Look:
+class Outfit:
     """One person's appearance; colours are sRGB in [0, 1].
 
     Attributes:
@@ -130,7 +130,7 @@ def _towards(a: Colour, b: Colour, part: float) -> Colour:
     return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2])
 
 
-def random_look(rng: np.random.Generator) -> Look:
+def random_look(rng: np.random.Generator) -> Outfit:
     """One person dressed as people on a street are: mostly dark and muted, now and then bright or patterned."""
     upper = _garment(rng, (0.45, 0.22, 0.17, 0.16))
     lower_style = str(rng.choice(LOWER_STYLES, p=(0.74, 0.08, 0.05, 0.04, 0.09)))
@@ -139,7 +139,7 @@ def random_look(rng: np.random.Generator) -> Look:
     skin = _pick(rng, SKINS)
     two_tone = rng.random() < 0.14
     patterns = (PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, SPECKLE, CLOUDS)
-    return Look(
+    return Outfit(
         skin=skin,
         hair=_pick(rng, HAIRS),
         upper=upper,
@@ -178,7 +178,7 @@ def random_build(rng: np.random.Generator) -> Build:
     )
 
 
-def look_alike(rng: np.random.Generator, look: Look) -> Look:
+def look_alike(rng: np.random.Generator, look: Outfit) -> Outfit:
     """Somebody else who is dressed much like ``look``: two or three things differ."""
     other = random_look(rng)
     changes = (

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.body import (
+from tsuiseki.datamodules.scenes.people.look import Colour, Outfit, look_alike, random_build, random_look
+from tsuiseki.datamodules.scenes.people.posture import (
     Build,
     Manner,
+    PersonSkeleton,
     Pose,
-    Skeleton,
     place,
     random_manner,
     standing,
     walking,
 )
-from tsuiseki.datamodules.scenes.people.look import Colour, Look, look_alike, random_build, random_look
 from tsuiseki.datamodules.scenes.render.shading import NOISE, NOISE_SIZE, Light, random_light, shade
 from tsuiseki.datamodules.scenes.render.solids import (
     HEAD,
@@ -28,9 +29,9 @@ from tsuiseki.datamodules.scenes.render.solids import (
     TRUNK,
     Float32,
     Layer,
+    Parts,
     Solids,
-    Surfaces,
-    cone_spheres,
+    Surface,
     trace,
 )
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -42,7 +43,7 @@ class Person:
     """Somebody: proportions, clothes and a way to walk."""
 
     build: Build
-    look: Look
+    look: Outfit
     manner: Manner
 
 
@@ -51,17 +52,19 @@ def random_person(rng: np.random.Generator) -> Person:
     return Person(random_build(rng), random_look(rng), random_manner(rng))
 
 
+def somebody(rng: np.random.Generator, others: Sequence[Person], look_alikes: float) -> Person:
+    """Somebody who is dressed much like one of ``others`` with a chance of ``look_alikes``."""
+    if not others or rng.random() >= look_alikes:
+        return random_person(rng)
+    model = others[int(rng.integers(len(others)))]
+    return Person(random_build(rng), look_alike(rng, model.look), random_manner(rng))
+
+
 class _Flesh:
-    """Rows of cone-spheres while a person is put together; radii are fractions of the height."""
+    """Cone-spheres while a person is put together; radii are fractions of the height."""
 
     def __init__(self, height: float, phase: float) -> None:
-        self.height, self.phase = height, phase
-        self.start: list[FloatArray] = []
-        self.end: list[FloatArray] = []
-        self.radius: list[tuple[float, float]] = []
-        self.front: list[FloatArray] = []
-        self.flat: list[float] = []
-        self.surfaces = Surfaces()
+        self.height, self.phase, self.parts, self.count = height, phase, Parts(), 0
 
     def add(
         self,
@@ -77,22 +80,10 @@ class _Flesh:
         relief: float = 0.14,
         detail: int = NO_DETAIL,
     ) -> None:
-        self.start.append(start)
-        self.end.append(end)
-        self.radius.append((radius[0] * self.height, radius[1] * self.height))
-        self.front.append(front)
-        self.flat.append(flat)
-        self.surfaces.add(colour, second, pattern, period, relief, detail, self.phase + 1.7 * len(self.start))
-
-    def solids(self) -> Solids:
-        return cone_spheres(
-            np.array(self.start),
-            np.array(self.end),
-            np.array(self.radius),
-            np.array(self.front),
-            np.array(self.flat),
-            self.surfaces,
-        )
+        """One more, with the surface of the rest."""
+        self.count += 1
+        surface = Surface(colour, second, pattern, period, relief, detail, self.phase + 1.7 * self.count)
+        self.parts.cone(start, end, (radius[0] * self.height, radius[1] * self.height), surface, flat, front)
 
 
 def person_solids(person: Person, pose: Pose, position: FloatArray, heading: float) -> Solids:
@@ -106,10 +97,10 @@ def person_solids(person: Person, pose: Pose, position: FloatArray, heading: flo
         _leg(flesh, person, skeleton, k)
     _skirt(flesh, person, skeleton)
     _bag(flesh, person, skeleton)
-    return flesh.solids()
+    return flesh.parts.solids()
 
 
-def _trunk(flesh: _Flesh, person: Person, s: Skeleton) -> None:
+def _trunk(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
     build, look, h = person.build, person.look, person.build.height
     g = build.girth * look.thickness
     up, front = s.trunk_axes[:, 2], s.trunk_axes[:, 0]
@@ -131,11 +122,11 @@ def _trunk(flesh: _Flesh, person: Person, s: Skeleton) -> None:
     flesh.add(s.chest, s.head - s.head_axes[:, 2] * 0.04 * h, (0.034, 0.03), front, 1.0, neck, relief=0.05)
 
 
-def _lower(look: Look) -> tuple[Colour, Colour, int, float]:
+def _lower(look: Outfit) -> tuple[Colour, Colour, int, float]:
     return look.lower, look.lower_second, look.lower_pattern, look.period
 
 
-def _head(flesh: _Flesh, person: Person, s: Skeleton) -> None:
+def _head(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
     look, h, size = person.look, person.build.height, person.build.head
     up, front = s.head_axes[:, 2], s.head_axes[:, 0]
     low, high = s.head - up * 0.023 * h * size, s.head + up * 0.021 * h * size
@@ -160,7 +151,7 @@ def _head(flesh: _Flesh, person: Person, s: Skeleton) -> None:
         flesh.add(back - up * 0.03 * h, back + up * 0.022 * h, (0.05, 0.05), front, 1.1, look.upper, relief=0.2)
 
 
-def _arm(flesh: _Flesh, person: Person, s: Skeleton, k: int) -> None:
+def _arm(flesh: _Flesh, person: Person, s: PersonSkeleton, k: int) -> None:
     look, g, front = person.look, person.build.girth, s.trunk_axes[:, 0]
     sleeve = (look.shoulders, look.upper_second, look.upper_pattern, look.period)
     thick = g * look.thickness
@@ -172,7 +163,7 @@ def _arm(flesh: _Flesh, person: Person, s: Skeleton, k: int) -> None:
     flesh.add(s.wrist[k], s.fingers[k], (0.019, 0.016), front, 1.0, look.skin, relief=0.05)
 
 
-def _leg(flesh: _Flesh, person: Person, s: Skeleton, k: int) -> None:
+def _leg(flesh: _Flesh, person: Person, s: PersonSkeleton, k: int) -> None:
     build, look, front = person.build, person.look, s.pelvis_axes[:, 0]
     g = build.girth
     bare = look.lower_style in ("shorts", "skirt")
@@ -193,7 +184,7 @@ def _unit(vector: FloatArray) -> FloatArray:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _skirt(flesh: _Flesh, person: Person, s: Skeleton) -> None:
+def _skirt(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
     style, look, h, g = person.look.lower_style, person.look, person.build.height, person.build.girth
     if style not in ("skirt", "long skirt", "coat"):
         return
@@ -212,7 +203,7 @@ def _skirt(flesh: _Flesh, person: Person, s: Skeleton) -> None:
     flesh.add(hems[0], hems[1], (0.055, 0.055), front, 1.0, *cloth)
 
 
-def _bag(flesh: _Flesh, person: Person, s: Skeleton) -> None:
+def _bag(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
     look, h = person.look, person.build.height
     up, front, left = s.trunk_axes[:, 2], s.trunk_axes[:, 0], s.trunk_axes[:, 1]
     colour, phase = look.bag_colour, look.phase

@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.body import Skeleton
 from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE, Colour
-from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, Solids, Surfaces, boxes, cone_spheres, join
+from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
+from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, UP, Parts, Solids, Surface
 from tsuiseki.tracking.types import FloatArray
 
 Kind = Literal["book", "phone", "bottle", "cart", "suitcase", "crate", "bench"]
@@ -52,120 +52,91 @@ def random_prop(rng: np.random.Generator, kind: Kind) -> Prop:
     return Prop(kind, colour, second, float(rng.uniform(0.85, 1.2)))
 
 
-def in_hand(prop: Prop, skeleton: Skeleton, hand: int) -> Solids:
+def in_hand(prop: Prop, skeleton: PersonSkeleton, hand: int) -> Solids:
     """A book, phone or bottle where the hands of ``skeleton`` hold it."""
-    surfaces = Surfaces()
+    parts = Parts()
     if prop.kind == "book":
         palms = 0.5 * (skeleton.wrist + skeleton.fingers)
         middle = palms.mean(axis=0) + 0.05 * skeleton.trunk_axes[:, 0]
         yaw = float(np.arctan2(skeleton.trunk_axes[1, 0], skeleton.trunk_axes[0, 0]))
-        surfaces.add(prop.colour, relief=0.05)
-        surfaces.add(prop.second, relief=0.02)
         left = skeleton.trunk_axes[:, 1] * 0.13 * prop.size
-        size = np.array([[0.16, 0.12, 0.02]] * 2) * prop.size
-        return boxes(np.stack([middle + left, middle - left]), size, np.full(2, yaw), surfaces)
+        size = np.array([0.16, 0.12, 0.02]) * prop.size
+        parts.box(middle + left, size, yaw, Surface(prop.colour, relief=0.05))
+        parts.box(middle - left, size, yaw, Surface(prop.second, relief=0.02))
+        return parts.solids()
     palm = 0.5 * (skeleton.wrist[hand] + skeleton.fingers[hand])
     towards = skeleton.head - palm
     towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
     if prop.kind == "phone":
-        surfaces.add(prop.colour, relief=0.02)
         up = skeleton.head_axes[:, 2]
-        return _round([(palm - 0.05 * up, palm + 0.06 * up, 0.035, 0.035)], surfaces)
+        parts.cone(palm - 0.05 * up, palm + 0.06 * up, (0.035, 0.035), Surface(prop.colour, relief=0.02))
+        return parts.solids()
     # A bottle stands in a low hand and tips towards the mouth in a raised one.
     raised = float(np.clip((palm[2] - skeleton.chest[2]) / 0.15 + 0.5, 0, 1))
     axis = (1 - raised) * np.array([0.0, 0.0, 1.0]) + raised * (towards + np.array([0, 0, -0.15]))
     axis = axis / np.linalg.norm(axis)
-    surfaces.add(prop.colour, relief=0.05)
-    surfaces.add(prop.second, relief=0.05)
     foot = palm - 0.12 * prop.size * axis
     neck = palm + 0.1 * prop.size * axis
-    return _round([(foot, neck, 0.05, 0.045), (neck, neck + 0.06 * axis, 0.025, 0.02)], surfaces)
+    parts.cone(foot, neck, (0.05, 0.045), Surface(prop.colour, relief=0.05))
+    parts.cone(neck, neck + 0.06 * axis, (0.025, 0.02), Surface(prop.second, relief=0.05))
+    return parts.solids()
 
 
 def standing_prop(prop: Prop, position: FloatArray, yaw: float, lift: float = 0.0) -> Solids:
     """A cart, suitcase, crate or bench with its middle at ``position`` ``(2,)``, turned by ``yaw``, ``lift`` m up."""
     makers = {"cart": _cart, "suitcase": _suitcase, "crate": _crate, "bench": _bench}
-    base = np.array([position[0], position[1], lift])
+    parts, base = Parts(), np.array([position[0], position[1], lift])
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    return makers[prop.kind](prop, base, along, yaw)
+    makers[prop.kind](parts, prop, base, along, yaw)
+    return parts.solids()
 
 
 def _across(along: FloatArray) -> FloatArray:
     return np.array([-along[1], along[0], 0.0])
 
 
-def _cart(prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> Solids:
+def _cart(parts: Parts, prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> None:
     """A trolley: a tray with walls on wheels and a handle bar at its rear."""
-    size, across, up = prop.size, _across(along), np.array([0.0, 0.0, 1.0])
-    surfaces = Surfaces()
+    size, across = prop.size, _across(along)
     half_length, half_width = 0.42 * size, 0.3 * size
-    rows = [
-        (base + 0.5 * up, [half_length, half_width, 0.03], prop.colour),
-        (base + 0.62 * up + half_width * across, [half_length, 0.02, 0.14], prop.second),
-        (base + 0.62 * up - half_width * across, [half_length, 0.02, 0.14], prop.second),
-        (base + 0.62 * up + half_length * along, [0.02, half_width, 0.14], prop.second),
-    ]
-    for _, _, colour in rows:
-        surfaces.add(colour, relief=0.05)
-    tray = boxes(np.array([r[0] for r in rows]), np.array([r[1] for r in rows]), np.full(4, yaw), surfaces)
-    bars = Surfaces()
-    handle = base - (CART_AHEAD - 0.5) * along + HANDLE_HEIGHT * up
-    rear = base - half_length * along + 0.55 * up
-    limbs = [(handle - 0.28 * across, handle + 0.28 * across, 0.022, 0.022)]
-    limbs += [(rear + s * 0.26 * across, handle + s * 0.26 * across, 0.018, 0.018) for s in (-1, 1)]
+    wall, steel = Surface(prop.second, relief=0.05), Surface((0.15, 0.15, 0.16), relief=0.04)
+    parts.box(base + 0.5 * UP, [half_length, half_width, 0.03], yaw, Surface(prop.colour, relief=0.05))
+    for s in (1, -1):
+        parts.box(base + 0.62 * UP + s * half_width * across, [half_length, 0.02, 0.14], yaw, wall)
+    parts.box(base + 0.62 * UP + half_length * along, [0.02, half_width, 0.14], yaw, wall)
+    handle = base - (CART_AHEAD - 0.5) * along + HANDLE_HEIGHT * UP
+    rear = base - half_length * along + 0.55 * UP
+    parts.cone(handle - 0.28 * across, handle + 0.28 * across, (0.022, 0.022), steel)
+    for s in (-1, 1):
+        parts.cone(rear + s * 0.26 * across, handle + s * 0.26 * across, (0.018, 0.018), steel)
     for s in (-1, 1):
         for t in (-1, 1):
-            hub = base + s * 0.8 * half_length * along + t * 0.85 * half_width * across + 0.1 * up
-            limbs.append((hub, hub + 0.35 * up, 0.08, 0.02))
-    for _ in limbs:
-        bars.add((0.15, 0.15, 0.16), relief=0.04)
-    return join([tray, _round(limbs, bars)])
+            hub = base + s * 0.8 * half_length * along + t * 0.85 * half_width * across + 0.1 * UP
+            parts.cone(hub, hub + 0.35 * UP, (0.08, 0.02), steel)
 
 
-def _suitcase(prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> Solids:
+def _suitcase(parts: Parts, prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> None:
     """A suitcase on wheels with its handle drawn out forward."""
-    size, up = prop.size, np.array([0.0, 0.0, 1.0])
-    surfaces = Surfaces()
-    surfaces.add(prop.colour, prop.second, STRIPES_ACROSS, 0.12, 0.05)
-    body = boxes((base + 0.36 * size * up)[None], np.array([[0.14, 0.23, 0.32]]) * size, np.array([yaw]), surfaces)
-    bar = Surfaces()
-    bar.add((0.2, 0.2, 0.2), relief=0.03)
-    grip = base + (SUITCASE_BEHIND - 0.35) * along + 0.78 * up
-    return join([body, _round([(base + 0.65 * size * up, grip, 0.02, 0.02)], bar)])
+    size = prop.size
+    shell = Surface(prop.colour, prop.second, STRIPES_ACROSS, 0.12, 0.05)
+    parts.box(base + 0.36 * size * UP, np.array([0.14, 0.23, 0.32]) * size, yaw, shell)
+    grip = base + (SUITCASE_BEHIND - 0.35) * along + 0.78 * UP
+    parts.cone(base + 0.65 * size * UP, grip, (0.02, 0.02), Surface((0.2, 0.2, 0.2), relief=0.03))
 
 
-def _crate(prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> Solids:
+def _crate(parts: Parts, prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> None:
     """A cardboard box with tape over its top."""
     del along
     half = np.array([0.2, 0.27, 0.17]) * prop.size
-    surfaces = Surfaces()
-    surfaces.add(prop.colour, relief=0.06)
-    surfaces.add(prop.second, relief=0.03)
-    centres = np.stack([base, base + np.array([0, 0, half[2]])])
-    centres[:, 2] += half[2]
-    return boxes(centres, np.stack([half, [half[0], 0.04, 0.006]]), np.full(2, yaw), surfaces)
+    top = np.array([0, 0, half[2]])
+    parts.box(base + top, half, yaw, Surface(prop.colour, relief=0.06))
+    parts.box(base + top + top, [half[0], 0.04, 0.006], yaw, Surface(prop.second, relief=0.03))
 
 
-def _bench(prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> Solids:
+def _bench(parts: Parts, prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> None:
     """A seat that faces ``yaw``, its back and two feet."""
-    across, up = _across(along), np.array([0.0, 0.0, 1.0])
-    rows = [
-        (base + (SEAT_HEIGHT - 0.06) * up, [0.25, 0.85, 0.03], prop.colour),
-        (base + 0.65 * up - 0.27 * along, [0.03, 0.85, 0.2], prop.colour),
-    ]
-    rows += [(base + 0.18 * up + s * 0.7 * across, [0.22, 0.05, 0.18], prop.second) for s in (-1, 1)]
-    surfaces = Surfaces()
-    for _, _, colour in rows:
-        surfaces.add(colour, relief=0.08)
-    return boxes(np.array([r[0] for r in rows]), np.array([r[1] for r in rows]), np.full(4, yaw), surfaces)
-
-
-def _round(rows: list[tuple[FloatArray, FloatArray, float, float]], surfaces: Surfaces) -> Solids:
-    return cone_spheres(
-        np.array([r[0] for r in rows]),
-        np.array([r[1] for r in rows]),
-        np.array([[r[2], r[3]] for r in rows]),
-        np.tile([[1.0, 0.0, 0.0]], (len(rows), 1)),
-        np.ones(len(rows)),
-        surfaces,
-    )
+    wood, feet = Surface(prop.colour, relief=0.08), Surface(prop.second, relief=0.08)
+    parts.box(base + (SEAT_HEIGHT - 0.06) * UP, [0.25, 0.85, 0.03], yaw, wood)
+    parts.box(base + 0.65 * UP - 0.27 * along, [0.03, 0.85, 0.2], yaw, wood)
+    for s in (-1, 1):
+        parts.box(base + 0.18 * UP + s * 0.7 * _across(along), [0.22, 0.05, 0.18], yaw, feet)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from tsuiseki.datamodules.scenes.people.body import Pose, blend, random_manner, standing, stride_length, walking
 from tsuiseki.datamodules.scenes.people.look import look_alike, random_build, random_look
-from tsuiseki.datamodules.scenes.people.person import Person, random_person
+from tsuiseki.datamodules.scenes.people.person import Person, somebody
+from tsuiseki.datamodules.scenes.people.posture import Pose, blend, random_manner, standing, stride_length, walking
 from tsuiseki.tracking.types import FloatArray
 
 # Metres people keep between their middles, and how fast they step aside, 1/s.
@@ -113,15 +113,8 @@ def crowd(
     ways = keep_apart(starts, ways, frames, frame_rate, obstacles)
     people: list[Person] = []
     for _ in ways:
-        people.append(_somebody(rng, people, settings.look_alikes))
+        people.append(somebody(rng, people, settings.look_alikes))
     return [walker_along(rng, *row, frame_rate) for row in zip(people, starts, ways, strict=True)]
-
-
-def _somebody(rng: np.random.Generator, people: list[Person], look_alikes: float) -> Person:
-    if not people or rng.random() >= look_alikes:
-        return random_person(rng)
-    model = people[int(rng.integers(len(people)))]
-    return Person(random_build(rng), look_alike(rng, model.look), random_manner(rng))
 
 
 def _party_size(rng: np.random.Generator, groups: float) -> int:

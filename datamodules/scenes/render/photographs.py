@@ -11,7 +11,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Surfaces, boxes, ray_grid
+from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Surface, boxes, ray_grid
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
@@ -213,11 +213,8 @@ def random_facades(
         angle = float(rng.normal(0, 0.35)) if rng.random() < 0.75 else float(rng.uniform(0, np.pi))
         if len(spots) and np.linalg.norm(spots - place, axis=1).min() < 0.5 + 0.5 * min(wide, 4.0):
             continue
-        surfaces = Surfaces()
-        surfaces.add((0.5, 0.5, 0.5))
-        block = boxes(
-            np.array([[*place, high / 2]]), np.array([[wide / 2, 0.05, high / 2]]), np.array([angle]), surfaces
-        )
+        middle, half = np.array([[*place, high / 2]]), np.array([[wide / 2, 0.05, high / 2]])
+        block = boxes(middle, half, np.array([angle]), [Surface((0.5, 0.5, 0.5))])
         facade = Facade(place, angle, (wide, high), _picture(rng, photographs, wide, high))
         things.append(Thing(block, None, facade))
     return things

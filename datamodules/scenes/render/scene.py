@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeAlias
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import Look
+from tsuiseki.datamodules.scenes.people.look import Outfit
 from tsuiseki.datamodules.scenes.render.shading import Light, shade
 from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Solids, silhouette_box, trace
 from tsuiseki.tracking.types import BoolArray, FloatArray
@@ -18,7 +18,7 @@ Owner: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int16]]
 OCCLUSION = 0.3
 
 
-class Cutout(Protocol):
+class StandIn(Protocol):
     """A picture of a thing that stands in for its solids wherever the camera looks at it."""
 
     def trace(self, camera: RayCamera, samples: int) -> tuple[Layer, Any] | None:
@@ -35,8 +35,8 @@ class Thing:
     """Solids that belong together; a person's carry a look. A ``cutout`` is shown instead; the solids cast shadows."""
 
     solids: Solids
-    look: Look | None = None
-    cutout: Cutout | None = None
+    look: Outfit | None = None
+    cutout: StandIn | None = None
 
 
 @dataclass(frozen=True)

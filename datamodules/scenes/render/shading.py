@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import Colour, Look
+from tsuiseki.datamodules.scenes.people.look import Colour, Outfit
 from tsuiseki.datamodules.scenes.render.solids import (
     BRICKS,
     CHECKS,
@@ -103,7 +103,7 @@ def shade(
     camera: RayCamera,
     samples: int,
     light: Light,
-    look: Look | None = None,
+    look: Outfit | None = None,
 ) -> Float32:
     """Linear colours ``(n, 3)`` of the ``n`` subpixels of ``layer`` where ``seen`` ``(h, w)`` is True, row by row."""
     rows, columns = np.nonzero(seen)
@@ -134,7 +134,7 @@ def shade(
     return result
 
 
-def paint(local: Float32, which: Int32, solids: Solids, look: Look | None) -> Float32:
+def paint(local: Float32, which: Int32, solids: Solids, look: Outfit | None) -> Float32:
     """Reflectances ``(3, n)`` at points ``local`` ``(3, n)`` in the axes of the solids ``which``, sorted by solid."""
     metres = local * solids.scale[which].T
     colour = solids.colour[which].T.copy()
@@ -155,7 +155,7 @@ def paint(local: Float32, which: Int32, solids: Solids, look: Look | None) -> Fl
     return np.asarray(np.clip(colour * (1 + solids.relief[which] * folds), 0, 1))
 
 
-def _paint_details(colour: Float32, metres: Float32, which: Int32, solids: Solids, look: Look) -> None:
+def _paint_details(colour: Float32, metres: Float32, which: Int32, solids: Solids, look: Outfit) -> None:
     detail = solids.detail[which]
     head, trunk, pelvis = (np.flatnonzero(detail == code) for code in (HEAD, TRUNK, PELVIS))
     _paint_head(colour, head, look, metres[:, head], solids.period[which[head]])
@@ -210,7 +210,7 @@ def _linear(colour: Colour) -> Float32:
     return np.square(np.array(colour, dtype=np.float32))[:, None]
 
 
-def _paint_head(colour: Float32, rows: IntArray, look: Look, metres: Float32, hairline: Float32) -> None:
+def _paint_head(colour: Float32, rows: IntArray, look: Outfit, metres: Float32, hairline: Float32) -> None:
     """Hair above a line that falls from forehead to neck, a beard, and shade about the eyes."""
     x, y, z = metres
     hair = (z - 0.8 * y > hairline) & (look.hair_style != "bald")
@@ -222,7 +222,7 @@ def _paint_head(colour: Float32, rows: IntArray, look: Look, metres: Float32, ha
     colour[:, rows[eyes]] *= np.float32(0.45)
 
 
-def _paint_trunk(colour: Float32, rows: IntArray, look: Look, metres: Float32) -> None:
+def _paint_trunk(colour: Float32, rows: IntArray, look: Outfit, metres: Float32) -> None:
     """An open jacket, a zip, a logo, straps."""
     x, y, z = metres
     front = y > 0
@@ -241,7 +241,7 @@ def _paint_trunk(colour: Float32, rows: IntArray, look: Look, metres: Float32) -
         colour[:, rows[np.abs(x * look.side * 0.75 + 0.66 * (z - 0.12)) < 0.02]] = strap
 
 
-def _paint_pelvis(colour: Float32, rows: IntArray, look: Look, metres: Float32) -> None:
+def _paint_pelvis(colour: Float32, rows: IntArray, look: Outfit, metres: Float32) -> None:
     """A belt."""
     if look.phase % 3 < 1:
         colour[:, rows[np.abs(metres[0] - 0.075) < 0.02]] *= np.float32(0.4)

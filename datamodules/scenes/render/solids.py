@@ -6,8 +6,9 @@ or the cube has unit size, keeps the distance along the ray, so one closed form 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
-from typing import Any, Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,9 @@ Int32 = NDArray[np.int32]
 
 PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, SPECKLE, CLOUDS, BRICKS, WINDOWS, LEAVES = range(9)
 NO_DETAIL, HEAD, TRUNK, PELVIS = range(4)
-UP = np.array([0.0, 0.0, 1.0])
+UP, FORWARD = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+
+Colour: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -70,48 +73,32 @@ def join(groups: list[Solids]) -> Solids:
     return Solids(*(np.concatenate([getattr(g, f.name) for g in groups]) for f in fields(Solids)))
 
 
-@dataclass
-class Surfaces:
-    """Rows of solids' surfaces while they are put together."""
+class Surface(NamedTuple):
+    """What a solid looks like; colours are sRGB in [0, 1], the other fields those of `Solids`."""
 
-    colour: list[tuple[float, float, float]] = field(default_factory=list)
-    second: list[tuple[float, float, float]] = field(default_factory=list)
-    pattern: list[int] = field(default_factory=list)
-    period: list[float] = field(default_factory=list)
-    relief: list[float] = field(default_factory=list)
-    detail: list[int] = field(default_factory=list)
-    phase: list[float] = field(default_factory=list)
+    colour: Colour
+    second: Colour | None = None
+    pattern: int = PLAIN
+    period: float = 0.1
+    relief: float = 0.1
+    detail: int = NO_DETAIL
+    phase: float = 0.0
 
-    def add(
-        self,
-        colour: tuple[float, float, float],
-        second: tuple[float, float, float] | None = None,
-        pattern: int = PLAIN,
-        period: float = 0.1,
-        relief: float = 0.1,
-        detail: int = NO_DETAIL,
-        phase: float = 0.0,
-    ) -> None:
-        """One more row; colours are sRGB in [0, 1]."""
-        self.colour.append(colour)
-        self.second.append(colour if second is None else second)
-        self.pattern.append(pattern)
-        self.period.append(period)
-        self.relief.append(relief)
-        self.detail.append(detail)
-        self.phase.append(phase)
 
-    def arrays(self) -> tuple[Float32, Float32, Int32, Float32, Float32, Int32, Float32]:
-        """The rows as `Solids` wants them, colours in linear light (gamma 2, whose inverse is a square root)."""
-        return (
-            np.square(np.array(self.colour, dtype=np.float32).reshape(-1, 3)),
-            np.square(np.array(self.second, dtype=np.float32).reshape(-1, 3)),
-            np.array(self.pattern, dtype=np.int32),
-            np.array(self.period, dtype=np.float32),
-            np.array(self.relief, dtype=np.float32),
-            np.array(self.detail, dtype=np.int32),
-            np.array(self.phase, dtype=np.float32),
-        )
+def _arrays(surfaces: Sequence[Surface]) -> tuple[Float32, Float32, Int32, Float32, Float32, Int32, Float32]:
+    """Surfaces as `Solids` wants them, colours in linear light (gamma 2, whose inverse is a square root)."""
+    colour, second, pattern, period, relief, detail, phase = zip(
+        *(s if s.second else s._replace(second=s.colour) for s in surfaces), strict=True
+    )
+    return (
+        np.square(np.array(colour, dtype=np.float32).reshape(-1, 3)),
+        np.square(np.array(second, dtype=np.float32).reshape(-1, 3)),
+        np.array(pattern, dtype=np.int32),
+        np.array(period, dtype=np.float32),
+        np.array(relief, dtype=np.float32),
+        np.array(detail, dtype=np.int32),
+        np.array(phase, dtype=np.float32),
+    )
 
 
 def cone_spheres(
@@ -120,7 +107,7 @@ def cone_spheres(
     radius: NDArray[np.float64],
     front: NDArray[np.float64],
     flat: NDArray[np.float64],
-    surfaces: Surfaces,
+    surfaces: Sequence[Surface],
 ) -> Solids:
     """Solids between ``start`` and ``end`` ``(K, 3)`` with sphere radii ``radius`` ``(K, 2)``, metres.
 
@@ -149,12 +136,12 @@ def cone_spheres(
         radius.astype(np.float32),
         np.zeros(len(start), dtype=np.bool_),
         scale.astype(np.float32),
-        *surfaces.arrays(),
+        *_arrays(surfaces),
     )
 
 
 def boxes(
-    centre: NDArray[np.float64], half: NDArray[np.float64], yaw: NDArray[np.float64], surfaces: Surfaces
+    centre: NDArray[np.float64], half: NDArray[np.float64], yaw: NDArray[np.float64], surfaces: Sequence[Surface]
 ) -> Solids:
     """Upright boxes: ``centre`` ``(K, 3)``, half sizes ``half`` ``(K, 3)``, metres, turned by ``yaw`` ``(K,)``."""
     cos, sin, none, one = np.cos(yaw), np.sin(yaw), np.zeros(len(yaw)), np.ones(len(yaw))
@@ -169,16 +156,54 @@ def boxes(
         np.ones((count, 2), dtype=np.float32),
         np.ones(count, dtype=np.bool_),
         half.astype(np.float32),
-        *surfaces.arrays(),
+        *_arrays(surfaces),
     )
 
 
-def rounds(rows: list[tuple[FloatArray, FloatArray, float, float]], surfaces: Surfaces, flat: float = 1.0) -> Solids:
-    """Cone-spheres of rows of start, end and the two radii; ``flat`` scales them along x."""
-    start, end = np.array([r[0] for r in rows]), np.array([r[1] for r in rows])
-    radius = np.array([[r[2], r[3]] for r in rows])
-    front = np.tile([[1.0, 0.0, 0.0]], (len(rows), 1))
-    return cone_spheres(start, end, radius, front, np.full(len(rows), flat), surfaces)
+class Parts:
+    """Solids that are put together one after another."""
+
+    def __init__(self) -> None:
+        self._groups: list[Solids] = []
+        self._cones: list[tuple[FloatArray, FloatArray, tuple[float, float], FloatArray, float, Surface]] = []
+        self._boxes: list[tuple[FloatArray, Sequence[float] | FloatArray, float, Surface]] = []
+
+    def cone(
+        self,
+        start: FloatArray,
+        end: FloatArray,
+        radii: tuple[float, float],
+        surface: Surface,
+        flat: float = 1.0,
+        front: FloatArray = FORWARD,
+    ) -> None:
+        """Add what lies between two spheres; see `cone_spheres`."""
+        self._close(self._boxes)
+        self._cones.append((start, end, radii, front, flat, surface))
+
+    def box(self, centre: FloatArray, half: Sequence[float] | FloatArray, yaw: float, surface: Surface) -> None:
+        """Add an upright box; see `boxes`."""
+        self._close(self._cones)
+        self._boxes.append((centre, half, yaw, surface))
+
+    def add(self, solids: Solids) -> None:
+        """Add solids as they are."""
+        self._close(self._cones, self._boxes)
+        self._groups.append(solids)
+
+    def solids(self) -> Solids:
+        """All of them, in the order in which they were added."""
+        self._close(self._cones, self._boxes)
+        return join(self._groups) if len(self._groups) > 1 else self._groups[0]
+
+    def _close(self, *ends: list[Any]) -> None:
+        """End the rows of ``ends``, which make solids together."""
+        for rows in ends:
+            if rows:
+                *columns, surfaces = zip(*rows, strict=True)
+                make: Callable[..., Solids] = cone_spheres if rows is self._cones else boxes
+                self._groups.append(make(*(np.array(column, dtype=np.float64) for column in columns), surfaces))
+                rows.clear()
 
 
 def above(position: FloatArray, z: float = 0.0) -> FloatArray:

@@ -19,14 +19,12 @@ from tsuiseki.datamodules.scenes.render.solids import (
     STRIPES_ALONG,
     UP,
     WINDOWS,
+    Parts,
     RayCamera,
     Solids,
-    Surfaces,
+    Surface,
     above,
-    boxes,
     extents,
-    join,
-    rounds,
 )
 from tsuiseki.datamodules.scenes.things.town import front
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -36,60 +34,51 @@ from tsuiseki.tracking.types import FloatArray
 def pole(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A lamp post, a sign post, a bollard; some carry a sign or a lamp."""
     height, radius = rng.uniform(0.8, 7.0), rng.uniform(0.03, 0.12)
-    surfaces = Surfaces()
     colour = colour_of(rng, DARK + MIDDLE + LIGHT[:2])
     pattern = STRIPES_ACROSS if rng.random() < 0.15 else PLAIN
-    surfaces.add(colour, any_colour(rng), pattern, float(rng.uniform(0.2, 0.8)), 0.05)
-    rows = [(above(position), above(position, height), radius, radius * rng.uniform(0.5, 1.0))]
+    surface = Surface(colour, any_colour(rng), pattern, float(rng.uniform(0.2, 0.8)), 0.05)
+    parts, top = Parts(), above(position, height)
+    parts.cone(above(position), top, (radius, radius * rng.uniform(0.5, 1.0)), surface)
     if height > 4 and rng.random() < 0.5:
         arm = np.array([np.cos(yaw), np.sin(yaw), 0.15]) * rng.uniform(0.4, 1.5)
-        surfaces.add(colour, relief=0.05)
-        rows.append((rows[0][1], rows[0][1] + arm, radius * 0.6, radius))
-    solids = rounds(rows, surfaces)
-    return join([solids, _panel(rng, position, yaw, height)]) if rng.random() < 0.45 else solids
+        parts.cone(top, top + arm, (radius * 0.6, radius), Surface(colour, relief=0.05))
+    if rng.random() < 0.45:
+        _panel(rng, parts, position, yaw, height)
+    return parts.solids()
 
 
-def _panel(rng: np.random.Generator, position: FloatArray, yaw: float, height: float) -> Solids:
+def _panel(rng: np.random.Generator, parts: Parts, position: FloatArray, yaw: float, height: float) -> None:
     half = np.array([rng.uniform(0.15, 0.5), 0.02, rng.uniform(0.15, 0.45)])
     z = max(height - half[2] - rng.uniform(0, 0.3) * height, half[2])
-    surfaces = Surfaces()
-    surfaces.add(
-        any_colour(rng), any_colour(rng), int(rng.choice([PLAIN, STRIPES_ACROSS, SPECKLE])),
-        float(rng.uniform(0.1, 0.5)), 0.04,
-    )  # fmt: skip
-    return boxes(above(position, z)[None], half[None], np.array([yaw]), surfaces)
+    first, second = any_colour(rng), any_colour(rng)
+    pattern = int(rng.choice([PLAIN, STRIPES_ACROSS, SPECKLE]))
+    parts.box(above(position, z), half, yaw, Surface(first, second, pattern, float(rng.uniform(0.1, 0.5)), 0.04))
 
 
 def crate(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A box, a bin, a cabinet, a stack of two."""
     half = rng.uniform([0.15, 0.15, 0.15], [0.7, 0.7, 0.9])
-    surfaces = Surfaces()
     patterns = [PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, CLOUDS, WINDOWS]
-    surfaces.add(any_colour(rng), any_colour(rng), int(rng.choice(patterns)), float(rng.uniform(0.1, 0.6)), 0.06)
-    centres, halves = [above(position, half[2])], [half]
+    first, second, pattern = any_colour(rng), any_colour(rng), int(rng.choice(patterns))
+    parts = Parts()
+    parts.box(above(position, half[2]), half, yaw, Surface(first, second, pattern, float(rng.uniform(0.1, 0.6)), 0.06))
     if rng.random() < 0.5:
         upper = half * rng.uniform(0.4, 1.05, 3)
-        surfaces.add(any_colour(rng), relief=0.06)
-        centres.append(above(position, 2 * half[2] + upper[2]))
-        halves.append(upper)
-    return boxes(np.array(centres), np.array(halves), np.full(len(centres), yaw), surfaces)
+        parts.box(above(position, 2 * half[2] + upper[2]), upper, yaw, Surface(any_colour(rng), relief=0.06))
+    return parts.solids()
 
 
 def bench(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A seat, a back and two feet; without the back a table."""
     width, along = rng.uniform(0.6, 1.2), np.array([np.cos(yaw), np.sin(yaw), 0.0])
     across = np.array([-along[1], along[0], 0.0])
-    colour, feet = colour_of(rng, MIDDLE + DARK), colour_of(rng, DARK)
-    base = above(position)
-    rows = [
-        (base + 0.45 * UP, [width, 0.22, 0.03], colour),
-        (base + 0.65 * UP - 0.2 * across, [width, 0.02, 0.2], colour),
-    ]
-    rows += [(base + 0.22 * UP + s * 0.8 * width * along, [0.04, 0.2, 0.22], feet) for s in (-1, 1)]
-    surfaces = Surfaces()
-    for row in rows:
-        surfaces.add(row[2], relief=0.08)
-    return boxes(np.array([r[0] for r in rows]), np.array([r[1] for r in rows]), np.full(4, yaw), surfaces)
+    wood, feet = (Surface(colour_of(rng, palette), relief=0.08) for palette in (MIDDLE + DARK, DARK))
+    base, parts = above(position), Parts()
+    parts.box(base + 0.45 * UP, [width, 0.22, 0.03], yaw, wood)
+    parts.box(base + 0.65 * UP - 0.2 * across, [width, 0.02, 0.2], yaw, wood)
+    for s in (-1, 1):
+        parts.box(base + 0.22 * UP + s * 0.8 * width * along, [0.04, 0.2, 0.22], yaw, feet)
+    return parts.solids()
 
 
 def car(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
@@ -99,107 +88,89 @@ def car(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     cabin = rng.uniform(0.45, 0.7) if van else rng.uniform(0.25, 0.33)
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     across = np.array([-along[1], along[0], 0.0])
-    paint, base = any_colour(rng), above(position)
-    surfaces = Surfaces()
-    surfaces.add(paint, relief=0.03)
-    surfaces.add((0.08, 0.09, 0.11), relief=0.05)
-    surfaces.add(paint, relief=0.03)
-    back = -0.1 * length * along
-    top = 0.25 + 2 * body
-    centres = [
-        base + (0.25 + body) * UP,
-        base + (top + 0.6 * cabin) * UP + back,
-        base + (top + 1.6 * cabin) * UP + back,
-    ]
-    reach = 0.95 if van else 0.55
-    halves = [
-        [length, width, body],
-        [reach * length, 0.92 * width, 0.6 * cabin],
-        [reach * length * 0.92, 0.85 * width, 0.4 * cabin],
-    ]
-    hull = boxes(np.array(centres), np.array(halves), np.full(3, yaw), surfaces)
-    wheels = Surfaces()
-    rows = []
+    paint, base, parts = Surface(any_colour(rng), relief=0.03), above(position), Parts()
+    back, top, reach = -0.1 * length * along, 0.25 + 2 * body, 0.95 if van else 0.55
+    parts.box(base + (0.25 + body) * UP, [length, width, body], yaw, paint)
+    windows = [reach * length, 0.92 * width, 0.6 * cabin]
+    parts.box(base + (top + 0.6 * cabin) * UP + back, windows, yaw, Surface((0.08, 0.09, 0.11), relief=0.05))
+    roof = [reach * length * 0.92, 0.85 * width, 0.4 * cabin]
+    parts.box(base + (top + 1.6 * cabin) * UP + back, roof, yaw, paint)
     for s in (-1, 1):
         for t in (-1, 1):
             hub = base + s * 0.62 * length * along + t * 0.9 * width * across + 0.3 * UP
-            rows.append((hub, hub + 0.08 * t * across, 0.3, 0.28))
-            wheels.add((0.07, 0.07, 0.07), relief=0.05)
-    return join([hull, rounds(rows, wheels)])
+            parts.cone(hub, hub + 0.08 * t * across, (0.3, 0.28), Surface((0.07, 0.07, 0.07), relief=0.05))
+    return parts.solids()
 
 
 def bush(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A bush or, on a trunk, a tree."""
     del yaw
     tree = rng.random() < 0.45
-    size, low = rng.uniform(0.25, 0.9), 0.0
-    rows: list[tuple[FloatArray, FloatArray, float, float]] = []
-    surfaces = Surfaces()
+    size, low, parts = rng.uniform(0.25, 0.9), 0.0, Parts()
     green = colour_of(rng, ((0.20, 0.32, 0.13), (0.32, 0.42, 0.18), (0.38, 0.36, 0.18), (0.45, 0.30, 0.16)))
     second = (green[0] * 0.35, green[1] * 0.4, green[2] * 0.35)
     if tree:
         low, size = rng.uniform(1.5, 3.0), rng.uniform(0.7, 1.6)
-        surfaces.add((0.27, 0.21, 0.16), (0.15, 0.12, 0.1), SPECKLE, 0.3, 0.2)
-        rows.append((above(position), above(position, low + size), rng.uniform(0.07, 0.2), 0.06))
+        bark = Surface((0.27, 0.21, 0.16), (0.15, 0.12, 0.1), SPECKLE, 0.3, 0.2)
+        parts.cone(above(position), above(position, low + size), (rng.uniform(0.07, 0.2), 0.06), bark)
     for _ in range(int(rng.integers(4, 10))):
         middle = above(position, low + size * rng.uniform(0.3, 1.3)) + rng.normal(0, 0.45 * size, 3) * [1, 1, 0.3]
         radius = size * rng.uniform(0.3, 0.65)
-        surfaces.add(green, second, LEAVES, float(rng.uniform(0.6, 2.5)), 0.02, phase=float(rng.uniform(0, 100)))
-        rows.append((middle, middle + rng.normal(0, 0.3 * size, 3), radius, radius * 0.8))
-    return rounds(rows, surfaces)
+        leaves = Surface(green, second, LEAVES, float(rng.uniform(0.6, 2.5)), 0.02, phase=float(rng.uniform(0, 100)))
+        parts.cone(middle, middle + rng.normal(0, 0.3 * size, 3), (radius, radius * 0.8), leaves)
+    return parts.solids()
 
 
 def column(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """Upright pieces in colours that clothes have, as tall as people and yet none: bags, hydrants, parasols, cones."""
-    rows: list[tuple[FloatArray, FloatArray, float, float]] = []
-    surfaces = Surfaces()
     height, z = rng.uniform(0.5, 2.2), 0.0
-    pieces = int(rng.integers(1, 5))
+    pieces, rows, parts = int(rng.integers(1, 5)), [], Parts()
     for k in range(pieces):
         step = height / pieces * rng.uniform(0.6, 1.2)
         radius = rng.uniform(0.05, 0.32, 2)
         lean = rng.normal(0, 0.05, 3) * [1, 1, 0]
-        surfaces.add(
-            any_colour(rng), any_colour(rng), int(rng.choice([PLAIN, PLAIN, STRIPES_ACROSS, SPECKLE])), 0.2, 0.1
-        )
-        rows.append((above(position, z), above(position, z + step) + lean * k, float(radius[0]), float(radius[1])))
+        first, second = any_colour(rng), any_colour(rng)
+        surface = Surface(first, second, int(rng.choice([PLAIN, PLAIN, STRIPES_ACROSS, SPECKLE])), 0.2, 0.1)
+        end = above(position, z + step) + lean * k
+        rows.append((above(position, z), end, (float(radius[0]), float(radius[1])), surface))
         z += step
-    solids = rounds(rows, surfaces, float(rng.uniform(0.5, 1.0)))
-    return join([solids, _panel(rng, position, yaw, z + 0.3)]) if rng.random() < 0.2 else solids
+    flat = float(rng.uniform(0.5, 1.0))
+    for row in rows:
+        parts.cone(*row, flat)
+    if rng.random() < 0.2:
+        _panel(rng, parts, position, yaw, z + 0.3)
+    return parts.solids()
 
 
 def tripod(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """Thin legs or a rack: many slanted bars, as limbs are."""
-    surfaces = Surfaces()
-    colour = colour_of(rng, DARK + LIGHT[:2])
+    colour, parts = colour_of(rng, DARK + LIGHT[:2]), Parts()
     top = above(position, rng.uniform(0.8, 1.8))
     count = int(rng.integers(2, 5))
-    rows = []
     for k in range(count):
         angle = yaw + 2 * np.pi * k / count
         foot = above(position) + rng.uniform(0.2, 0.6) * np.array([np.cos(angle), np.sin(angle), 0])
-        surfaces.add(colour, relief=0.05)
-        rows.append((foot, top, 0.02, 0.03))
-    surfaces.add(any_colour(rng), relief=0.1)
-    rows.append((top, top + rng.uniform(0.05, 0.4) * UP, rng.uniform(0.03, 0.12), rng.uniform(0.03, 0.1)))
-    return rounds(rows, surfaces)
+        parts.cone(foot, top, (0.02, 0.03), Surface(colour, relief=0.05))
+    head = Surface(any_colour(rng), relief=0.1)
+    end = top + rng.uniform(0.05, 0.4) * UP
+    parts.cone(top, end, (rng.uniform(0.03, 0.12), rng.uniform(0.03, 0.1)), head)
+    return parts.solids()
 
 
 def building(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A block with rows of windows, a plinth and perhaps a door."""
     half = rng.uniform([5, 3, 2.0], [22, 9, 6])
-    surfaces = Surfaces()
     wall = colour_of(rng, MIDDLE + LIGHT[:3] + ((0.55, 0.38, 0.28), (0.62, 0.48, 0.36)))
     glass = tuple(float(v) for v in np.array([0.16, 0.18, 0.22]) * rng.uniform(0.5, 2.2))
-    surfaces.add(wall, glass, WINDOWS, float(rng.uniform(1.2, 3.2)), 0.03, phase=float(rng.uniform(0, 1)))  # type: ignore[arg-type]
+    rows = float(rng.uniform(1.2, 3.2))
+    front = Surface(wall, glass, WINDOWS, rows, 0.03, phase=float(rng.uniform(0, 1)))  # type: ignore[arg-type]
     pattern = BRICKS if rng.random() < 0.6 else PLAIN
     grout = (0.8 * wall[0] + 0.1, 0.8 * wall[1] + 0.1, 0.8 * wall[2] + 0.1)
-    surfaces.add(wall, grout, pattern, float(rng.uniform(0.1, 0.3)), 0.03)
-    plinth = rng.uniform(0.3, 1.0)
-    centres = np.array([above(position, half[2]), above(position, plinth)])
-    halves = np.array([half, half + np.array([0.05, 0.05, 0])])
-    halves[1, 2] = plinth
-    return boxes(centres, halves, np.full(2, yaw), surfaces)
+    base = Surface(wall, grout, pattern, float(rng.uniform(0.1, 0.3)), 0.03)
+    plinth, parts = rng.uniform(0.3, 1.0), Parts()
+    parts.box(above(position, half[2]), half, yaw, front)
+    parts.box(above(position, plinth), [half[0] + 0.05, half[1] + 0.05, plinth], yaw, base)
+    return parts.solids()
 
 
 SMALL = (pole, crate, bench, car, bush, column, tripod)

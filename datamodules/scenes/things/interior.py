@@ -14,7 +14,7 @@ from tsuiseki.datamodules.scenes.render.solids import (
     PLAIN,
     STRIPES_ACROSS,
     STRIPES_ALONG,
-    Surfaces,
+    Surface,
     boxes,
     cone_spheres,
 )
@@ -48,8 +48,7 @@ class Joinery:
     """Boxes in the axes of one piece, x across and y forward, until it is put somewhere."""
 
     rng: np.random.Generator
-    rows: list[FloatArray] = field(default_factory=list)
-    surfaces: Surfaces = field(default_factory=Surfaces)
+    rows: list[tuple[FloatArray, FloatArray, Surface]] = field(default_factory=list)
 
     def box(self, low: tuple[float, float, float], high: tuple[float, float, float], colour: Colour,
             pattern: int = PLAIN) -> None:  # fmt: skip
@@ -58,19 +57,17 @@ class Joinery:
         parts = np.maximum(np.ceil((end - start) / PIECE), 1).astype(int)
         parts[2] = 1 if end[2] - start[2] < 1 else parts[2]
         second = tuple(np.clip(np.array(colour) * self.rng.uniform(0.6, 1.25), 0.02, 0.95).tolist())
-        period = float(self.rng.uniform(0.05, 0.4))
+        surface = Surface(colour, second, pattern, float(self.rng.uniform(0.05, 0.4)), 0.06)
         for cell in np.ndindex(*parts.tolist()):
-            lower = start + (end - start) * np.array(cell) / parts
-            self.rows.append(np.concatenate([lower + (end - start) / parts / 2, (end - start) / parts / 2]))
-            self.surfaces.add(colour, second, pattern, period, 0.06)
+            lower, half = start + (end - start) * np.array(cell) / parts, (end - start) / parts / 2
+            self.rows.append((lower + half, half, surface))
 
     def put(self, spot: FloatArray, yaw: float) -> Thing:
         """The piece at a place on the floor, its y axis towards ``yaw`` + 90 degrees."""
-        rows = np.array(self.rows)
+        centre, half = (np.array([row[k] for row in self.rows]) for k in (0, 1))
         cos, sin = np.cos(yaw), np.sin(yaw)
-        centre = rows[:, :3].copy()
-        centre[:, :2] = rows[:, :2] @ np.array([[cos, sin], [-sin, cos]]) + spot
-        return Thing(boxes(centre, rows[:, 3:], np.full(len(rows), yaw), self.surfaces))
+        centre[:, :2] = centre[:, :2] @ np.array([[cos, sin], [-sin, cos]]) + spot
+        return Thing(boxes(centre, half, np.full(len(centre), yaw), [surface for *_, surface in self.rows]))
 
 
 def chair(rng: np.random.Generator, spot: FloatArray, heading: float) -> Thing:
@@ -156,12 +153,12 @@ def plant(rng: np.random.Generator, spot: FloatArray) -> Thing:
     start = low + np.column_stack([rng.normal(0, 0.12, (count, 2)), rng.uniform(0.35, 1.0, count) * height])
     end = start + np.column_stack([rng.normal(0, 0.12, (count, 2)), rng.uniform(-0.3, 0.2, count)])
     start, end = np.concatenate([low[None], start]), np.concatenate([low[None] + [0, 0, 0.4 * height], end])
-    surfaces = Surfaces()
+    surfaces = []
     for k in range(count + 1):
         shade = rng.uniform(0.15, 0.45)
         leaf = (0.4 * shade, shade, 0.3 * shade) if green else any_colour(rng)
-        surfaces.add(any_colour(rng) if k == 0 else leaf, None, LEAVES if green and k else PLAIN, 0.08, 0.3,
-                     phase=float(rng.random()))  # fmt: skip
+        colour = any_colour(rng) if k == 0 else leaf
+        surfaces.append(Surface(colour, None, LEAVES if green and k else PLAIN, 0.08, 0.3, phase=float(rng.random())))
     radius = np.column_stack([rng.uniform(0.08, 0.2, count + 1), rng.uniform(0.05, 0.15, count + 1)])
     radius[0] = 0.12
     return Thing(cone_spheres(start, end, radius, np.tile([0.0, 1.0, 0.0], (count + 1, 1)), np.ones(count + 1),

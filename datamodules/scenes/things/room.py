@@ -20,7 +20,7 @@ from tsuiseki.datamodules.scenes.render.solids import (
     STRIPES_ALONG,
     Float32,
     RayCamera,
-    Surfaces,
+    Surface,
     boxes,
     ray_grid,
 )
@@ -35,7 +35,7 @@ BAND = 64
 
 
 @dataclass(frozen=True)
-class Surface:
+class Side:
     """Colours (sRGB), pattern and its period in metres of one side of the room."""
 
     first: Colour
@@ -50,7 +50,7 @@ class Shell:
 
     low: Corner
     high: Corner
-    surfaces: tuple[Surface, ...]
+    surfaces: tuple[Side, ...]
     grain: float
 
 
@@ -58,12 +58,12 @@ HALL = Shell(
     (-6.5, -6.5, 0.0),
     (6.5, 6.5, 3.4),
     (
-        Surface((0.62, 0.66, 0.70), (0.76, 0.74, 0.70), STRIPES_ALONG, 0.9),
-        Surface((0.72, 0.70, 0.64), (0.58, 0.60, 0.62), CLOUDS, 1.6),
-        Surface((0.66, 0.70, 0.62), (0.56, 0.58, 0.52), STRIPES_ACROSS, 1.1),
-        Surface((0.70, 0.62, 0.54), (0.50, 0.42, 0.36), BRICKS, 0.35),
-        Surface((0.60, 0.52, 0.42), (0.48, 0.40, 0.32), CHECKS, 1.2),
-        Surface((0.85, 0.85, 0.84), (0.80, 0.80, 0.80), PLAIN, 1.0),
+        Side((0.62, 0.66, 0.70), (0.76, 0.74, 0.70), STRIPES_ALONG, 0.9),
+        Side((0.72, 0.70, 0.64), (0.58, 0.60, 0.62), CLOUDS, 1.6),
+        Side((0.66, 0.70, 0.62), (0.56, 0.58, 0.52), STRIPES_ACROSS, 1.1),
+        Side((0.70, 0.62, 0.54), (0.50, 0.42, 0.36), BRICKS, 0.35),
+        Side((0.60, 0.52, 0.42), (0.48, 0.40, 0.32), CHECKS, 1.2),
+        Side((0.85, 0.85, 0.84), (0.80, 0.80, 0.80), PLAIN, 1.0),
     ),
     0.25,
 )
@@ -76,10 +76,10 @@ def random_shell(rng: np.random.Generator, size: FloatArray) -> Shell:
     sides = []
     for _ in range(4):
         first = wall if rng.random() < 0.7 else _muted(rng, 0.25, 0.85)
-        sides.append(Surface(first, _beside(rng, first), int(rng.choice(WALLS)), float(rng.uniform(0.4, 1.5))))
+        sides.append(Side(first, _beside(rng, first), int(rng.choice(WALLS)), float(rng.uniform(0.4, 1.5))))
     first = _muted(rng, 0.2, 0.75)
-    floor = Surface(first, _beside(rng, first), int(rng.choice(FLOORS)), float(rng.uniform(0.3, 1.6)))
-    ceiling = Surface((0.85, 0.85, 0.84), (0.8, 0.8, 0.8), PLAIN, 1.0)
+    floor = Side(first, _beside(rng, first), int(rng.choice(FLOORS)), float(rng.uniform(0.3, 1.6)))
+    ceiling = Side((0.85, 0.85, 0.84), (0.8, 0.8, 0.8), PLAIN, 1.0)
     return Shell((0.0, 0.0, 0.0), tuple(size.tolist()), (*sides, floor, ceiling), float(rng.uniform(0.05, 0.3)))
 
 
@@ -109,12 +109,12 @@ def random_furniture(rng: np.random.Generator, size: FloatArray, pieces: int) ->
             spot[0] = off if side == 0 else size[0] - off
         else:
             spot[1] = off if side == 2 else size[1] - off
-        surfaces = Surfaces()
         first = _muted(rng, 0.1, 0.9) if rng.random() < 0.6 else tuple(rng.uniform(0.1, 0.85, 3).tolist())
         pattern = int(rng.choice([PLAIN, PLAIN, CLOUDS, STRIPES_ALONG, CHECKS]))
-        surfaces.add(first, _beside(rng, first), pattern, float(rng.uniform(0.1, 0.5)), 0.05, phase=float(rng.random()))
+        second, period = _beside(rng, first), float(rng.uniform(0.1, 0.5))
+        surface = Surface(first, second, pattern, period, 0.05, phase=float(rng.random()))
         centre = np.array([[spot[0], spot[1], half[2]]])
-        things.append(Thing(boxes(centre, half[None], np.array([yaw]), surfaces)))
+        things.append(Thing(boxes(centre, half[None], np.array([yaw]), [surface])))
         rows.append([*spot, float(np.hypot(half[0], half[1]))])
     return things, np.array(rows, dtype=np.float64).reshape(-1, 3)
 
@@ -125,12 +125,13 @@ def hall_furniture(rng: np.random.Generator, pieces: int = 7) -> list[Thing]:
     size = np.stack([rng.uniform(0.25, 0.7, pieces), rng.uniform(0.2, 0.4, pieces), rng.uniform(0.3, 1.0, pieces)], 1)
     reach = np.minimum(5.9 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle))), 7.0)
     centre = np.stack([reach * np.cos(angle), reach * np.sin(angle), size[:, 2]], axis=1)
-    surfaces = Surfaces()
+    surfaces = []
     for _ in range(pieces):
         first, second = rng.uniform(0.2, 0.85, (2, 3))
         pattern = int(rng.choice([PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, CLOUDS]))
         colours = [(float(c[0]), float(c[1]), float(c[2])) for c in (first, second)]
-        surfaces.add(colours[0], colours[1], pattern, float(rng.uniform(0.2, 0.6)), 0.05, phase=float(rng.random()))
+        period, phase = float(rng.uniform(0.2, 0.6)), float(rng.random())
+        surfaces.append(Surface(colours[0], colours[1], pattern, period, 0.05, phase=phase))
     return [Thing(boxes(centre, size, angle + np.pi / 2, surfaces))]
 
 

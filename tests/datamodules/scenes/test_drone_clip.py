@@ -19,8 +19,8 @@ from tsuiseki.datamodules.scenes.drone_clip import (
     plan_drone,
 )
 from tsuiseki.datamodules.scenes.people.activities import LEFT, RIGHT, drinking, lying, reach, running, sip, sitting
-from tsuiseki.datamodules.scenes.people.body import Build, Manner, Pose, place
 from tsuiseki.datamodules.scenes.people.gathering import gather
+from tsuiseki.datamodules.scenes.people.posture import Build, Manner, Pose, place
 from tsuiseki.datamodules.scenes.render.ground import ground_homography, look_down
 from tsuiseki.datamodules.scenes.render.insertion import clusters
 from tsuiseki.tracking.cli import main

@@ -7,9 +7,9 @@ import pytest
 
 from tsuiseki.tracking.association.chain_motion import (
     RUN_UP,
-    Along,
     MotionNoise,
     Stretches,
+    TrackMotion,
     beliefs_alone,
     beliefs_along,
     followed,
@@ -48,7 +48,7 @@ def linked(seen: DetectionTable, labels: IntArray) -> IntArray:
 def test_what_is_found_again_is_what_all_tracks_say(seed: int) -> None:
     rng = np.random.default_rng(seed)
     seen, labels = walkers(rng, 6, 200)
-    known, first = followed(Along.alone(seen, MOTION), seen, labels, linked(seen, labels), MOTION, RUN_UP)
+    known, first = followed(TrackMotion.alone(seen, MOTION), seen, labels, linked(seen, labels), MOTION, RUN_UP)
     labels = labels.copy()
     labels[rng.choice(len(labels), 2)] = rng.integers(-1, 6, 2)
     follower = linked(seen, labels)
@@ -67,7 +67,7 @@ def test_what_is_found_again_is_what_all_tracks_say(seed: int) -> None:
 def test_nothing_changes_where_tracks_stay() -> None:
     seen, labels = walkers(np.random.default_rng(7), 4, 60)
     follower = linked(seen, labels)
-    known, _ = followed(Along.alone(seen, MOTION), seen, labels, follower, MOTION, RUN_UP)
+    known, _ = followed(TrackMotion.alone(seen, MOTION), seen, labels, follower, MOTION, RUN_UP)
     again, changed = followed(known, seen, labels, follower, MOTION, RUN_UP)
     assert not changed.past.any()
     assert not changed.future.any()
@@ -89,7 +89,7 @@ def test_a_detection_alone_is_a_chain_of_one() -> None:
 @pytest.mark.parametrize("wander", [0.0, 0.01, 4.0])
 def test_the_price_of_two_alone_is_that_of_chains_of_one(wander: float) -> None:
     rng = np.random.default_rng(9)
-    (seen, _), cost = walkers(rng, 5, 30), LinkCost(settled=0)
+    (seen, _), cost = walkers(rng, 5, 30), LinkCost(velocity_confidence=0)
     alone = beliefs_alone(seen.measured, MOTION)
     i, j = rng.integers(0, len(seen), (2, 500))
     i, j = np.minimum(i, j), np.maximum(i, j)

@@ -20,7 +20,7 @@ from tsuiseki.tracking.association.evidence import (
 )
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
-from tsuiseki.tracking.association.tracklets import Ends, JoinSettings, join_parts
+from tsuiseki.tracking.association.tracklets import Ends, join_parts
 from tsuiseki.tracking.people.flow_input import FlowInput, InputSettings
 from tsuiseki.tracking.types import Detections, FloatArray
 
@@ -29,7 +29,7 @@ COST = LinkCost()
 
 def seen_of(boxes: list[list[list[float]]], size: tuple[int, int] | None = (640, 480)) -> DetectionTable:
     """Detections of each frame at 30 frames a second."""
-    prepared = FlowInput(InputSettings(camera=None), COST.motion, 30.0, size)
+    prepared = FlowInput(InputSettings(follow_camera=False), 30.0, size)
     return prepared.rows([Detections(np.array(frame).reshape(-1, 4), np.ones(len(frame))) for frame in boxes])[0]
 
 
@@ -128,7 +128,7 @@ def test_actions_that_are_not_known_are_said_so(why: str) -> None:
 def test_joins_see_what_people_do() -> None:
     seen, _, cost = acting()
     labels = np.array([0, 1, 2])
-    before, after, parts = join_parts(seen, labels, Ends.of(labels), None, cost, JoinSettings())
+    before, after, parts = join_parts(seen, labels, Ends.of(labels), None, cost)
     unlike = dict(zip(zip(before.tolist(), after.tolist(), strict=True), parts.action, strict=True))
     assert unlike[0, 2] > unlike[0, 1] + 5
 

@@ -7,7 +7,7 @@ import pytest
 
 from tsuiseki.tracking.association.chain_motion import beliefs_alone, beliefs_along
 from tsuiseki.tracking.association.detection_tables import Measurements
-from tsuiseki.tracking.association.link_cost import LinkCost
+from tsuiseki.tracking.association.link_cost import TURN, LinkCost
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import FloatArray
 
@@ -27,7 +27,7 @@ def pairs(count: int) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("speed", [0.5, 2.0, 6.0])
 def test_a_known_velocity_takes_off_the_room_of_one_frame(speed: float) -> None:
     seen = one_chain(np.zeros(2))
-    costs = [LinkCost(settled=share).at_speed(speed) for share in (0.0, 1.0)]
+    costs = [LinkCost(velocity_confidence=share).at_speed(speed) for share in (0.0, 1.0)]
     i, j = pairs(2)
     open_, known = (float(c.mismatch_alone(seen, 0.1)(i, j, np.full(1, 0.1), np.zeros(1))[0]) for c in costs)
     assert open_ > 0
@@ -45,13 +45,13 @@ def test_no_link_along_tracks_is_dearer_than_a_sudden_change() -> None:
     along = cost.mismatch(*known, i, j, *gap)
     alone = cost.mismatch_alone(seen, 1 / RATE)(i, j, *gap)
     bounded = cost.mismatch_along(seen, *known, 1 / RATE)(i, j, *gap)
-    np.testing.assert_allclose(bounded, np.minimum(along, alone + cost.turn))
+    np.testing.assert_allclose(bounded, np.minimum(along, alone + TURN))
     assert (bounded < along).any()
     assert (bounded == along).any()
 
 
 def test_strangers_pay_no_turn() -> None:
-    cost, seen = LinkCost(settled=0), one_chain(np.array([0.0, 3.0]))
+    cost, seen = LinkCost(velocity_confidence=0), one_chain(np.array([0.0, 3.0]))
     alone, (i, j) = beliefs_alone(seen, cost.motion), pairs(2)
     gap = (np.full(1, 1 / RATE), np.zeros(1))
     np.testing.assert_allclose(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.places import Counts, EntryPlaces, no_counts, place_costs, starts_and_ends
+from tsuiseki.tracking.association.places import EntryCounts, EntryPlaces, no_counts, place_costs, starts_and_ends
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.types import FloatArray
@@ -22,12 +22,12 @@ def boxes_at(x: FloatArray) -> FloatArray:
     return np.column_stack([x - 20, np.full(len(x), 200.0), x + 20, np.full(len(x), 300.0)])
 
 
-def through_the_door(people: int = 20) -> Counts:
+def through_the_door(people: int = 20) -> EntryCounts:
     """Everybody comes out of the door and leaves at the left border."""
     x = np.tile(np.linspace(DOOR, 30.0, 40), people)
     first = np.tile(np.arange(40) == 0, people)
     last = np.tile(np.arange(40) == 39, people)
-    return Counts(boxes_at(x), first, last)
+    return EntryCounts(boxes_at(x), first, last)
 
 
 def test_starts_are_cheap_where_tracks_began_and_dear_elsewhere() -> None:
@@ -46,7 +46,7 @@ def test_costs_are_the_logarithm_of_the_share_that_begins() -> None:
     starts[[0, 1, 2, 60]] = True
     settings = EntryPlaces(width=0.001, prior=10.0, border=0.0, most=9.0)
     entry, _ = place_costs(
-        Counts(boxes_at(x), starts, starts), boxes_at(np.array([105.0, 505.0, 905.0])), SIZE, settings
+        EntryCounts(boxes_at(x), starts, starts), boxes_at(np.array([105.0, 505.0, 905.0])), SIZE, settings
     )
     mean = 4 / 100
     expected = [-np.log((n / mean + 10) / (around + 10)) for n, around in ((3, 50), (1, 50), (0, 0))]
@@ -54,7 +54,7 @@ def test_costs_are_the_logarithm_of_the_share_that_begins() -> None:
 
 
 def test_before_anything_is_known_the_border_is_likelier() -> None:
-    nowhere = Counts(boxes_at(np.array([500.0])), np.zeros(1, np.bool_), np.zeros(1, np.bool_))
+    nowhere = EntryCounts(boxes_at(np.array([500.0])), np.zeros(1, np.bool_), np.zeros(1, np.bool_))
     asked = boxes_at(np.array([25.0, 250.0, 975.0]))
     entry, exit = place_costs(nowhere, asked, SIZE, EntryPlaces(border=1.0))
     np.testing.assert_allclose(entry, [-1, 0, -1], atol=0.05)

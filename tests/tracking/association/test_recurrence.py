@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.link_cost import LinkCost
-from tsuiseki.tracking.association.smoothing import FittedSmoothing, fit_smoothing
-from tsuiseki.tracking.association.video_evidence import Recurrence, Stride, TypicalSpeed, found_again
+from tsuiseki.tracking.association.smoothing import USUAL, fit_smoothing
+from tsuiseki.tracking.association.video_evidence import Stride, TypicalSpeed, found_again, interval_frames
 from tsuiseki.tracking.types import FloatArray, Track
 
 
@@ -19,9 +19,9 @@ def moving(speed: float, frames: int, rate: float, side: float = 80.0) -> FloatA
 
 @pytest.mark.parametrize(("rate", "speed"), [(10.0, 0.0), (10.0, 5.0), (30.0, 0.5), (30.0, 5.0), (5.0, 3.0)])
 def test_a_target_is_found_again_at_any_speed_and_its_speed_is_told(rate: float, speed: float) -> None:
-    triples = found_again(np.arange(30), moving(speed, 30, rate), rate, Recurrence())
+    triples = found_again(np.arange(30), moving(speed, 30, rate), rate)
     found, told = triples.found, triples.speed
-    gap = Recurrence().frames(rate)
+    gap = interval_frames(rate)
     assert found[gap : 30 - gap].all()
     assert not found[:gap].any()
     assert not found[30 - gap :].any()
@@ -31,13 +31,13 @@ def test_a_target_is_found_again_at_any_speed_and_its_speed_is_told(rate: float,
 def test_a_box_off_the_line_is_not_found_again() -> None:
     boxes = moving(1.0, 3, 10.0)
     boxes[1, [1, 3]] += 40
-    triples = found_again(np.arange(3), boxes, 10.0, Recurrence())
+    triples = found_again(np.arange(3), boxes, 10.0)
     assert not triples.found.any()
     assert np.isnan(triples.speed).all()
 
 
 def test_nothing_is_found_in_nothing() -> None:
-    triples = found_again(np.empty(0, np.int64), np.empty((0, 4)), 25.0, Recurrence())
+    triples = found_again(np.empty(0, np.int64), np.empty((0, 4)), 25.0)
     assert len(triples.found) == len(triples.speed) == len(triples.before) == 0
 
 
@@ -70,15 +70,15 @@ def noisy(noise: float, bend: float) -> list[Track]:
 
 
 def test_noisy_boxes_are_smoothed_more_than_targets_that_turn() -> None:
-    still = fit_smoothing(noisy(0.05, 0.0), 10.0, FittedSmoothing())
-    turning = fit_smoothing(noisy(0.01, 0.5), 10.0, FittedSmoothing())
+    still = fit_smoothing(noisy(0.05, 0.0), 10.0)
+    turning = fit_smoothing(noisy(0.01, 0.5), 10.0)
     assert still.position > 100 * turning.position
 
 
 def test_short_tracks_are_smoothed_as_by_default_whatever_the_rate() -> None:
     track = Track(1, np.arange(5), moving(1.0, 5, 30.0), np.ones(5))
-    assert fit_smoothing([track], 30.0, FittedSmoothing()) == FittedSmoothing().otherwise
-    assert fit_smoothing([], 60.0, FittedSmoothing()).position == pytest.approx(480.0)
+    assert fit_smoothing([track], 30.0) == USUAL
+    assert fit_smoothing([], 60.0).position == pytest.approx(480.0)
 
 
 @pytest.mark.parametrize(
@@ -95,4 +95,4 @@ def test_the_stride_is_the_common_divisor_of_times_between_detections(frames: li
 
 @pytest.mark.parametrize(("rate", "stride", "expected"), [(30, 1, 3), (30, 2, 4), (30, 3, 3), (10, 3, 3), (10, 1, 1)])
 def test_the_interval_falls_on_frames_with_detections(rate: float, stride: int, expected: int) -> None:
-    assert Recurrence().frames(rate, stride) == expected
+    assert interval_frames(rate, stride) == expected

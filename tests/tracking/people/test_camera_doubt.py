@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.camera_from_boxes import CameraFromBoxes
+from tsuiseki.tracking.association.camera_from_boxes import doubt_of
 from tsuiseki.tracking.features.camera_path import said_of_camera
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -34,7 +34,7 @@ def test_steps_that_few_boxes_tell_are_in_doubt() -> None:
     camera = followed(panned(60, 30, 8.0)).camera
     assert list(camera.unknown) == list(camera.lost) == list(range(30, 60))
     variance = camera.variance(np.arange(60))
-    least = CameraFromBoxes().doubt(2.0, 30.0) ** 2
+    least = doubt_of(2.0, 30.0) ** 2
     assert variance[29] == variance[1]
     assert (np.diff(variance[29:]) >= 0.99 * least).all()
     # The way of the two boxes is followed all the same.

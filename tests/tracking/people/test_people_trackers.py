@@ -234,7 +234,7 @@ def test_flow_fills_gaps_and_says_so() -> None:
     for track in tracks:
         assert track.frames.tolist() == list(range(40))
         assert np.flatnonzero(~track.observed).tolist() == [15, 16, 17, 18]
-    plain = FlowSettings(fill=0.0, smoothing=None)
+    plain = FlowSettings(fill=0.0, smoothing=False)
     for track, person in zip(run_tracker(video, FlowTracker(plain)), range(3), strict=True):
         assert track.frames.tolist() == [*range(15), *range(19, 40)]
         assert track.observed.all()

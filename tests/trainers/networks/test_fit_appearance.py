@@ -26,10 +26,10 @@ from tsuiseki.trainers.networks.fit import Task, TaskCLI, fit_appearance
 def options(folder: Path, *more: str) -> list[str]:
     """A training of seconds: twelve people, 64x32 pixels, and eight more to validate on."""
     data = {
-        "rendered": folder / "people.npz",
-        "rendered_identities": 20,
-        "rendered_views": 6,
-        "rendered_validation": 8,
+        "rendered.file": folder / "people.npz",
+        "rendered.identities": 20,
+        "rendered.views": 6,
+        "rendered.validation": 8,
         "identities": 6,
         "views": 3,
         "batches": 25,

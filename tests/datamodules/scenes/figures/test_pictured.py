@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.figures.standing import pictured_things
+from tsuiseki.datamodules.scenes.figures.standing_sprites import pictured_things
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.render.scene import compose, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import random_light

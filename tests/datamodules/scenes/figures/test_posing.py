@@ -6,7 +6,7 @@ import pytest
 from tsuiseki.datamodules.scenes.figures.assets import BONES, Assets
 from tsuiseki.datamodules.scenes.figures.figure import Figure, random_figure
 from tsuiseki.datamodules.scenes.figures.rendering import _bones, posed, shortest_turn
-from tsuiseki.datamodules.scenes.people.body import Build, Pose, place
+from tsuiseki.datamodules.scenes.people.posture import Build, Pose, place
 
 
 @pytest.fixture(scope="module")

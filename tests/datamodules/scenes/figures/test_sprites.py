@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules import generated_pictures
-from tsuiseki.datamodules.footage import Source
+from tsuiseki.datamodules.footage import TrainingSource
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.figures.figure import random_figure
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary, SpriteSettings, write_sprites
 from tsuiseki.datamodules.scenes.figures.mesh import SKIN, UPPER
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite, random_sprites, render_figure, smaller, steady_sides
-from tsuiseki.datamodules.scenes.figures.standing import Standing, dressed, tilt_of
-from tsuiseki.datamodules.scenes.people.body import Build, place, random_manner, walking
+from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dressed, tilt_of
 from tsuiseki.datamodules.scenes.people.person import view_from
+from tsuiseki.datamodules.scenes.people.posture import Build, place, random_manner, walking
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import silhouette_box
 from tsuiseki.datamodules.scenes.training_pictures import Stock, TrainingSettings, random_training_scene
@@ -214,8 +214,8 @@ def test_rendered_people_take_the_places_of_drawn_ones_and_leave_the_rest(librar
     assert np.abs(drawn.astype(int) - shown.astype(int)).max() > 8
 
 
-def _varied(folder: Path, count: int, scene: Any = "varied", **given: Any) -> Source:
-    return Source(str(folder), generate=count, scene=scene, **given)
+def _varied(folder: Path, count: int, scene: Any = "varied", **given: Any) -> TrainingSource:
+    return TrainingSource(str(folder), generate=count, scene=scene, **given)
 
 
 def test_varied_pictures_show_them(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.people.body import (
+from tsuiseki.datamodules.scenes.people.look import random_build
+from tsuiseki.datamodules.scenes.people.posture import (
     STANCE,
     Build,
     Manner,
@@ -15,7 +16,6 @@ from tsuiseki.datamodules.scenes.people.body import (
     stride_length,
     walking,
 )
-from tsuiseki.datamodules.scenes.people.look import random_build
 
 BUILD, MANNER = Build(height=1.8), Manner()
 

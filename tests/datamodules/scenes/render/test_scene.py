@@ -6,7 +6,7 @@ import pytest
 from tsuiseki.datamodules.scenes.people.look import random_look
 from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, empty_picture, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import Surfaces, boxes, cone_spheres, join, silhouette_box, trace
+from tsuiseki.datamodules.scenes.render.solids import Surface, boxes, cone_spheres, join, silhouette_box, trace
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 
 CAMERA = PinholeCamera.look_at(np.array([0, -10, 1.0]), np.array([0, 0, 1.0]), 300, 160, 120)
@@ -15,8 +15,7 @@ LOOK = random_look(np.random.default_rng(0))
 
 
 def ball(x: float, y: float, radius: float = 1.0, z: float = 1.0) -> Thing:
-    surfaces = Surfaces()
-    surfaces.add((0.5, 0.2, 0.2))
+    surfaces = [Surface((0.5, 0.2, 0.2))]
     centre = np.array([[x, y, z]])
     return Thing(
         cone_spheres(centre, centre, np.full((1, 2), radius), np.array([[0.0, 1, 0]]), np.ones(1), surfaces), LOOK
@@ -24,8 +23,7 @@ def ball(x: float, y: float, radius: float = 1.0, z: float = 1.0) -> Thing:
 
 
 def slab(x: float, y: float, half: float) -> Thing:
-    surfaces = Surfaces()
-    surfaces.add((0.2, 0.2, 0.5))
+    surfaces = [Surface((0.2, 0.2, 0.5))]
     return Thing(boxes(np.array([[x, y, 1.0]]), np.array([[half, 0.01, 3.0]]), np.zeros(1), surfaces))
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from tsuiseki.datamodules.scenes.render.solids import (
     Solids,
-    Surfaces,
+    Surface,
     boxes,
     cone_spheres,
     extents,
@@ -20,8 +20,7 @@ CAMERA = PinholeCamera.look_at(np.array([0, -10, 1.0]), np.array([0, 0, 1.0]), 3
 
 
 def one_cone(start: list[float], end: list[float], radii: tuple[float, float], flat: float = 1.0) -> Solids:
-    surfaces = Surfaces()
-    surfaces.add((0.5, 0.5, 0.5))
+    surfaces = [Surface((0.5, 0.5, 0.5))]
     return cone_spheres(
         np.array([start]), np.array([end]), np.array([radii]), np.array([[0.0, 1, 0]]), np.array([flat]), surfaces
     )
@@ -91,8 +90,7 @@ def test_sphere_within_the_other_leaves_the_larger() -> None:
 
 
 def test_box_silhouette_is_the_hull_of_its_corners() -> None:
-    surfaces = Surfaces()
-    surfaces.add((0.5, 0.5, 0.5))
+    surfaces = [Surface((0.5, 0.5, 0.5))]
     solids = boxes(np.array([[0.2, 0, 1.0]]), np.array([[0.8, 0.5, 0.6]]), np.array([0.5]), surfaces)
     layer = trace(solids, CAMERA, 4)
     assert layer is not None

@@ -13,7 +13,7 @@ from tsuiseki.datamodules.scenes.people.look import MIDDLE, random_look
 from tsuiseki.datamodules.scenes.render.photographs import OPAQUE, Photographs
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Solids, Surfaces, boxes
+from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Solids, Surface, boxes
 from tsuiseki.datamodules.scenes.things.clutter import clutter_around
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
@@ -200,7 +200,5 @@ def _board(sprite: Sprite, spot: FloatArray, camera: PinholeCamera) -> Solids:
     rows, columns = sprite.label.shape
     away = spot - camera.position[:2]
     across = float(np.arctan2(away[1], away[0])) - np.pi / 2
-    surfaces = Surfaces()
-    surfaces.add(MIDDLE[0])
     half = np.array([[0.5 * sprite.height * columns / rows, 0.05, 0.5 * sprite.height]])
-    return boxes(np.array([[*spot, half[0, 2]]]), half, np.array([across]), surfaces)
+    return boxes(np.array([[*spot, half[0, 2]]]), half, np.array([across]), [Surface(MIDDLE[0])])

@@ -106,7 +106,7 @@ def blend(a: Pose, b: Pose, part: float) -> Pose:
 
 
 @dataclass(frozen=True)
-class Skeleton:
+class PersonSkeleton:
     """Joints in the world, metres; each limb's row 0 is the left one, row 1 the right one.
 
     Attributes:
@@ -155,7 +155,7 @@ def hanging(forward: float, sideways: float, side: float) -> FloatArray:
     )
 
 
-def place(build: Build, pose: Pose, position: FloatArray, heading: float) -> Skeleton:
+def place(build: Build, pose: Pose, position: FloatArray, heading: float) -> PersonSkeleton:
     """The joints of a person in ``pose`` who stands at ``position`` ``(2,)`` and faces ``heading``.
 
     The lower foot rests on the ground z = 0, raised by ``pose.lift``.
@@ -171,7 +171,7 @@ def place(build: Build, pose: Pose, position: FloatArray, heading: float) -> Ske
     shoulder, elbow, wrist, fingers, hip, knee, ankle, toe = (np.stack(pair) for pair in zip(*limbs, strict=True))
     rest = min(ankle[:, 2].min() - ANKLE_HEIGHT * height, toe[:, 2].min() - 0.016 * height)
     root = np.array([position[0], position[1], pose.lift - rest])
-    return Skeleton(
+    return PersonSkeleton(
         pelvis=root,
         chest=chest + root,
         head=head + root,

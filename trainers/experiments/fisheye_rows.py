@@ -1,36 +1,35 @@
-"""The rows of Table 4.3: ways to track that differ in what they match by, their settings selected on other rooms."""
+"""The rows of Table 4.3: ways to track that differ in what they match by, with the settings chosen on other rooms.
+
+The store is asked with folders of `observe`, so that an entry is known by the observations.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.association.detection_tables import rows_of
-from tsuiseki.tracking.association.pairwise_flow import GateSettings, HandSetCost, PairwiseCosts, pairwise_tracks
 from tsuiseki.tracking.evaluation.multi import PeopleScores, SequencePair, evaluate_sequences
 from tsuiseki.tracking.filters.kalman import BoxMotion
-from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings
+from tsuiseki.tracking.fisheye.settings import FisheyeSettings
 from tsuiseki.tracking.fisheye.tracker import FisheyeTracker, flow_on_floor
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.people.sort import Sort, SortSettings
 from tsuiseki.tracking.people.tracker import run_tracker
-from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
-from tsuiseki.trainers.experiments.fisheye.observations import Observed, restricted
+from tsuiseki.trainers.experiments.fisheye_rooms import Observed, read_observed
+from tsuiseki.trainers.experiments.store import Store
 
 # Seconds that all rows keep a track without a detection, and that a new one needs detections in a row.
 PATIENCE, CONFIRM = 3.0, 0.2
-# Scale of the difference of two detected centres, in heights, for the flow over boxes in the image.
-IMAGE_NOISE = 0.1
-# Heights that such a box may move besides those of the time that has passed.
-IMAGE_REACH = 0.5
 # The largest distance 1 - IoU of DeepSORT's second stage.
 ANY_OVERLAP = 0.99
 # The largest cosine distance of a match by place, of 2, 1, 0.8, 0.65 and 0.5 the one of the best MOTA on the validation
@@ -38,32 +37,26 @@ ANY_OVERLAP = 0.99
 PLACE_GATE = 0.5
 Choice = dict[str, float]
 Tracking = Callable[[Sequence[FloorDetections], float, Choice], list[FloorTrack]]
-Boxes = Literal["filtered", "detected"]
 
 
 @dataclass(frozen=True)
-class Row:
+class FloorRow:
     """One way to track.
 
     Attributes:
         name: as in the table.
-        crops: what the appearance comes from: ``image``, ``upright``, ``standing`` or ``none``.
-        place: ``none``, ``image`` or ``world``.
+        crops: what the appearance comes from: ``image``, ``upright`` or ``none``.
         track: detections of a sequence, its rate and a choice of settings to tracks.
         grid: what the settings are chosen from.
         like: the row whose settings it takes instead of choosing; empty for its own.
-        starts: scores from which a detection may start a track, chosen from before the grid and after; none for the
-            flow, whose costs weigh scores.
         least_score: of its detections, where it is not the common one.
     """
 
     name: str
     crops: str
-    place: str
     track: Tracking
     grid: Mapping[str, Sequence[float]]
     like: str = ""
-    starts: Sequence[float] = ()
     least_score: float | None = None
 
     def choices(self) -> Iterator[Choice]:
@@ -89,14 +82,10 @@ def _online(found: Sequence[FloorDetections], rate: float, settings: FisheyeSett
     return tracker.tracks()
 
 
-def _shipped(settings: FisheyeSettings) -> Tracking:
+def _shipped(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
     """As ``tsuiseki track fisheye --method hungarian`` does it, whatever validation says."""
-
-    def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
-        del choice
-        return _online(found, rate, settings)
-
-    return track
+    del choice
+    return _online(found, rate, FisheyeSettings())
 
 
 def _shipped_flow(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
@@ -105,9 +94,9 @@ def _shipped_flow(found: Sequence[FloorDetections], rate: float, choice: Choice)
     return flow_on_floor(found, rate)
 
 
-def _lifecycle(rate: float, boxes: Boxes, choice: Choice) -> LifecycleSettings:
+def _lifecycle(rate: float, choice: Choice) -> LifecycleSettings:
     hits, age = max(1, round(CONFIRM * rate)), round(PATIENCE * rate)
-    return LifecycleSettings(hits, age, choice.get("start_score", 0.0), boxes)
+    return LifecycleSettings(hits, age, choice.get("start_score", 0.0), "detected")
 
 
 def _motion(rate: float, walk: float) -> BoxMotion:
@@ -115,58 +104,23 @@ def _motion(rate: float, walk: float) -> BoxMotion:
     return BoxMotion(acceleration=walk / rate**1.5, start_velocity=walk / rate)
 
 
-def _sort(boxes: Boxes) -> Tracking:
-    def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
-        settings = SortSettings(choice["min_iou"], _lifecycle(rate, boxes, choice), _motion(rate, choice["walk"]))
-        return _with_places(run_tracker((f.detections for f in found), Sort(settings)), found)
-
-    return track
+def _sort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+    settings = SortSettings(choice["min_iou"], _lifecycle(rate, choice), _motion(rate, choice["walk"]))
+    return _with_places(run_tracker((f.detections for f in found), Sort(settings)), found)
 
 
-def _deepsort(boxes: Boxes) -> Tracking:
-    def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
-        growth = choice["growth"] / rate
-        settings = DeepSortSettings(
-            feature_gate=choice["feature_gate"],
-            position_gate=ANY_OVERLAP,
-            reach=choice["reach"] + growth,
-            reach_growth=growth,
-            memory=0.7,
-            lifecycle=_lifecycle(rate, boxes, choice),
-            motion=_motion(rate, choice["walk"]),
-        )
-        return _with_places(run_tracker((f.detections for f in found), DeepSort(settings)), found)
-
-    return track
-
-
-def _image_flow(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+def _deepsort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
     growth = choice["growth"] / rate
-    gate = GateSettings(round(PATIENCE * rate), IMAGE_REACH + growth, growth, 3.0)
-    pace = choice["pace"] / rate
-    transition = HandSetCost(
-        bias=choice["bias"],
-        noise=IMAGE_NOISE,
-        speed_x=pace,
-        speed_y=pace,
-        size=choice["size"],
-        appearance=choice.get("appearance", 0.0),
-        neutral=choice.get("neutral", 0.3),
+    settings = DeepSortSettings(
+        feature_gate=choice["feature_gate"],
+        position_gate=ANY_OVERLAP,
+        reach=choice["reach"] + growth,
+        reach_growth=growth,
+        memory=0.7,
+        lifecycle=_lifecycle(rate, choice),
+        motion=_motion(rate, choice["walk"]),
     )
-    rows = rows_of([f.detections for f in found], 0, 0)
-    labels = pairwise_tracks(rows, PairwiseCosts(gate, DEFAULT_FLOW.observation, transition))
-    chains = long_tracks(labels, max(1, round(CONFIRM * rate)))
-    scores = np.nan_to_num(rows.scores)
-    tracks = [Track(k, rows.frames[p], rows.boxes[p], scores[p]) for k, p in enumerate(chains, start=1)]
-    return _with_places(tracks, found)
-
-
-def _floor_flow(by_place: bool) -> Tracking:
-    def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
-        far: dict[str, Any] = {} if by_place else {"reach": 100.0, "noise": 100.0}
-        return flow_on_floor(found, rate, FloorFlowSettings(window=PATIENCE, min_seconds=CONFIRM, **(far | choice)))
-
-    return track
+    return _with_places(run_tracker((f.detections for f in found), DeepSort(settings)), found)
 
 
 # Chosen values are meant to lie within these. A cosine distance of 1 is as good as no gate, an overlap of .01 as any.
@@ -175,38 +129,22 @@ LOOKS = {"feature_gate": (0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)}
 WORLD = {"reach": (0.25, 0.5, 0.9, 1.4, 2.0, 2.8), "speed": (0.4, 0.8, 1.4, 2.0, 3.0)}
 OVERLAP = {"min_iou": (0.01, 0.03, 0.1, 0.2, 0.3), "walk": (0.03, 0.1, 0.3, 1.0, 3.0)}
 IMAGE = {"reach": (0.25, 0.5, 1.0, 2.0), "growth": (0.5, 1.0, 2.0, 4.0), "walk": (0.03, 0.1)}
-BIAS = (-3.0, -1.0, 1.0, 3.0)
-COSTS = {"appearance": (1.0, 2.0, 4.0, 8.0, 16.0), "neutral": (0.05, 0.1, 0.3, 0.5, 0.7), "bias": BIAS}
-PACE = {"pace": (0.6, 1.2, 2.4)}
-PLANE = {"growth": (4.0, 8.0, 16.0), "pace": (0.3, 1.0, 3.0), "size": (0.3, 0.6, 1.2), "bias": (-3.0, -1.0, 1.0)}
 STARTS = (0.0, 0.45, 0.5, 0.55, 0.6, 0.7)
-GATED, UNGATED = "both, appearance in both stages", "track fisheye, place alone in its second stage"
+GATED = "both, appearance in both stages"
 # What `track fisheye` takes of its detector.
 SHIPPED_SCORE = 0.3
-ROWS: tuple[Row, ...] = (
-    Row("baseline", "image", "none", _hungarian(True, False), LOOKS, starts=STARTS),
-    Row("SORT", "none", "image", _sort("detected"), OVERLAP, starts=STARTS),
-    Row("DeepSORT", "image", "image", _deepsort("detected"), {**LOOKS, **IMAGE}, starts=STARTS),
-    Row("rectification", "upright", "none", _hungarian(True, False), LOOKS, starts=STARTS),
-    Row("world", "none", "world", _hungarian(False, True), WORLD, starts=STARTS),
-    Row("both", "upright", "world", _hungarian(True, True), {**LOOKS, **WORLD}, starts=STARTS),
-    Row("both, standing crops", "standing", "world", _hungarian(True, True), {**LOOKS, **WORLD}, starts=STARTS),
-    Row(
-        GATED, "upright", "world", _hungarian(True, True, place_feature_gate=PLACE_GATE),
-        {**LOOKS, **WORLD}, like="both",
-    ),
-    Row("SORT, filtered boxes", "none", "image", _sort("filtered"), OVERLAP, like="SORT"),
-    Row("DeepSORT, filtered boxes", "image", "image", _deepsort("filtered"), {**LOOKS, **IMAGE}, like="DeepSORT"),
-    Row("flow: baseline", "image", "none", _floor_flow(False), COSTS),
-    Row("flow: SORT", "none", "image", _image_flow, PLANE),
-    Row("flow: DeepSORT", "image", "image", _image_flow, {**PLANE, "appearance": (2.0, 4.0, 8.0)}),
-    Row("flow: rectification", "upright", "none", _floor_flow(False), COSTS),
-    Row("flow: world", "none", "world", _floor_flow(True), {**PACE, "noise": (0.07, 0.15, 0.3), "bias": BIAS}),
-    Row("flow: both", "upright", "world", _floor_flow(True), {**PACE, **COSTS}),
-    Row("track fisheye", "upright", "world", _shipped(FisheyeSettings()), {}, least_score=SHIPPED_SCORE),
-    Row(UNGATED, "upright", "world", _shipped(FisheyeSettings(place_feature_gate=2.0)), {}, least_score=SHIPPED_SCORE),
-    Row("track fisheye, flow", "upright", "world", _shipped_flow, {}, least_score=SHIPPED_SCORE),
-)  # fmt: skip
+_ROWS: tuple[FloorRow, ...] = (
+    FloorRow("baseline", "image", _hungarian(True, False), LOOKS),
+    FloorRow("SORT", "none", _sort, OVERLAP),
+    FloorRow("DeepSORT", "image", _deepsort, {**LOOKS, **IMAGE}),
+    FloorRow("rectification", "upright", _hungarian(True, False), LOOKS),
+    FloorRow("world", "none", _hungarian(False, True), WORLD),
+    FloorRow("both", "upright", _hungarian(True, True), {**LOOKS, **WORLD}),
+    FloorRow(GATED, "upright", _hungarian(True, True, place_feature_gate=PLACE_GATE), {**LOOKS, **WORLD}, like="both"),
+    FloorRow("track fisheye", "upright", _shipped, {}, least_score=SHIPPED_SCORE),
+    FloorRow("track fisheye, flow", "upright", _shipped_flow, {}, least_score=SHIPPED_SCORE),
+)
+ROWS = {row.name: row for row in _ROWS}
 
 
 def _with_places(tracks: Sequence[Track], found: Sequence[FloorDetections]) -> list[FloorTrack]:
@@ -234,7 +172,7 @@ def each_second(tracks: Sequence[FloorTrack], rate: int) -> list[FloorTrack]:
     return result
 
 
-def run_row(row: Row, observed: Observed, choice: Choice, least_score: float) -> list[FloorTrack]:
+def run_row(row: FloorRow, observed: Observed, choice: Choice, least_score: float) -> list[FloorTrack]:
     """The tracks of a sequence in the seconds that have a truth."""
     least = least_score if row.least_score is None else row.least_score
     tracks = row.track(observed.described(row.crops, least), float(observed.rate), choice)
@@ -245,7 +183,7 @@ def pair_of(name: str, observed: Observed, tracks: Sequence[FloorTrack], where: 
     """Truth and tracks of a sequence; ``where`` keeps the boxes ``(N, 4)`` for which it is True."""
     truth, plain = observed.truth, [t.track for t in tracks]
     if where is not None:
-        truth = restricted(truth, np.flatnonzero(where(truth.boxes)))
+        truth = truth.select(where(truth.boxes))
         kept = [(t, where(t.boxes)) for t in plain]
         plain = [Track(t.id, t.frames[k], t.boxes[k], t.scores[k]) for t, k in kept if k.any()]
     return SequencePair(name, truth, plain, len(observed.found) // observed.rate)
@@ -271,3 +209,92 @@ def world_errors(observed: Observed, tracks: Sequence[FloorTrack]) -> FloatArray
             errors.append(float(np.linalg.norm(track.places[k] - observed.places[row])))
     values = np.array(errors, dtype=np.float64)
     return values[np.isfinite(values)]
+
+
+LEAST_SCORES = (0.2, 0.3, 0.4, 0.5, 0.6)
+Clips = Sequence[Sequence[Path]]
+
+
+@dataclass(frozen=True)
+class Graded:
+    """Settings of a row, and its scores on the validation rooms with them.
+
+    Attributes:
+        choice: settings by name.
+        mota: up to 1.
+        idf1: in [0, 1].
+    """
+
+    choice: Choice
+    mota: float
+    idf1: float
+
+
+def grade(row: FloorRow, validation: Sequence[Observed], choice: Choice, least: float) -> Graded:
+    """The scores of a choice over the validation sequences."""
+    found = score([pair_of(str(k), o, run_row(row, o, choice, least)) for k, o in enumerate(validation)])
+    return Graded(choice, found.mota, found.idf1)
+
+
+def best_choice(row: FloorRow, graded: Callable[[list[Choice]], list[Graded]]) -> Graded:
+    """The choice of the row's grid of the best MOTA, and the score to start a track before and after the rest."""
+
+    def best(choices: list[Choice]) -> Graded:
+        return max(graded(choices), key=lambda one: one.mota)
+
+    grid = list(row.choices())
+    if not row.grid:
+        return best(grid)
+    start = best(_starts(_middle(row))).choice["start_score"]
+    found = best([{**choice, "start_score": start} for choice in grid])
+    return best(_starts(found.choice))
+
+
+def _middle(row: FloorRow) -> Choice:
+    choices = list(row.choices())
+    return choices[len(choices) // 2]
+
+
+def _starts(choice: Choice) -> list[Choice]:
+    return [{**choice, "start_score": start} for start in STARTS]
+
+
+def lowest_score(store: Store, names: Sequence[str], clips: Clips) -> float:
+    """The lowest score of a detection with which some rows have the best mean MOTA.
+
+    Each row has the middle of its grid, so that the score suits none better than the others, and the score to start a
+    track that is best then: weak detections help a row only where they start nothing.
+
+    Args:
+        store: keeps the scores.
+        names: of the rows.
+        clips: folders of the parts of each validation sequence.
+    """
+
+    def mean_mota(least: float) -> float:
+        rows = [ROWS[name] for name in names]
+        found = [store.recall(grades, row.name, clips, _starts(_middle(row)), least) for row in rows]
+        return float(np.mean([max(one.mota for one in each) for each in found]))
+
+    return max(LEAST_SCORES, key=mean_mota)
+
+
+def select(store: Store, row: FloorRow, clips: Clips, least: float) -> Graded:
+    """The settings of a row of the best MOTA on the validation sequences."""
+    return best_choice(row, lambda choices: store.recall(grades, row.name, clips, choices, least))
+
+
+def grades(name: str, clips: Clips, choices: Sequence[Choice], least: float) -> list[Graded]:
+    """The scores of some settings of the row ``name`` on the validation sequences."""
+    validation = [_read(tuple(parts)) for parts in clips]
+    return [grade(ROWS[name], validation, choice, least) for choice in choices]
+
+
+def tracked(name: str, parts: Sequence[Path], choice: Choice, least: float) -> list[FloorTrack]:
+    """The tracks of the row ``name`` in a sequence, in the seconds that have a truth."""
+    return run_row(ROWS[name], _read(tuple(parts)), choice, least)
+
+
+@lru_cache(maxsize=16)
+def _read(parts: tuple[Path, ...]) -> Observed:
+    return read_observed(parts)

@@ -1,1 +1,0 @@
-"""Thesis chapter 4: people under ceiling fisheye cameras."""
