@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
+from tsuiseki.datamodules.scenes.single_clip import SingleClipSettings, draw_single_clip
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.objectness import (
     SIDE,
@@ -69,10 +69,10 @@ def generated_images(count: int, seed: int) -> list[BoxedImage]:
     images: list[BoxedImage] = []
     while len(images) < count:
         size = float(rng.choice([20, 35, 60, 100, 160]))
-        settings = ChaseSettings(
+        settings = SingleClipSettings(
             frames=3, person_height=(size, 1.6 * size), passers=0, obstacles=int(rng.integers(0, 3))
         )
-        clip = render_chase(rng, settings)
+        clip = draw_single_clip(rng, settings)
         seen = [k for k in range(settings.frames) if clip.visibility[k] > 0.8]
         images.extend(BoxedImage(clip.images[k], clip.boxes[k : k + 1]) for k in seen)
     return images[:count]

@@ -39,12 +39,10 @@ def reproduction(name: str, experiment: Callable[..., Outcome]) -> Callable[...,
         with output.run() as run:
             with run.times.measure("experiment"):
                 outcome = _outcome(experiment, output.cache, options)
-            if outcome.finished:
-                for file, write in outcome.parts():
-                    run.write(file, write)
-            tables = [table.text() for table in outcome.tables if table.rows and outcome.finished]
-            where = [f"results: {output.out}"] if outcome.finished else []
-            run.done("\n".join([*tables, *outcome.notes, *where]))
+            for file, write in outcome.parts():
+                run.write(file, write)
+            tables = [table.text() for table in outcome.tables if table.rows]
+            run.done("\n".join([*tables, *outcome.notes, f"results: {output.out}"]))
         return run.status
 
     own = [p for p in inspect.signature(experiment, eval_str=True).parameters.values() if p.name != "bench"]

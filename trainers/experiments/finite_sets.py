@@ -1,4 +1,4 @@
-"""The finite-set filters on the standard scenarios, on real detections, and how their time grows (`reproduce phd`)."""
+"""The finite-set filters on the standard scenarios and on real detections (`reproduce phd`)."""
 
 from __future__ import annotations
 
@@ -61,11 +61,8 @@ if TYPE_CHECKING:
 PointFilter = Running[Any, FloatArray, SetInfo]
 METHODS = ("phd-literal", "phd-printed", "phd-clusters", "phd", "labelled")
 CUT_OFF = 100.0
-GROWN = (("clutter", [10, 20, 40, 80, 160]), ("targets", [5, 10, 20, 40, 80]))
 BIRTHS_ANYWHERE = 0.1
 """Expected births a step where a scenario names no places."""
-BLOCK = 5
-"""Steps of one size before the next has its turn."""
 # OSPA p=1 of a plain SMC-PHD filter and of a labelled filter in MATLAB: by the seed of the scenario that they were
 # measured on and by the clutter rate.
 YARDSTICKS: Mapping[tuple[int, str], Mapping[float, float]] = {
@@ -81,7 +78,7 @@ ARRAYS = ("truth", "z", "z_run", "z_clut", "z_k")
 def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int = 1000, runs: int = 10) -> Outcome:
     """The finite-set filters on the standard scenarios and on real detections: OSPA, identities, time.
 
-    DIR gets results.json, tables.md, ospa.png and scaling.png.
+    DIR gets results.json, tables.md and ospa.png.
 
     Args:
         bench: where it works.
@@ -108,7 +105,6 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int 
         for name, (_, rate, method, _) in rows.items():
             known = YARDSTICKS.get((scenario.settings.get("seed", 0), method), {}).get(clutter[rate])
             peers |= {} if known is None else {name: known}
-    grown = [bench.store.recall(scaling, method, what, n) for method in ("phd", "labelled") for what, n in GROWN]
     sequence = data / "mot" / "PETS09-S2L1-first"
     real = bench.store.recall(real_rows, sequence) if sequence.is_dir() else {}
     columns = [
@@ -126,13 +122,8 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int 
             ("PETS09-S2L1-first",),
         ),
     ]  # fmt: skip
-    values = {
-        "scenarios": values_of(found, ("scenario", "clutter", "method")), "scaling": plain(grown), "real": plain(real)
-    }  # fmt: skip
-    plots = {"ospa": plot_ospa(found, peers), "scaling": plot_scaling(grown)}
-    return Outcome(
-        values, tables, plots, notes=[f"{one.method}: log-log slope over {one.what} {one.slope:.2f}" for one in grown]
-    )
+    values = {"scenarios": values_of(found, ("scenario", "clutter", "method")), "real": plain(real)}
+    return Outcome(values, tables, {"ospa": plot_ospa(found, peers)})
 
 
 def real_rows(folder: Path, seed: int = 0) -> dict[str, PeopleScores]:
@@ -201,46 +192,6 @@ def run_filter(running: PointFilter, measurements: Iterable[FloatArray]) -> tupl
     return PointTracks(np.concatenate(frames), np.concatenate(ids), np.concatenate(positions)), np.array(seconds)
 
 
-@dataclass(frozen=True)
-class Scaling:
-    """How the time of a step grows.
-
-    Attributes:
-        method: of the filter.
-        what: ``clutter`` or ``targets``.
-        sizes: how many.
-        milliseconds: median of a step.
-        slope: of the logarithms.
-    """
-
-    method: str
-    what: str
-    sizes: list[int]
-    milliseconds: list[float]
-    slope: float
-
-
-def scaling(method: str, what: str, sizes: list[int], particles: int = 1000, steps: int = 30) -> Scaling:
-    """Times of a method over clutter rates (at 10 targets) or numbers of targets (at clutter 10).
-
-    The sizes take turns, `BLOCK` steps each, so that other work on the machine falls on all of them alike.
-    """
-    running: dict[int, tuple[PointFilter, list[FloatArray]]] = {}
-    for size in sizes:
-        targets, clutter = (10, float(size)) if what == "clutter" else (size, 10.0)
-        settings, measurements = generated_scenario(targets, clutter, steps, seed=size)
-        running[size] = start_filter(method, settings, clutter, particles, seed=0), measurements
-    seconds: dict[int, list[float]] = {size: [] for size in sizes}
-    for first in range(0, steps, BLOCK):
-        for size, (chosen, measurements) in running.items():
-            _, took = run_filter(chosen, measurements[first : first + BLOCK])
-            # The first steps have no targets yet.
-            seconds[size] += [] if first == 0 else took.tolist()
-    milliseconds = [1e3 * float(np.median(seconds[size])) for size in sizes]
-    slope = float(np.polyfit(np.log(sizes), np.log(milliseconds), 1)[0])
-    return Scaling(method, what, sizes, milliseconds, slope)
-
-
 def plot_ospa(found: Mapping[tuple[str, str, str], list[dict[str, float]]], peers: Mapping[Name, float]) -> Figure:
     """OSPA over the clutter rate, a panel for each scenario, with the peers' values as crosses."""
     panels: dict[str, list[Curve]] = {}
@@ -256,20 +207,6 @@ def plot_ospa(found: Mapping[tuple[str, str, str], list[dict[str, float]]], peer
     figure = curves(panels, ["false measurements a step"] * len(panels), "OSPA, p = 1, c = 100")
     for axes in figure.axes:
         axes.set_ylim(0, None)
-    return figure
-
-
-def plot_scaling(grown: Iterable[Scaling]) -> Figure:
-    """Milliseconds a step over clutter and over targets, both axes logarithmic."""
-    panels: dict[str, list[Curve]] = {}
-    for one in grown:
-        line = Curve(f"{one.method}: slope {one.slope:.2f}", one.sizes, one.milliseconds)
-        panels.setdefault(one.what, []).append(line)
-    figure = curves(panels, ["false measurements a step", "targets"], "milliseconds a step")
-    for axes, lines in zip(figure.axes, panels.values(), strict=True):
-        axes.set(xscale="log", yscale="log")
-        axes.set_xticks(lines[0].x, [f"{size:g}" for size in lines[0].x])
-        axes.minorticks_off()
     return figure
 
 
@@ -382,29 +319,3 @@ def anywhere_births(settings: dict[str, Any], expected: float, count: int) -> Me
     else:
         complete, columns = newborn(from_bearing_range, 2, speed, turn=0.05), 5
     return MeasurementBirths(expected / volume, scenario_sensor(settings), complete, columns, count)
-
-
-def generated_scenario(targets: int, clutter: float, steps: int, seed: int) -> tuple[dict[str, Any], list[FloatArray]]:
-    """A linear scenario with a constant number of targets in a region that grows with them; its settings and
-    measurements.
-
-    The region has a fixed area a target, so that more targets mean more of the same and not more confusion.
-    """
-    rng = np.random.default_rng(seed)
-    side = 500.0 * np.sqrt(targets)
-    settings = {
-        "kind": "linear", "T": 1.0, "K": steps, "sigma_v": 5.0, "sigma_e": 10.0, "P_S": 0.99, "P_D": 0.98,
-        "region": [[-side, side], [-side, side]],
-    }  # fmt: skip
-    states = np.stack(
-        [rng.uniform(-side, side, targets), rng.normal(0, 5, targets), rng.uniform(-side, side, targets),
-         rng.normal(0, 5, targets)], axis=1,
-    )  # fmt: skip
-    settings |= {"birth_m": states, "birth_w": np.full(targets, 0.03), "birth_sd": np.full(4, 10.0)}
-    measurements = []
-    for _ in range(steps):
-        states = states + np.stack([states[:, 1], np.zeros(targets), states[:, 3], np.zeros(targets)], axis=1)
-        seen = states[rng.random(targets) < 0.98][:, [0, 2]]
-        false = rng.uniform(-side, side, (rng.poisson(clutter), 2))
-        measurements.append(np.concatenate([seen + 10.0 * rng.standard_normal(seen.shape), false]))
-    return settings, measurements

@@ -1,4 +1,3 @@
 """Moved to `study`; goes when the last experiment imports from there."""
 
 from tsuiseki.trainers.experiments.study import interval as interval
-from tsuiseki.trainers.experiments.study import paired_interval as paired_interval

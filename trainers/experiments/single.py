@@ -40,11 +40,13 @@ from tsuiseki.trainers.experiments.single_passes import (
     Csrt,
     Entrant,
     Recognising,
+    area,
     chase,
     clip_scores,
     passes,
     search_pictures,
     searches,
+    success,
 )
 from tsuiseki.trainers.experiments.study import (
     Bench,
@@ -285,6 +287,11 @@ def unseen(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int], peer: Peer
         )
         title = f"Unseen, {name}: AUC [%], 21 thresholds; gain with 95 % over sequences"
         tables.append(tabulated(found, [Column("mean", form=".1f", gain=_gain)], ("tracker",), title, "KCF"))
+        by_clip: dict[Name, list[dict[str, float]]] = {
+            clip.sequence.name: [{row: float(one[k]) for row, one in found.items()}] for k, clip in enumerate(clips)
+        }
+        columns = [Column(row, itemgetter(row), ".1f") for row in found]
+        tables.append(tabulated(by_clip, columns, ("sequence",), f"The same, {name}, by sequence"))
         values[name] = {"chosen": chosen, **{row: one.tolist() for row, one in found.items()}}
     return Outcome({"unseen": values}, tables)
 
@@ -435,18 +442,6 @@ def intervals(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int]) -> Outc
         plots[f"intervals-{name}"] = curves(panels, ["overlap threshold"] * 2, "frames above it [%]")
         values[name] = {title: own[0] for title, own in cells.items()}
     return Outcome({"intervals": values}, tables, plots)
-
-
-def success(overlaps: FloatArray) -> FloatArray:
-    """``(21,)`` percent of the frames with a greater overlap than each threshold; NaN without frames."""
-    if not len(overlaps):
-        return np.full(len(OVERLAPS), np.nan)
-    return np.array([100 * (overlaps > threshold).mean() for threshold in OVERLAPS])
-
-
-def area(overlaps: FloatArray) -> float:
-    """Area under the success curve with 11 thresholds, percent; NaN without frames."""
-    return float(success(overlaps)[::2].mean())
 
 
 def _pictures(clips: Sequence[Clip]) -> Outcome:

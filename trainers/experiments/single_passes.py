@@ -15,9 +15,9 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.single_clip import render_chase
+from tsuiseki.datamodules.scenes.single_clip import draw_single_clip
 from tsuiseki.tracking.errors import RunError
-from tsuiseki.tracking.evaluation.single import evaluate_boxes
+from tsuiseki.tracking.evaluation.single import OVERLAPS, evaluate_boxes
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_pairs, xywh_from_corners
@@ -60,7 +60,7 @@ class Clip:
 @lru_cache(maxsize=1)
 def chase(number: int) -> Clip:
     """A generated sequence, drawn once for all trackers that follow it in turn: all together would fill the memory."""
-    made = render_chase(np.random.default_rng([17, number]))
+    made = draw_single_clip(np.random.default_rng([17, number]))
     return Clip(SingleSequence(f"chase-{number}", (), made.boxes), list(made.images))
 
 
@@ -269,6 +269,18 @@ def _kcf_boxes(
             state = kcf.step(tracker.model, state, clip.images[t])
         boxes.append(tracker.model.box(state.centre, state.size))
     return boxes
+
+
+def success(overlaps: FloatArray) -> FloatArray:
+    """``(21,)`` percent of the frames with a greater overlap than each threshold; NaN without frames."""
+    if not len(overlaps):
+        return np.full(len(OVERLAPS), np.nan)
+    return np.array([100 * (overlaps > threshold).mean() for threshold in OVERLAPS])
+
+
+def area(overlaps: FloatArray) -> float:
+    """Area under the success curve with 11 thresholds, percent; NaN without frames."""
+    return float(success(overlaps)[::2].mean())
 
 
 def search_pictures(clip: Clip, tracker: KcfParticle) -> ImageArray | None:

@@ -17,14 +17,12 @@ import numpy as np
 from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, SphereClip, covered_image, plan_sphere
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cameras.volume import common_volume
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.resampling import Covering
-from tsuiseki.tracking.sphere.search import find_ball
 from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
-from tsuiseki.tracking.sphere.tracker import START_SPEED, SphereState, SphereTracker, TimedViews, with_velocities
+from tsuiseki.tracking.sphere.tracker import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.sphere.views import (
     BackgroundLikelihood,
     ContourLikelihood,
@@ -51,8 +49,8 @@ from tsuiseki.trainers.experiments.study import (
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-RADIUS, SMALL = 0.10, 0.02
-"""Of the ball, metres; seen from 4 m it is 35 pixels across, the small one 7."""
+RADIUS = 0.10
+"""Of the ball, metres; seen from 4 m it is 35 pixels across."""
 PAPER, OURS = SphereSettings(preset="paper"), SphereSettings()
 WALK, FLIGHT = chosen_motion(PAPER, RADIUS), chosen_motion(OURS, RADIUS)
 """Of `track sphere --preset paper` and of `track sphere`; with them the rows are what the command runs."""
@@ -71,7 +69,6 @@ LIKELIHOODS: Mapping[str, MakeLikelihood] = {
     "ellipse": lambda cameras, radius, _: PrintedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
     "divided": lambda cameras, radius, _: DividedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
     "contour": lambda cameras, radius, _: ContourLikelihood(cameras, radius),
-    "sharp": lambda cameras, radius, _: ContourLikelihood(cameras, radius, faint=False),
     "faint": lambda cameras, radius, _: ContourLikelihood(cameras, radius, faint=True),
 }
 """From C cameras, the radius in metres and C pictures of the empty scene."""
@@ -91,7 +88,6 @@ class Way:
         stages: of weighing in a step.
         camera_error: turns each camera so far that the middle of its image moves by so many pixels.
         radius_error: of the radius that the tracker gets, over the true one.
-        searched: whether the ball is searched for in the first frame, where the others get the start.
         film: fields of `CarriedBallSettings` that differ from its defaults.
     """
 
@@ -104,18 +100,13 @@ class Way:
     stages: int = 2
     camera_error: float = 0.0
     radius_error: float = 0.0
-    searched: bool = False
     film: Mapping[str, Any] = field(default_factory=dict)
 
 
-Group = Literal["section 3", "disturbed", "small", "particles", "cameras", "covered"]
+Group = Literal["section 3", "disturbed", "particles", "cameras", "covered"]
 VARIED = ("particles", "cameras", "covered")
-OWN_FILMS = ("disturbed", "small")
-"""Groups whose films have two cameras; the others share films of as many as any of them needs."""
 at_once = partial(Way, notices=False, stages=1)
 """As the paper does it."""
-small = partial(Way, motion=FLIGHT, film={"radius": SMALL})
-clear = partial(Way, motion=FLIGHT, film={"radius": SMALL, "clear": 0.1})
 DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
     "exact cameras and radius, no blur, one clock": {},
     **{f"cameras turned by {p:g} px": {"camera_error": p} for p in (1.0, 2.0, 5.0)},
@@ -143,20 +134,8 @@ WAYS: Mapping[tuple[Group, str], Way] = {
         for suffix, make in (("", partial(Way, motion=FLIGHT)), (", as printed", partial(at_once, "printed")))
     },
     **{
-        ("small", f"a ball of 7 px, {where}: {name}"): made
-        for where, ball in (("half in the fist", small), ("10 cm from the hand", clear))
-        for name, made in {
-            "`track sphere`": ball(),
-            "`--faint false`": ball("sharp"),
-            "`--faint false`, every view trusted": ball("sharp", notices=False),
-            "as printed": ball("printed", motion=WALK, notices=False, stages=1),
-            "`track sphere` without `--start`": ball(searched=True),
-        }.items()
-    },
-    **{
-        ("small", f"out of focus, {blur:g} px: {name}"): Way(likelihood, FLIGHT, film={"defocus": blur})
+        ("disturbed", f"out of focus, {blur:g} px, `--faint true`"): Way("faint", FLIGHT, film={"defocus": blur})
         for blur in (2.0, 4.0)
-        for name, likelihood in (("`track sphere`", "contour"), ("`--faint true`", "faint"))
     },
     **{("particles", f"{n}"): Way(particles=n) for n in (50, 100, 200, 500, 1000, 2000)},
     **{("cameras", f"{n}"): Way(cameras=n) for n in (2, 3, 4, 6)},
@@ -211,8 +190,7 @@ def reproduce(
         seeds: number of films, each with its own room, person, ball and noise.
         frames: of each film.
         only: one table alone: section 3; or disturbed, the error with inexact cameras and radius, blur and clocks that
-            differ; or small, a ball of 7 pixels and a lens out of focus; or the error against particles, cameras or
-            covered frames, or varied: these three and their figure.
+            differ; or the error against particles, cameras or covered frames, or varied: these three and their figure.
         seed: of the first film; the others follow.
 
     Raises:
@@ -240,10 +218,10 @@ def reproduce(
 
 
 def _of_one_film(ways: Mapping[tuple[Group, str], Way]) -> list[dict[tuple[Group, str], Way]]:
-    """The ways by the film that they are followed in."""
+    """The ways by their film: it has two cameras for those that are disturbed, else as many as any of them needs."""
     films: dict[str, dict[tuple[Group, str], Way]] = {}
     for name, way in ways.items():
-        films.setdefault(repr((name[0] in OWN_FILMS, way.film)), {})[name] = way
+        films.setdefault(repr((name[0] == "disturbed", way.film)), {})[name] = way
     return list(films.values())
 
 
@@ -312,18 +290,8 @@ class _Run:
         views, time = list(images[: self.way.cameras]), float(self.scene.times[index])
         if index in self.hidden and board is not None:
             views[0] = board
-        if index == 0 and self.way.searched:
-            found = with_velocities(self._search(views), START_SPEED, self.rng)
-            self.state = self.tracker.init(found, self.way.cameras, time)
         self.state, info = self.tracker.step(self.state, TimedViews(time, views), self.rng)
         self.points.append(info.position.point)
-
-    def _search(self, views: list[ImageArray]) -> FloatArray:
-        """``(N, 3)`` positions where `track sphere` without a start begins."""
-        known = self.likelihood
-        broad = known.broad() if isinstance(known, ContourLikelihood) else known
-        volume = common_volume(self.cameras, self.radius)
-        return find_ball(known, broad, self.cameras, self.radius, volume, self.way.particles, views, self.rng)
 
     def errors(self) -> FilmErrors:
         points = np.array(self.points)

@@ -92,11 +92,6 @@ class Study(Generic[OneName, Row, Unit, Found]):
         return found
 
 
-def paired_interval(first: FloatArray, second: FloatArray) -> tuple[float, float, float]:
-    """Mean of ``first - second`` over paired units ``(S,)``, and its interval of 95 % by Student's t."""
-    return interval(np.asarray(first, dtype=np.float64) - np.asarray(second, dtype=np.float64))
-
-
 def interval(values: FloatArray) -> tuple[float, float, float]:
     """Mean of ``values`` ``(S,)`` and its interval of 95 % by Student's t; NaN ends for one value.
 
@@ -330,8 +325,6 @@ class Outcome:
         plots: figures by name, written as NAME.png.
         files: what else is written, by name: text, or the bytes of a picture.
         notes: lines that stand below the tables.
-        finished: False where it was stopped by its own limit: then nothing but the notes is shown, and running it
-            again goes on.
     """
 
     values: Any = None
@@ -339,7 +332,6 @@ class Outcome:
     plots: Mapping[str, Figure] = field(default_factory=dict)
     files: Mapping[str, str | bytes] = field(default_factory=dict)
     notes: Sequence[str] = ()
-    finished: bool = True
 
     def parts(self) -> Iterator[tuple[str, Callable[[Path], Any]]]:
         """The files of the result: the name of each, and what writes it to a path."""

@@ -35,20 +35,19 @@ def test_a_file_that_is_whole_is_told_and_half_a_file_vanishes(
     assert capsys.readouterr().err == f"tsuiseki: interrupted; {tmp_path / 'a.json'} is written\n"
 
 
-def experiment(bench: Bench, end: int = 0, finished: bool = True, seed: int = 0) -> Outcome:
+def experiment(bench: Bench, end: int = 0, seed: int = 0) -> Outcome:
     """An experiment of no work.
 
     Args:
         bench: keeps what was computed.
         end: signal with which it is ended.
-        finished: whether it comes to its end.
         seed: of nothing.
     """
     del bench, seed
     if end:
         signal.raise_signal(signal.Signals(end))
     table = Table("found", ("what", "here"), [("one", "1.0")])
-    return Outcome({"one": 1.0}, [table], notes=["a note"], finished=finished)
+    return Outcome({"one": 1.0}, [table], notes=["a note"])
 
 
 def reproduce(tmp_path: Path, *words: str) -> int:
@@ -76,11 +75,3 @@ def test_an_experiment_that_is_interrupted_says_where_it_goes_on(
     assert not (tmp_path / "out").exists()
     kept = f"what was computed is kept in {tmp_path / 'cache'}: run the same command again to go on"
     assert capsys.readouterr().err == f"tsuiseki: interrupted; {kept}\n"
-
-
-def test_an_experiment_that_ends_by_its_own_limit_leaves_no_folder(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert reproduce(tmp_path, "--finished=false") == 0
-    assert not (tmp_path / "out").exists()
-    assert capsys.readouterr().out == "a note\n"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
+from tsuiseki.datamodules.scenes.single_clip import SingleClipSettings, draw_single_clip
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.evaluation.single import evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence
@@ -27,6 +27,7 @@ from tsuiseki.trainers.experiments.single_passes import (
     Clip,
     Csrt,
     Recognising,
+    area,
     count_losses,
     follow,
     follow_with_csrt,
@@ -41,8 +42,8 @@ SMALL = CombinedSettings(filter=RegularisedSettings(sizes=1))
 
 
 def clip(seed: int = 1, frames: int = 14) -> Clip:
-    settings = ChaseSettings(frames=frames, width=120, height=90, person_height=(30, 31), passers=0, obstacles=0)
-    made = render_chase(np.random.default_rng(seed), settings)
+    settings = SingleClipSettings(frames=frames, width=120, height=90, person_height=(30, 31), passers=0, obstacles=0)
+    made = draw_single_clip(np.random.default_rng(seed), settings)
     return Clip(SingleSequence(f"tiny-{seed}", (), made.boxes, frozenset({"OCC"})), list(made.images))
 
 
@@ -58,8 +59,8 @@ def test_searches_compare_three_ways_on_the_same_frames() -> None:
         assert len({len(overlaps) for overlaps in part.values()}) == 1
     assert len(during["Fix"]) == 4  # frames 2, 6, 10 and 14: each search ends at once, then three without
     assert len(after["Fix"]) == 9
-    assert 0 <= single.area(np.array(during["Proposed"])) <= 100
-    assert np.isnan(single.area(np.empty(0)))
+    assert 0 <= area(np.array(during["Proposed"])) <= 100
+    assert np.isnan(area(np.empty(0)))
     strip = search_pictures(clip(), KcfParticle(ALWAYS))
     assert strip is not None
     assert (strip.shape[0], strip.shape[1] % 120) == (90, 0)

@@ -20,7 +20,6 @@ from tsuiseki.trainers.experiments.study import (
     bootstrap,
     curves,
     interval,
-    paired_interval,
     tabulated,
     values_of,
     with_bootstrap,
@@ -103,7 +102,6 @@ def test_arrays_of_all_units_are_put_together() -> None:
 def test_intervals_are_students() -> None:
     half = 4.302653 * np.std([1, 2, 4], ddof=1) / np.sqrt(3)
     assert interval(np.array([1.0, 2.0, 4.0])) == pytest.approx((7 / 3, 7 / 3 - half, 7 / 3 + half))
-    assert paired_interval(np.array([2.0, 4.0, 5.0]), np.array([1.0, 2.0, 1.0]))[0] == pytest.approx(7 / 3)
     assert np.isnan(interval(np.array([1.0]))[1])
 
 
