@@ -76,7 +76,7 @@ def drone(
     models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)
     with output.run() as run:
         tell_reading(run, models.observers.detect)
-        found = follow(run, source, models, method, drone, cache and (video.source, cache), changes)
+        found = follow(run, source, models, method, drone, None if cache is None else (video.source, cache), changes)
         if found.facts:
             run.facts["flow"] = dict(found.facts)
             if unknown := found.facts["camera_unknown"]:
