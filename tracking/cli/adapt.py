@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from tsuiseki.trainers.adapt.round import Round
     from tsuiseki.trainers.adapt.rounds import Adaptation
     from tsuiseki.trainers.adapt.settings import AdaptSettings
-    from tsuiseki.trainers.adapt.watch import Camera
+    from tsuiseki.trainers.adapt.watch import CameraVideos
 
 # Pictures, labels and detectors of the rounds, until the result is whole.
 WORK = ".adapt"
@@ -134,7 +134,7 @@ def _kept(work: Path) -> Iterator[None]:
         raise Interrupted(error.number, kept) from error
 
 
-def _said_of_motion(camera: Camera) -> list[str]:
+def _said_of_motion(camera: CameraVideos) -> list[str]:
     """What of the camera's movement is worth a line, and what follows."""
     said = []
     for video in camera.videos:
