@@ -1,7 +1,4 @@
-"""`tsuiseki track drone`: follow people in video from a drone, and say what they do.
-
-What `tsuiseki track drone` and `tsuiseki demo --scene drone` share: observe, link, write.
-"""
+"""`tsuiseki track drone`: people in video from a drone, and what they do. The demo of a drone shares its parts."""
 
 from __future__ import annotations
 
