@@ -14,7 +14,7 @@ from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import Interrupted, signal_of
 
 if TYPE_CHECKING:
-    from tsuiseki.trainers.experiments.experiment import Outcome
+    from tsuiseki.trainers.experiments.study import Outcome
 
 T = TypeVar("T")
 
@@ -55,8 +55,8 @@ def reproduction(name: str, experiment: Callable[..., Outcome]) -> Callable[...,
 
 
 def _outcome(experiment: Callable[..., Outcome], cache: Path, options: Mapping[str, Any]) -> Outcome:
-    from tsuiseki.trainers.experiments.experiment import Bench, Watch
     from tsuiseki.trainers.experiments.store import Store
+    from tsuiseki.trainers.experiments.study import Bench, Watch
 
     class Terminal(Watch):
         def over(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:

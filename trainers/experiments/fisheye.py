@@ -50,7 +50,16 @@ from tsuiseki.trainers.experiments.fisheye_rows import (
     tracked,
     world_errors,
 )
-from tsuiseki.trainers.experiments.study import Bench, Column, Outcome, Table, at_least_one, tabulated, with_interval
+from tsuiseki.trainers.experiments.study import (
+    Bench,
+    Column,
+    Name,
+    Outcome,
+    Table,
+    at_least_one,
+    tabulated,
+    with_interval,
+)
 
 ROOMS: tuple[Room, ...] = ("large", "small")
 VALIDATION_SEEDS = (900, 901)
@@ -282,7 +291,7 @@ def _people_table(label: str, place: int, rows: Mapping[str, Mapping[str, Any]])
     names = ("mota", "idf1", "hota", "id_switches")
     found = {name: [dict(zip(names, one, strict=True)) for one in zip(*(row[n] for n in names), strict=True)]
              for name, row in rows.items()}  # fmt: skip
-    paper = {name: line[place] for name, line in PAPER.items()}
+    paper: dict[Name, float] = {name: line[place] for name, line in PAPER.items()}
     columns = (
         Column("MOTA", "mota", ".1f", show=with_interval, paper=paper, gain=with_interval),
         Column("IDF1", "idf1", ".1f", gain=with_interval),

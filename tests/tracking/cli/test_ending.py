@@ -12,7 +12,7 @@ from tsuiseki.tracking.cli.ending import ended
 from tsuiseki.tracking.cli.parser import call
 from tsuiseki.tracking.cli.reproduce import reproduction
 from tsuiseki.tracking.options import PlottedFile
-from tsuiseki.trainers.experiments.experiment import Bench, Outcome, Table
+from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 

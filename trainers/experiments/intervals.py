@@ -1,3 +1,0 @@
-"""Moved to `study`; goes when the last experiment imports from there."""
-
-from tsuiseki.trainers.experiments.study import interval as interval
