@@ -156,15 +156,26 @@ def command_and_options(line: str) -> tuple[tuple[str, ...], list[str]]:
 LINES = sorted({(name_of(page), line.strip()) for page in EVERY_PAGE for line in commands_in(text_of(page))})
 
 
+COMMANDS = sorted({command_and_options(line)[0] for _, line in LINES} - {()})
+# Of benchmarks.
+OF_OTHERS = frozenset({"--delay"})
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "command", sorted({command_and_options(line)[0] for _, line in LINES} - {()}), ids=lambda command: " ".join(command)
-)
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: " ".join(command))
 def test_commands_that_pages_name_exist_with_their_options(command: tuple[str, ...]) -> None:
     for page, line in LINES:
         named, options = command_and_options(line)
         if named == command:
             assert set(options) <= help_of(command), f"{page}: {line}"
+
+
+@pytest.mark.slow
+def test_options_that_pages_name_alone_exist() -> None:
+    known = frozenset().union(*(help_of(command) for command in COMMANDS))
+    text = "\n".join(FENCE.sub("", text_of(page)) for page in EVERY_PAGE)
+    named = {option.replace("_", "-") for option in re.findall(r"`(--[a-z][\w.-]*[\w])[^`]*`", text)}
+    assert sorted(named - known - OF_OTHERS) == []
 
 
 # ---- Lines that run

@@ -1,13 +1,12 @@
 """Recall of exported drone detectors: on labelled clips, and of the one labelled person of a UAV123 sequence.
 
     python -m benchmarks.drone.detector --detector tracking/weights/detector_drone.onnx [--clips DIR …]
-        [--uav ../shared/data/sot/uav/person12] [--frames 102-201] [--every 1] [--bridging] [--write-mot DIR]
+        [--uav ../shared/data/sot/uav/person12] [--frames 102-201] [--every 1] [--write-mot DIR]
         [--precision 0.75]
 
 Clips are MOTChallenge sequences; people of whom less than 40 % shows are left out. In a sequence of UAV123 everybody
 but the labelled person is unknown, so detections beside it need not be wrong. A person is found where a detection has
-an IoU of 0.5 or more with the label; with ``--bridging`` also where a correlation filter that began at a detection
-has one, on consecutive frames. ``--write-mot`` makes a MOTChallenge sequence of those frames, with links to the
+an IoU of 0.5 or more with the label. ``--write-mot`` makes a MOTChallenge sequence of those frames, with links to the
 images, to fine-tune on. ``--precision`` looks for the least score, by hundredths, at which the mean precision on the
 clips is so high, and prints the mean recall there.
 """
@@ -22,12 +21,10 @@ import numpy as np
 
 from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images
 from tsuiseki.tracking.drone.observations import Observers, observe
-from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import list_images, write_sequence_info
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
-from tsuiseki.tracking.people.bridging import BridgingSettings
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.image_folder import read_image
@@ -45,12 +42,9 @@ def main() -> None:
     parser.add_argument("--uav", type=Path)
     parser.add_argument("--frames", default="1-100000")
     parser.add_argument("--every", type=int, default=1)
-    parser.add_argument("--bridging", action="store_true")
     parser.add_argument("--write-mot", type=Path)
     parser.add_argument("--precision", type=float)
     arguments = parser.parse_args()
-    if arguments.bridging and arguments.precision is not None:
-        parser.error("expected --precision without --bridging: it measures detections alone; give one of them")
     cv2.setNumThreads(1)
     first, last = map(int, arguments.frames.split("-"))
     if arguments.write_mot is not None:
@@ -61,7 +55,7 @@ def main() -> None:
     if arguments.uav is not None:
         samples[arguments.uav.name] = uav_images(arguments.uav)[first - 1 : last]
     for name, images in samples.items():
-        report(name, arguments.detector, images[:: arguments.every], BridgingSettings() if arguments.bridging else None)
+        report(name, arguments.detector, images[:: arguments.every])
     if arguments.precision is not None:
         at_precision(arguments.detector, [i[:: arguments.every] for i in samples.values()], arguments.precision)
 
@@ -98,10 +92,10 @@ def write_mot(images: list[LabelledFrame], folder: Path) -> None:
     write_sequence_info(folder, images[0].sequence, 30.0, count, width, height)
 
 
-def report(name: str, detector: Path, images: list[LabelledFrame], bridging: BridgingSettings | None) -> None:
+def report(name: str, detector: Path, images: list[LabelledFrame]) -> None:
     """Print a line for each threshold of the score."""
     for threshold in THRESHOLDS:
-        observers = Observers(Detector(detector, threshold, threads=1), None, None, CameraMotionSettings(), 4, bridging)
+        observers = Observers(Detector(detector, threshold, threads=1), camera=True)
         frames = (Frame(sample.frame, float(sample.frame), read_image(sample.path)) for sample in images)
         people = hits = total = right = 0
         for sample, seen in zip(images, observe(frames, observers), strict=True):

@@ -21,6 +21,7 @@ from tsuiseki.tracking.animals.skeleton import (
 )
 from tsuiseki.tracking.animals.tracker import AnimalTracker
 from tsuiseki.tracking.cli.options import Output, Video
+from tsuiseki.tracking.cli.run import Run
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.types.frame_range import parse_frames
@@ -175,9 +176,7 @@ def animals(
     """
     from tsuiseki.tracking.animals.page import write_animals
     from tsuiseki.tracking.cli.run import count, frames_expected
-    from tsuiseki.tracking.formats.body_points import write_deeplabcut, write_sleap
     from tsuiseki.tracking.formats.body_states import write_states
-    from tsuiseki.tracking.formats.sleap_hdf5 import hdf5_installed, write_sleap_analysis
 
     source = video.open(images=True, replayable=True, timed=True)
     table = skeleton.table()
@@ -207,11 +206,19 @@ def animals(
         run.columns = {"frame": [n + 1 for n in numbers], "animals": [len(poses) for poses in seen]}
         run.write("states.csv", lambda path: write_states(path, tracks, fields))
         if placed is not None:
-            run.write("points.sleap.csv", lambda path: write_sleap(path, placed))
-            run.write("points.dlc.csv", lambda path: write_deeplabcut(path, placed, numbers[-1] + 1))
-            if hdf5_installed():
-                run.write("points.sleap.h5", lambda path: write_sleap_analysis(path, placed, numbers[-1] + 1))
+            _write_points(run, placed, numbers[-1] + 1)
         video.draw(run, source, lambda path, again: write_animals(path, again, tracks, placed, source.frame_rate))
         hint = "" if tracks else "; nothing stands out, give `threshold` or another `contrast`"
         run.done(f"{count(len(tracks), 'animal', 'animals')} in {run.count} frames: {output.out / 'states.csv'}{hint}")
     return run.status
+
+
+def _write_points(run: Run, placed: PointTable, frames: int) -> None:
+    """The points of all animals in the files of other programs, of so many ``frames``."""
+    from tsuiseki.tracking.formats.body_points import write_deeplabcut, write_sleap
+    from tsuiseki.tracking.formats.sleap_hdf5 import hdf5_installed, write_sleap_analysis
+
+    run.write("points.sleap.csv", lambda path: write_sleap(path, placed))
+    run.write("points.dlc.csv", lambda path: write_deeplabcut(path, placed, frames))
+    if hdf5_installed():
+        run.write("points.sleap.h5", lambda path: write_sleap_analysis(path, placed, frames))

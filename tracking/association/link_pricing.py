@@ -165,8 +165,10 @@ class _Prices:
         asked = np.flatnonzero(np.isnan(covered))
         covered[asked] = self.hiding.between(i[kept[asked]], j[kept[asked]])
         price = total[kept] + cost.waiting(seconds[kept], one_frame, covered)
-        columns = (seconds, distance, motion)
-        parts = LinkParts(i[kept], j[kept], *self.beliefs, *(c[kept] for c in columns), covered, price, action[kept])
+        past, future = self.beliefs
+        parts = LinkParts(
+            i[kept], j[kept], past, future, seconds[kept], distance[kept], motion[kept], covered, price, action[kept]
+        )
         return kept, parts
 
     def _learnt_up_to(self) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,17 +30,32 @@ from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import Source, open_source
 
 
+class BodyKeywords(TypedDict, total=False):
+    """What `track_deformable` and `follow_deformable` take beside the source and the body.
+
+    Attributes:
+        colour: of the bodies, by name or as ``"H1-H2,S1-S2,V1-V2"`` with hues in degrees; or ``any`` (the default),
+            ``bright`` or ``dark`` for what stands out in this way from a background that a fixed camera sees behind
+            them. A live source needs a colour.
+        motion: file of `tsuiseki train motion`, what was learnt of this body.
+        preset: how the body is expected to move; by default ``learnt`` with ``motion`` and ``wide`` without.
+        init: ``(K, D)`` states of the bodies in the first frame; by default they are found there.
+        frames: only these frames, counted from 1 with both ends, such as ``"301-400"``.
+        settings: see `DeformableSettings`.
+        seed: of the particles.
+    """
+
+    colour: str
+    motion: str | Path | None
+    preset: MotionPreset | None
+    init: ArrayLike | None
+    frames: str | None
+    settings: DeformableSettings | None
+    seed: int
+
+
 def track_deformable(
-    source: str | Path | int,
-    body: str = "goldfish",
-    *,
-    colour: str = "any",
-    motion: str | Path | None = None,
-    preset: MotionPreset | None = None,
-    init: ArrayLike | None = None,
-    frames: str | None = None,
-    settings: DeformableSettings | None = None,
-    seed: int = 0,
+    source: str | Path | int, body: str = "goldfish", **keywords: Unpack[BodyKeywords]
 ) -> list[BodyTrack]:
     """Bodies that bend: place, heading and bend of each in every frame.
 
@@ -48,15 +63,7 @@ def track_deformable(
         source: a video file, a folder of images, or a MOTChallenge sequence folder.
         body: ``goldfish`` or ``ball``, with its sizes in pixels where they differ, such as
             ``"goldfish,length=40,width=14,tail=20"``, or a file of `tsuiseki train body`.
-        colour: theirs, by name or as ``"H1-H2,S1-S2,V1-V2"`` with hues in degrees; or ``any``, ``bright`` or ``dark``
-            for what stands out in this way from a background that a fixed camera sees behind them. A live source needs
-            a colour.
-        motion: file of `tsuiseki train motion`, what was learnt of this body.
-        preset: how the body is expected to move; by default ``learnt`` with ``motion`` and ``wide`` without.
-        init: ``(K, D)`` states of the bodies in the first frame; by default they are found there.
-        frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
-        settings: see `DeformableSettings`.
-        seed: of the particles.
+        keywords: see `BodyKeywords`.
 
     Returns:
         The tracks by id, frames counted from 0 at the beginning of the video.
@@ -65,7 +72,7 @@ def track_deformable(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    opened, tracker = _prepared(source, frames, _choice(body, motion, preset, init, colour, settings), seed)
+    opened, tracker = _opened(source, body, **keywords)
     if opened.live and opened.frames_wanted.last is None:
         raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_deformable")
     for frame in opened.frames():
@@ -74,22 +81,13 @@ def track_deformable(
 
 
 def follow_deformable(
-    source: str | Path | int,
-    body: str = "goldfish",
-    *,
-    colour: str = "any",
-    motion: str | Path | None = None,
-    preset: MotionPreset | None = None,
-    init: ArrayLike | None = None,
-    frames: str | None = None,
-    settings: DeformableSettings | None = None,
-    seed: int = 0,
+    source: str | Path | int, body: str = "goldfish", **keywords: Unpack[BodyKeywords]
 ) -> Iterator[tuple[Frame, list[BodyTrack]]]:
     """Each frame with the bodies in it, each as a track of this one frame, while the video comes.
 
     Arguments and errors are those of `track_deformable`.
     """
-    opened, tracker = _prepared(source, frames, _choice(body, motion, preset, init, colour, settings), seed)
+    opened, tracker = _opened(source, body, **keywords)
 
     def each() -> Iterator[tuple[Frame, list[BodyTrack]]]:
         for frame in opened.frames():
@@ -98,6 +96,22 @@ def follow_deformable(
             tracker.forget()
 
     return each()
+
+
+def _opened(source: str | Path | int, body: str, **keywords: Unpack[BodyKeywords]) -> tuple[Source, DeformableTracker]:
+    opened = open_source(str(source), parse_frames(keywords.get("frames")))
+    if not opened.has_images:
+        raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
+    init, motion = keywords.get("init"), keywords.get("motion")
+    choice = BodyChoice(
+        body,
+        None if motion is None else Path(motion),
+        keywords.get("preset"),
+        init=None if init is None else np.atleast_2d(np.asarray(init, dtype=np.float64)).tolist(),
+        colour=keywords.get("colour", "any"),
+        deformable=keywords.get("settings") or DeformableSettings(),
+    )
+    return opened, body_tracker(choice, opened, keywords.get("seed", 0))
 
 
 def body_pixels(choice: BodyChoice, source: Source) -> BodyPixels:
@@ -136,29 +150,6 @@ def columns_of(tracks: Sequence[BodyTrack], frames: Sequence[int]) -> dict[str, 
         for frame, tracking in zip(track.frames, track.tracking, strict=True):
             seen[int(frame) - frames[0]] += int(tracking)
     return {"frame": [index + 1 for index in frames], "tracking": list(seen), **scores}
-
-
-def _prepared(
-    source: str | Path | int, frames: str | None, choice: BodyChoice, seed: int
-) -> tuple[Source, DeformableTracker]:
-    opened = open_source(str(source), parse_frames(frames))
-    if not opened.has_images:
-        raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
-    return opened, body_tracker(choice, opened, seed)
-
-
-def _choice(
-    body: str,
-    motion: str | Path | None,
-    preset: MotionPreset | None,
-    init: ArrayLike | None,
-    colour: str,
-    settings: DeformableSettings | None,
-) -> BodyChoice:
-    """What is asked from Python."""
-    states = None if init is None else np.atleast_2d(np.asarray(init, dtype=np.float64)).tolist()
-    path, chosen = None if motion is None else Path(motion), settings or DeformableSettings()
-    return BodyChoice(body, path, preset, init=states, colour=colour, deformable=chosen)
 
 
 def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:

@@ -133,7 +133,7 @@ def with_option(message: str, words: Iterable[str]) -> str:
     '--filter.gain: expected a gain from 0, got -1'
     """
     names = {word.partition("=")[0] for word in words if word.startswith("--")}
-    # A message speaks of the field: of `most_frames` for --bridging.most-frames.
+    # A message speaks of the field: of `min_time` for --flow.min-time.
     fields = {name: name.rpartition(".")[2].replace("-", "_") for name in names if "." in name}
     meant = [name for name, field in fields.items() if re.search(rf"\b{re.escape(field)}\b", message)]
     return message if message.startswith("--") or len(meant) != 1 else f"{meant[0]}: {message}"

@@ -15,7 +15,6 @@ import numpy as np
 from tsuiseki.tracking.drone.observations import Observers, file_digest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser
-from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.mot import read_tracks
@@ -84,9 +83,9 @@ class DroneModels:
         describe = as_describer(looked, finding.threads) if used else None
         streams = _streams(method, actions, needed=given is not None)
         recognise = ActionRecogniser(streams, finding.threads) if streams else None
-        camera = CameraMotionSettings() if camera_motion and given is None else None
+        camera = camera_motion and given is None
         key = {name: None if path is None else file_digest(path) for name, path in paths.items()}
-        key |= _streams_key(streams) | {"motion": repr(camera)}
+        key |= _streams_key(streams) | {"motion": str(camera)}
         key |= {"score_threshold": str(finding.score_threshold), "score_range": str(finding.score_range)}
         key |= finding.how
         observers = Observers(detect, describe, recognise, camera, finding.batch_size)

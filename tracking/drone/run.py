@@ -66,29 +66,21 @@ def drone(
     from tsuiseki.tracking.association.learnt_costs import CostNetwork
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
     from tsuiseki.tracking.drone.models import DroneModels
-    from tsuiseki.tracking.features.camera_path import said_of_camera
+    from tsuiseki.tracking.features.camera_path import line_on_camera
 
     if not 0 <= threshold <= 1:
         raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
     changes = None if affinity is None else CostNetwork(affinity, finding.threads)
     source = video.open(images=True, replayable=True)
-    models = DroneModels.choose(
-        source,
-        method,
-        finding,
-        finding.appearance,
-        actions,
-        tracks,
-        camera_motion=not keep_camera_motion,
-    )
+    moving = not keep_camera_motion
+    models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)
     with output.run() as run:
-        kept = None if cache is None else (video.source, cache)
         tell_reading(run, models.observers.detect)
-        found = follow(run, source, models, method, drone, kept, changes)
+        found = follow(run, source, models, method, drone, cache and (video.source, cache), changes)
         if found.facts:
             run.facts["flow"] = dict(found.facts)
             if unknown := found.facts["camera_unknown"]:
-                print(said_of_camera(unknown))
+                print(line_on_camera(unknown))
         tell_blank(models.observers.detect)
         write_result(run, found, source, threshold, video=video)
         who = "person" if len(found.people) == 1 else "people"

@@ -7,7 +7,7 @@ frames are searched for what they share (`camera_search`). Where that does not t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.camera_search import (
-    CameraSearchSettings,
     FoundStep,
     Pattern,
     agreement,
@@ -30,63 +29,33 @@ Grey = NDArray[np.uint8]
 STANDS_STILL = np.eye(3)[:2]
 
 
-@dataclass(frozen=True)
-class CameraMotionSettings:
-    """Settings of the estimate.
-
-    Attributes:
-        longest_side: frames are shrunk to it, pixels.
-        features: tracked at most.
-        reach: largest error of a feature that moved with the camera, pixels of the shrunk frame.
-        still: movement of the corners, pixels of the shrunk frame, under which the camera stood still.
-        least: features that must agree; with fewer they do not tell how the camera moved.
-        majority: share of the features that agree, from which what they say is taken as it is, for people who move may
-            be all else that is seen; and share from which it is taken where the search tells nothing.
-        sure: agreement of the frames, a correlation, from which what the features say is taken as it is.
-        doubtful: agreement from which it is refined; below it frames are searched for what they share.
-        accepted: agreement from which a step that was searched for is believed; half of it where features say the same.
-        ahead: what a step that was searched for leaves unexplained, 1 less the agreement, is at most this share of what
-            any other leaves.
-        doubt: deviation of a step whose frames do not agree at all, in longest sides; less where they agree more, and
-            none from ``sure`` on.
-        patience: frames of a camera that stands still that are compared with one and the same, so that it cannot
-            creep away unnoticed; and frames after an unknown one that are also compared with the one before it.
-        search: for what two frames share.
-    """
-
-    longest_side: int = 640
-    features: int = 400
-    reach: float = 1.5
-    still: float = 0.3
-    least: int = 12
-    majority: tuple[float, float] = (0.5, 0.2)
-    sure: float = 0.95
-    doubtful: float = 0.7
-    accepted: float = 0.5
-    ahead: float = 0.8
-    doubt: float = 0.02
-    patience: int = 15
-    search: CameraSearchSettings = field(default_factory=CameraSearchSettings)
-
-    def __post_init__(self) -> None:
-        if min(self.longest_side, self.features, self.least) < 4 or self.patience < 1:
-            raise ValueError(
-                "expected longest_side, features and least from 4 and patience from 1, "
-                f"got {self.longest_side}, {self.features}, {self.least} and {self.patience}"
-            )
-        if not (self.reach > 0 and self.still >= 0 and self.doubt >= 0):
-            raise ValueError(f"expected reach > 0, still and doubt >= 0, got {self.reach}, {self.still}, {self.doubt}")
-        if not -1 <= self.accepted <= self.doubtful <= self.sure <= 1:
-            raise ValueError(
-                "expected -1 <= accepted <= doubtful <= sure <= 1, "
-                f"got {self.accepted}, {self.doubtful} and {self.sure}"
-            )
+# Frames are shrunk to this longest side, pixels; and features that are tracked at most.
+LONGEST_SIDE, FEATURES = 640, 400
+# Largest error of a feature that moved with the camera, and movement of the corners under which the camera stood still,
+# pixels of the shrunk frame.
+REACH, STILL = 1.5, 0.3
+# Features that must agree; with fewer they do not tell how the camera moved.
+LEAST = 12
+# Share of the features that agree, from which what they say is taken as it is, for people who move may be all else that
+# shows; and share from which it is taken where the search tells nothing.
+MAJORITY, MINORITY = 0.5, 0.2
+# Agreement of the frames, a correlation, from which what the features say is taken as it is; from which it is refined,
+# and below which frames are searched for what they share; and from which a step that was searched for is taken, half of
+# it where features say the same.
+SURE, DOUBTFUL, ACCEPTED = 0.95, 0.7, 0.5
+# What a step that was searched for leaves unexplained, 1 less the agreement, is at most this share of what any other
+# leaves.
+AHEAD = 0.8
+# Deviation of a step whose frames do not agree at all, in longest sides; less where they agree more.
+DEVIATION = 0.02
+# Frames of a camera that stands still that are compared with one and the same, so that it cannot creep away unnoticed;
+# and frames after an unknown one that are also compared with the one before it.
+PATIENCE = 15
 
 
 def camera_motion(
     before: ImageArray,
     after: ImageArray,
-    settings: CameraMotionSettings | None = None,
     people: FloatArray | None = None,
 ) -> FloatArray | None:
     """``(2, 3)`` similarity that takes pixels of the frame ``before`` to those of ``after``; None where nothing tells.
@@ -96,27 +65,24 @@ def camera_motion(
     Args:
         before: ``(H, W, 3)`` uint8 RGB or ``(H, W)`` uint8 grey.
         after: of the same shape.
-        settings: by default those of ``CameraMotionSettings()``.
         people: ``(N, 4)`` boxes in ``before`` of what may move by itself.
 
     Raises:
         ValueError: the frames differ in shape.
     """
-    step = camera_step(before, after, settings, people)
+    step = camera_step(before, after, people)
     return None if step is None else step.similarity
 
 
 def camera_step(
     before: ImageArray,
     after: ImageArray,
-    settings: CameraMotionSettings | None = None,
     people: FloatArray | None = None,
 ) -> CameraStep | None:
     """The same with how far it may be off; see `camera_motion`."""
     if before.shape != after.shape:
         raise ValueError(f"expected two frames of one shape, got {before.shape} and {after.shape}")
-    settings = settings or CameraMotionSettings()
-    return frame_step(CameraFrame.of(before, settings, people), CameraFrame.of(after, settings, None))
+    return frame_step(CameraFrame.of(before, people), CameraFrame.of(after, None))
 
 
 @dataclass(frozen=True)
@@ -127,21 +93,19 @@ class CameraFrame:
         image: ``(h, w, 3)`` shrunk.
         ratio: its width to that of the frame.
         people: boxes in the frame, or None.
-        settings: of the estimate.
     """
 
     image: ImageArray
     ratio: float
     people: FloatArray | None
-    settings: CameraMotionSettings
 
     @classmethod
-    def of(cls, image: ImageArray, settings: CameraMotionSettings, people: FloatArray | None) -> CameraFrame:
+    def of(cls, image: ImageArray, people: FloatArray | None) -> CameraFrame:
         height, width = image.shape[:2]
-        ratio = min(settings.longest_side / max(height, width), 1.0)
+        ratio = min(LONGEST_SIDE / max(height, width), 1.0)
         small = cv2.resize(image, (round(width * ratio), round(height * ratio)), interpolation=cv2.INTER_AREA)
         colour = small if small.ndim == 3 else cv2.cvtColor(small, cv2.COLOR_GRAY2RGB)
-        return cls(np.asarray(colour, dtype=np.uint8), small.shape[1] / width, people, settings)
+        return cls(np.asarray(colour, dtype=np.uint8), small.shape[1] / width, people)
 
     @cached_property
     def grey(self) -> Grey:
@@ -151,7 +115,7 @@ class CameraFrame:
     @cached_property
     def pattern(self) -> Pattern:
         """What the search and the check compare."""
-        return pattern(self.image, self.settings.search)
+        return pattern(self.image)
 
     @cached_property
     def features(self) -> NDArray[np.float32]:
@@ -159,40 +123,39 @@ class CameraFrame:
         mask = np.full(self.grey.shape, 255, dtype=np.uint8)
         for x1, y1, x2, y2 in np.empty((0, 4)) if self.people is None else self.people * self.ratio:
             mask[max(int(y1), 0) : max(int(np.ceil(y2)), 0), max(int(x1), 0) : max(int(np.ceil(x2)), 0)] = 0
-        found = cv2.goodFeaturesToTrack(self.grey, self.settings.features, 0.01, 8, mask=mask)
+        found = cv2.goodFeaturesToTrack(self.grey, FEATURES, 0.01, 8, mask=mask)
         none = np.empty((0, 2), dtype=np.float32)
         return none if found is None else np.asarray(found, dtype=np.float32).reshape(-1, 2)
 
 
 def frame_step(first: CameraFrame, second: CameraFrame) -> CameraStep | None:
     """The step from one view to another, in pixels of the frames; None where nothing tells."""
-    settings = first.settings
     followed = _by_features(first, second)
-    if followed is not None and (followed.agreement >= settings.sure or followed.share >= settings.majority[0]):
+    if followed is not None and (followed.agreement >= SURE or followed.share >= MAJORITY):
         return CameraStep(_in_frames(first, followed).similarity)
-    if followed is not None and followed.agreement >= settings.doubtful:
-        refined = refine(first.pattern, second.pattern, followed.similarity, settings.search)
+    if followed is not None and followed.agreement >= DOUBTFUL:
+        refined = refine(first.pattern, second.pattern, followed.similarity)
         # Where features agree on the wrong, most of what they leave unexplained goes away.
         better = refined is not None and 1 - refined.agreement < 0.5 * (1 - followed.agreement)
         return _in_frames(first, refined if refined is not None and better else followed)
-    best, *others = search(first.pattern, second.pattern, settings.search)
-    ahead = 1 - best.agreement <= settings.ahead * (1 - max((step.agreement for step in others), default=-1.0))
+    best, *others = search(first.pattern, second.pattern)
+    ahead = 1 - best.agreement <= AHEAD * (1 - max((step.agreement for step in others), default=-1.0))
     if followed is not None and leads_to_the_same(followed, best, first.pattern):
         # Two ways that come to the same need agree less.
-        if ahead and best.agreement >= settings.accepted / 2:
+        if ahead and best.agreement >= ACCEPTED / 2:
             return _in_frames(first, best if best.agreement > followed.agreement + 0.02 else followed)
-    elif ahead and best.agreement >= settings.accepted:
+    elif ahead and best.agreement >= ACCEPTED:
         return _in_frames(first, best)
-    return _in_frames(first, followed) if followed is not None and followed.share >= settings.majority[1] else None
+    return _in_frames(first, followed) if followed is not None and followed.share >= MINORITY else None
 
 
 def _in_frames(first: CameraFrame, found: FoundStep) -> CameraStep:
     """A step between patterns in pixels of the frames, the more in doubt the less the patterns agree."""
     ratio = first.image.shape[1] / first.ratio / first.pattern.shape[1]
     similarity = np.column_stack([found.similarity[:, :2], found.similarity[:, 2] * ratio])
-    if found.agreement >= first.settings.sure:
+    if found.agreement >= SURE:
         return CameraStep(similarity)
-    return CameraStep(similarity, first.settings.doubt * (1 - found.agreement) * max(first.image.shape) / first.ratio)
+    return CameraStep(similarity, DEVIATION * (1 - found.agreement) * max(first.image.shape) / first.ratio)
 
 
 @dataclass(frozen=True)
@@ -204,17 +167,17 @@ class _ByFeatures(FoundStep):
 
 def _by_features(first: CameraFrame, second: CameraFrame) -> _ByFeatures | None:
     """The similarity that most features agree on; None where too few do."""
-    settings, start = first.settings, first.features
-    if len(start) < settings.least:
+    start = first.features
+    if len(start) < LEAST:
         return None
     best: _ByFeatures | None = None
     # What moves by itself may lead the common shift astray, which a camera that stands still does not need.
     for shift in (_common_shift(first.grey, second.grey), np.zeros(2, dtype=np.float32)):
         end, found = _follow(first.grey, second.grey, start, shift)
-        followed = _agreed(first, second, start[found], end[found]) if found.sum() >= settings.least else None
+        followed = _agreed(first, second, start[found], end[found]) if found.sum() >= LEAST else None
         if followed is not None and (best is None or followed.share > best.share):
             best = followed
-        if best is not None and best.share >= settings.majority[0]:
+        if best is not None and best.share >= MAJORITY:
             break
     return best
 
@@ -223,19 +186,18 @@ def _agreed(
     first: CameraFrame, second: CameraFrame, start: NDArray[np.float32], end: NDArray[np.float32]
 ) -> _ByFeatures | None:
     """The similarity that takes most of ``start`` ``(N, 2)`` to ``end``; None where too few agree."""
-    settings = first.settings
     matrix, inliers = cv2.estimateAffinePartial2D(
-        start, end, method=cv2.RANSAC, ransacReprojThreshold=settings.reach, maxIters=500, confidence=0.995
+        start, end, method=cv2.RANSAC, ransacReprojThreshold=REACH, maxIters=500, confidence=0.995
     )
-    if matrix is None or int(inliers.sum()) < settings.least:
+    if matrix is None or int(inliers.sum()) < LEAST:
         return None
     result = np.asarray(matrix, dtype=np.float64)
     corners = np.array([[x, y, 1.0] for x in (0, first.grey.shape[1]) for y in (0, first.grey.shape[0])])
-    if np.linalg.norm(corners @ result.T - corners[:, :2], axis=1).max() < settings.still:
+    if np.linalg.norm(corners @ result.T - corners[:, :2], axis=1).max() < STILL:
         result = STANDS_STILL
     ratio = first.pattern.shape[1] / first.grey.shape[1]
     similarity = np.column_stack([result[:, :2], result[:, 2] * ratio])
-    fit = agreement(first.pattern, second.pattern, similarity, settings.search.overlap)
+    fit = agreement(first.pattern, second.pattern, similarity)
     return _ByFeatures(similarity, fit, int(inliers.sum()) / len(first.features))
 
 

@@ -17,9 +17,9 @@ from typing import Literal
 import numpy as np
 
 from tsuiseki.tracking.features.camera_motion import (
+    PATIENCE,
     STANDS_STILL,
     CameraFrame,
-    CameraMotionSettings,
     CameraStep,
     frame_step,
 )
@@ -177,14 +177,14 @@ def move_boxes(boxes: FloatArray, similarities: FloatArray) -> FloatArray:
     return np.concatenate([moved - half, moved + half], axis=1)
 
 
-def said_of_camera(unknown: Sequence[Sequence[int]], source: Literal["boxes", "images"] = "images") -> str:
+def line_on_camera(unknown: Sequence[Sequence[int]], source: Literal["boxes", "images"] = "images") -> str:
     """One line on the frames of which too little tells how the camera moved there.
 
     Args:
         unknown: first and last frame, counted from 1, of at least one run of them.
         source: of the estimate.
 
-    >>> said_of_camera([[13, 13], [87, 95]])
+    >>> line_on_camera([[13, 13], [87, 95]])
     'how the camera moved into frames 13, 87-95 is not known; links over them reach further'
     """
     which = ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in unknown[:5])
@@ -212,13 +212,11 @@ class CameraPath:
     whose place is known, too, so that one smeared frame does not lose the way.
 
     Attributes:
-        settings: of the estimate.
         transforms: one ``(2, 3)`` similarity a frame that is not forgotten, from its pixels to those of the first.
         deviations: by frame, standard deviation in pixels of where the frame before lies in it, where that is in doubt.
         unknown: frames whose movement nothing told; they lie where the frame before does.
     """
 
-    settings: CameraMotionSettings = field(default_factory=CameraMotionSettings)
     transforms: list[FloatArray] = field(default_factory=list)
     deviations: dict[int, float] = field(default_factory=dict)
     unknown: FrameRuns = field(default_factory=FrameRuns)
@@ -241,11 +239,11 @@ class CameraPath:
     def add(self, image: ImageArray, people: FloatArray | None = None) -> FloatArray:
         """Take the next frame, in which ``people`` ``(N, 4)`` may move by themselves; returns its transform."""
         frame, before = len(self), self._before
-        view = CameraFrame.of(image, self.settings, None if people is None else np.asarray(people, dtype=np.float64))
+        view = CameraFrame.of(image, None if people is None else np.asarray(people, dtype=np.float64))
         transform = STANDS_STILL if before is None else self._transform(before, view, frame)
         self.transforms.append(transform)
         still = before is not None and transform is before.transform and frame not in self.unknown
-        if before is None or not still or frame - before.frame >= self.settings.patience:
+        if before is None or not still or frame - before.frame >= PATIENCE:
             self._before = _Placed(frame, view, transform)
         return transform
 
@@ -278,7 +276,7 @@ class CameraPath:
                 self.unknown.append(frame)
                 self._lost_from = None
                 return _moved_on(lost_from.transform, over)
-            if frame - lost_from.frame >= self.settings.patience:
+            if frame - lost_from.frame >= PATIENCE:
                 self._lost_from = None
         step = frame_step(before.view, view)
         if step is None:

@@ -25,31 +25,15 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 Pattern = NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class CameraSearchSettings:
-    """Settings of the search.
-
-    Attributes:
-        longest_side: patterns are shrunk to it, pixels.
-        detail: standard deviation of the blur that takes detail away, pixels of the pattern.
-        brightness: that of the blur whose result counts as slow brightness.
-        turns: the largest turn and the step between turns, degrees.
-        overlap: least share of the image that two frames must have in common.
-        refined: the best turns that are refined.
-    """
-
-    longest_side: int = 160
-    detail: float = 1.0
-    brightness: float = 12.0
-    turns: tuple[float, float] = (30.0, 5.0)
-    overlap: float = 0.25
-    refined: int = 5
-
-    def __post_init__(self) -> None:
-        if self.longest_side < 16 or self.refined < 1 or not 0 < self.detail < self.brightness:
-            raise ValueError("expected longest_side from 16, refined from 1 and 0 < detail < brightness")
-        if self.turns[0] < 0 or self.turns[1] <= 0 or not 0 < self.overlap < 1:
-            raise ValueError("expected turns from 0 in steps above 0 and overlap between 0 and 1")
+# Patterns are shrunk to this longest side, pixels.
+LONGEST_SIDE = 160
+# Standard deviations of the blur that takes detail away, and of the blur whose result counts as slow brightness, pixels
+# of the pattern.
+DETAIL, BRIGHTNESS = 1.0, 12.0
+# The largest turn and the step between turns, degrees; and the best turns that are refined.
+LARGEST_TURN, TURN_STEP, REFINED = 30.0, 5.0, 5
+# Least share of the image that two frames must have in common.
+OVERLAP = 0.25
 
 
 @dataclass(frozen=True)
@@ -65,23 +49,23 @@ class FoundStep:
     agreement: float
 
 
-def pattern(image: ImageArray, settings: CameraSearchSettings) -> Pattern:
+def pattern(image: ImageArray) -> Pattern:
     """``(h, w, 3)`` float32: what is compared of an image ``(H, W, 3)`` uint8."""
-    ratio = min(settings.longest_side / max(image.shape[:2]), 1.0)
+    ratio = min(LONGEST_SIDE / max(image.shape[:2]), 1.0)
     size = max(round(image.shape[1] * ratio), 8), max(round(image.shape[0] * ratio), 8)
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float32)
-    slow = cv2.GaussianBlur(small, (0, 0), settings.brightness)
-    result = cv2.GaussianBlur(small, (0, 0), settings.detail) - slow
+    slow = cv2.GaussianBlur(small, (0, 0), BRIGHTNESS)
+    result = cv2.GaussianBlur(small, (0, 0), DETAIL) - slow
     # What rounding leaves of a blank image.
     result[np.abs(result) < 0.01] = 0
     return np.asarray(result, dtype=np.float32)
 
 
-def agreement(first: Pattern, second: Pattern, similarity: FloatArray, overlap: float) -> float:
+def agreement(first: Pattern, second: Pattern, similarity: FloatArray) -> float:
     """Correlation of ``second`` with ``first`` moved by ``similarity``, in [-1, 1]; -1 where they share too little."""
     moved, inside = _moved(first, similarity)
     shared = inside > 0
-    if shared.mean() < overlap:
+    if shared.mean() < OVERLAP:
         return -1.0
     one, other = moved[shared], second[shared]
     one, other = one - one.mean(axis=0), other - other.mean(axis=0)
@@ -90,15 +74,14 @@ def agreement(first: Pattern, second: Pattern, similarity: FloatArray, overlap: 
     return float((one * other).sum()) / energy**0.5 if energy > 0 else -1.0
 
 
-def search(first: Pattern, second: Pattern, settings: CameraSearchSettings) -> list[FoundStep]:
+def search(first: Pattern, second: Pattern) -> list[FoundStep]:
     """The steps that explain ``second`` by ``first``, the best first; those that lead to the same place come once."""
-    most, step = settings.turns
-    turns = np.arange(-(most // step) * step, most + step / 2, step)
-    coarse = sorted((_best_shift(first, second, turn, settings) for turn in turns.tolist()), key=lambda s: -s[0])
+    turns = np.arange(-(LARGEST_TURN // TURN_STEP) * TURN_STEP, LARGEST_TURN + TURN_STEP / 2, TURN_STEP)
+    coarse = sorted((_best_shift(first, second, turn) for turn in turns.tolist()), key=lambda s: -s[0])
     found = []
-    for height, guess in coarse[: settings.refined]:
+    for height, guess in coarse[:REFINED]:
         found.append(FoundStep(guess, height))
-        refined = refine(first, second, guess, settings)
+        refined = refine(first, second, guess)
         if refined is not None:
             found.append(refined)
     return _distinct(sorted(found, key=lambda step: -step.agreement), first)
@@ -111,14 +94,12 @@ def _moved(image: Pattern, similarity: FloatArray) -> tuple[Pattern, Pattern]:
     return np.asarray(cv2.warpAffine(image, similarity, size), dtype=np.float32), inside.astype(np.float32)
 
 
-def _best_shift(
-    first: Pattern, second: Pattern, turn: float, settings: CameraSearchSettings
-) -> tuple[float, FloatArray]:
+def _best_shift(first: Pattern, second: Pattern, turn: float) -> tuple[float, FloatArray]:
     """The highest correlation over all shifts of ``first`` turned by ``turn`` degrees, and the similarity."""
     height, width = first.shape[:2]
     similarity = np.asarray(cv2.getRotationMatrix2D((width / 2, height / 2), turn, 1.0), dtype=np.float64)
     turned, inside = _moved(first, similarity)
-    correlation = _masked_correlation(turned * inside[..., None], inside, second, settings.overlap)
+    correlation = _masked_correlation(turned * inside[..., None], inside, second)
     row, column = np.unravel_index(int(np.argmax(correlation)), correlation.shape)
     # Shifts up and to the left are at the end.
     down = int(row) - correlation.shape[0] * (row >= height)
@@ -127,7 +108,7 @@ def _best_shift(
     return float(correlation[row, column]), similarity
 
 
-def _masked_correlation(first: Pattern, inside: Pattern, second: Pattern, overlap: float) -> FloatArray:
+def _masked_correlation(first: Pattern, inside: Pattern, second: Pattern) -> FloatArray:
     """``(2h, 2w)`` correlation coefficient of the parts that overlap, for all shifts; -1 where they are too small."""
     height, width = second.shape[:2]
     shape = scipy.fft.next_fast_len(2 * height, real=True), scipy.fft.next_fast_len(2 * width, real=True)
@@ -149,10 +130,10 @@ def _masked_correlation(first: Pattern, inside: Pattern, second: Pattern, overla
     # What rounding leaves of an empty overlap is no energy.
     floor = 1e-3 * max(energy_first.max(), 0) * max(energy_second.max(), 0) + np.finfo(np.float32).tiny
     result = product / np.sqrt(np.maximum(energy, floor))
-    return np.where(count[..., 0] < overlap * height * width, -1.0, result)
+    return np.where(count[..., 0] < OVERLAP * height * width, -1.0, result)
 
 
-def refine(first: Pattern, second: Pattern, guess: FloatArray, settings: CameraSearchSettings) -> FoundStep | None:
+def refine(first: Pattern, second: Pattern, guess: FloatArray) -> FoundStep | None:
     """The step near ``guess``, turned and shifted, of the highest correlation; None where there is none."""
     back = np.asarray(cv2.invertAffineTransform(guess), dtype=np.float32)
     until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
@@ -162,7 +143,7 @@ def refine(first: Pattern, second: Pattern, guess: FloatArray, settings: CameraS
     except cv2.error:  # It has left the image.
         return None
     similarity = np.asarray(cv2.invertAffineTransform(back.astype(np.float64)), dtype=np.float64)
-    return FoundStep(similarity, agreement(first, second, similarity, settings.overlap))
+    return FoundStep(similarity, agreement(first, second, similarity))
 
 
 def leads_to_the_same(one: FoundStep, other: FoundStep, image: Pattern) -> bool:

@@ -38,27 +38,27 @@ _LEAST_HEIGHT = 1e-9
 _LEAST_SCORE = 1e-9
 
 
+# Score from which a box votes, by its score.
+_CERTAIN = 0.3
+# Standard deviation of the logarithm of a height within which a vote counts for a line.
+_TOLERANCE = 0.2
+# Share of the votes that the line must explain, and by how much this must exceed the share that people of one height in
+# all rows would explain, as under a ceiling or where all stand in one row.
+_EXPLAINED, _GAIN = 0.5, 0.05
+
+
 @dataclass(frozen=True)
 class GroundSettings:
     """What counts as one ground, and how much.
 
     Attributes:
         memory: seconds after which a vote counts 1/e.
-        certain: score from which a box votes, by its score.
         enough: sum of the scores in memory from which the line is used.
-        tolerance: standard deviation of the logarithm of a height within which a vote counts for a line.
-        explained: share of the votes that the line must explain.
-        gain: by how much this must exceed the share that people of one height in all rows would explain, as under a
-            ceiling or where all stand in one row.
         spread: standard deviation of the logarithm of people's heights, with that of their boxes.
     """
 
     memory: float = 5.0
-    certain: float = 0.3
     enough: float = 5.0
-    tolerance: float = 0.2
-    explained: float = 0.5
-    gain: float = 0.05
     spread: float = 0.5
 
 
@@ -131,15 +131,15 @@ class GroundPlane:
         self._votes = np.zeros((len(_HORIZONS), len(_SLOPES)))
         self._level = np.zeros(len(_HEIGHTS))
         self._weight = 0.0
-        self._kernel = _kernel(self.settings.tolerance)
+        self._kernel = _kernel(_TOLERANCE)
 
     @property
     def holds(self) -> bool:
         """Whether the line explains enough of enough people to go by."""
-        line, least = self.line, self.settings
-        if line is None or self._weight < least.enough:
+        line = self.line
+        if line is None or self._weight < self.settings.enough:
             return False
-        return line.explained >= least.explained and line.gain >= least.gain
+        return line.explained >= _EXPLAINED and line.gain >= _GAIN
 
     def weighed(self, found: Detections, height: int) -> Detections:
         """The next frame's detections with their scores by the line, this frame's votes included.
@@ -180,7 +180,7 @@ class GroundPlane:
         for votes in (self._votes, self._level):
             votes *= self._fade
         self._weight *= self._fade
-        voting = (found.scores >= self.settings.certain) & ~cut_off
+        voting = (found.scores >= _CERTAIN) & ~cut_off
         if voting.any():
             boxes, weights = found.boxes[voting] / height, found.scores[voting]
             self._vote(boxes[:, 3], np.log(boxes[:, 3] - boxes[:, 1]), weights)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -9,12 +10,13 @@ from typing import TYPE_CHECKING, Literal
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.run import Run, count, frames_expected
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.foreign_options import DetectorOptions
-from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings, UnrollingSettings
+from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, CeilingOptions, FisheyeSettings, FloorFlowSettings
 from tsuiseki.tracking.people.settings import Detecting
 from tsuiseki.tracking.weights import shipped
 
 if TYPE_CHECKING:
+    from tsuiseki.tracking.cameras.person_model import PersonModel
+    from tsuiseki.tracking.features.exported import Describe, Detect
     from tsuiseki.tracking.fisheye.page import FloorSection
     from tsuiseki.tracking.fisheye.tracking import CeilingSource
     from tsuiseki.tracking.fisheye.view import FloorGate
@@ -23,8 +25,6 @@ if TYPE_CHECKING:
 
 DETECTING = Detecting(score_range=(0.0, 1.0))
 HUNGARIAN = FisheyeSettings()
-UNROLLING = UnrollingSettings()
-DETECTOR_OPTIONS = DetectorOptions()
 
 
 def fisheye(
@@ -32,21 +32,12 @@ def fisheye(
     /,
     cameras: Path,
     output: SeededOutput,
+    ceiling: CeilingOptions,
     finding: Detecting = DETECTING,
     method: Literal["hungarian", "flow"] | None = None,
-    view: Literal["unrolled", "image"] = "unrolled",
     detections: list[Path] | None = None,
-    crops: Literal["upright", "standing", "image"] = "upright",
-    person_height: float = 1.7,
-    body_radius: float = 0.25,
-    resize: Literal["no", "cut", "widen"] = "no",
-    tables: Path = Path("out/cache/person-tables"),
-    overlay: bool = False,
-    save_detections: bool = False,
     hungarian: FisheyeSettings = HUNGARIAN,
     flow: FloorFlowSettings = DEFAULT_FLOW,
-    unrolling: UnrollingSettings = UNROLLING,
-    detector_options: DetectorOptions = DETECTOR_OPTIONS,
 ) -> int:
     """Track the people under ceiling cameras: where each is in the image and on the floor, in metres.
 
@@ -62,93 +53,111 @@ def fisheye(
         detections: detections of each source, separated by commas, instead of a detector: MOTChallenge text (det.txt),
             or rotated boxes of a folder of images: a JSON list of image_id, bbox (cx, cy, w, h, degrees clockwise) and
             score, or labels of CEPDOF, MW-R or HABBOF.
-        view: what the detector looks at: the image unrolled into views in which people stand upright, or the image as
-            it is. In the first, any detector of ordinary pictures will do.
         detector: detector of this toolkit or of another, as ONNX; by default the shipped detector_ceiling.onnx for
             unrolled views, detector_drone.onnx for images.
-        crops: what it sees: people turned upright, as on a standing screen without perspective, or as in the image.
-        person_height: of the model of a person, metres.
-        body_radius: of the model of a person, metres.
-        resize: where images have another size than the calibration, scale it: cut, where they show a part of what was
-            calibrated, widen, where they show more at the sides.
-        tables: folder that keeps the tables of the cameras.
-        overlay: also write videos with the rotated boxes drawn in.
-        save_detections: also write detections.json: the rotated box and score of every detection, as --detections and
-            tsuiseki evaluate detection read them.
         seed: of random numbers; kept in run.json, for nothing here draws any.
         hungarian: settings of --method hungarian.
         flow: settings of --method flow.
-        unrolling: the unrolled views.
-        detector_options: what the file of another project's detector does not tell.
     """
-    from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
-    from tsuiseki.tracking.features.exported import Detect, open_appearance, open_detector
     from tsuiseki.tracking.fisheye.page import floor_page
-    from tsuiseki.tracking.fisheye.tracking import (
-        given_detections,
-        link_on_floor,
-        open_ceiling,
-        people_on_floor,
-    )
-    from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
-    from tsuiseki.tracking.fisheye.view import BestScore, FloorGate, FoundBoxes
-    from tsuiseki.tracking.formats.rotated import write_rotated_detections
 
-    if detections is not None and (len(detections) != len(source) or finding.detector is not None):
-        raise RequestError(f"`detections`: expected {len(source)} files, one a source, and no `detector`")
-    network = None if str(finding.appearance) == "none" else finding.appearance or shipped("appearance_people")
-    person = PersonModel(height=person_height, body_radius=body_radius)
-    needs_images = detections is None or network is not None or overlay
-    views = open_ceiling(source, cameras, resize, needs_images=needs_images)
-    for each in views:
-        check_height(each.placed.camera, person)
-    found: list[Detect | list[Detections]] = []
-    detector: Detect | None = None
-    if detections is None:
-        path = finding.detector or shipped(DETECTORS[view])
-        detector = open_detector(path, finding.score_threshold, threads=finding.threads, options=detector_options)
-        found += [looking(detector, each.placed.camera, view, unrolling) for each in views]
-    else:
-        for path, each in zip(detections, views, strict=True):
-            found.append(given_detections(path, each, finding.score_range))
-    describe = None if network is None else open_appearance(network, finding.threads)
+    opened = _opened(source, cameras, ceiling, finding, detections)
     done, lines = [], []
     with output.run() as run:
-        tell_reading(run, detector)
-        for each, detect in zip(views, found, strict=True):
+        tell_reading(run, opened.detector)
+        for each, detect in zip(opened.views, opened.detect, strict=True):
             if run.interrupted:
                 break
-            with run.times.measure("table"):
-                ceiling = each.view(tables, person).looking(describe, crops)
-            gate = FloorGate(each.placed.camera, each.floor, person.height / 2)
-            people = people_on_floor(run.frames(each.source), detect, ceiling, run.times, each.source.length, gate)
-            before, name = run.count, each.placed.name
-            prefix = "" if len(views) == 1 else f"{name}/"
-            boxes = FoundBoxes(each.source)
-            scores = BestScore()
-            kept = scores.watched(boxes.watched(people) if save_detections else people)
-            watched = run.steps(kept, f"tracking {name}", frames_expected(each.source))
             chosen = method or ("hungarian" if each.source.live else "flow")
-            tracks = link_on_floor(watched, each.rate, chosen, hungarian, flow, run.times)
-            if save_detections:
-                run.write(f"{prefix}detections.json", partial(write_rotated_detections, found=boxes.boxes))
-            done.append(_written(run, each, tracks, prefix, overlay))
-            unstarted = scores.too_low(hungarian.start_score) if chosen == "hungarian" else ""
-            lines.append(f"{name}: {count(len(tracks), 'person', 'people')}{_left_out(gate, each)}{unstarted}")
-            run.facts[name] = {
-                "method": chosen,
-                "people": len(tracks),
-                "frames": run.count - before,
-                "frame_rate": each.rate,
-                "outside_floor": gate.left_out,
-            }
-        tell_blank(detector)
+            shown, line = _tracked(run, opened, each, detect, ceiling, chosen, hungarian, flow)
+            done.append(shown)
+            lines.append(line)
+        tell_blank(opened.detector)
         settings = {name: str(value) for name, value in output.given.settings.items()}
         page = floor_page(done, run.times.seconds, settings)
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
         run.done("\n".join([*lines, f"results: {output.out}"]))
     return run.status
+
+
+@dataclass(frozen=True)
+class _Opened:
+    """What a run tracks with: views, what detects people in each, the detector behind that, and the describer."""
+
+    views: list[CeilingSource]
+    detect: list[Detect | list[Detections]]
+    detector: Detect | None
+    describe: Describe | None
+    person: PersonModel
+
+
+def _opened(
+    source: list[str], cameras: Path, ceiling: CeilingOptions, finding: Detecting, detections: list[Path] | None
+) -> _Opened:
+    """Sources, cameras and models, opened and checked."""
+    from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
+    from tsuiseki.tracking.features.exported import open_appearance, open_detector
+    from tsuiseki.tracking.fisheye.tracking import given_detections, open_ceiling
+    from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
+
+    if detections is not None and (len(detections) != len(source) or finding.detector is not None):
+        raise RequestError(f"`detections`: expected {len(source)} files, one a source, and no `detector`")
+    network = None if str(finding.appearance) == "none" else finding.appearance or shipped("appearance_people")
+    person = PersonModel(height=ceiling.person_height, body_radius=ceiling.body_radius)
+    needs_images = detections is None or network is not None or ceiling.overlay
+    views = open_ceiling(source, cameras, ceiling.resize, needs_images=needs_images)
+    for each in views:
+        check_height(each.placed.camera, person)
+    found: list[Detect | list[Detections]] = []
+    detector: Detect | None = None
+    if detections is None:
+        path, options = finding.detector or shipped(DETECTORS[ceiling.view]), ceiling.detector_options
+        detector = found_by = open_detector(path, finding.score_threshold, threads=finding.threads, options=options)
+        found += [looking(found_by, each.placed.camera, ceiling.view, ceiling.unrolling) for each in views]
+    else:
+        found += [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]
+    describe = None if network is None else open_appearance(network, finding.threads)
+    return _Opened(views, found, detector, describe, person)
+
+
+def _tracked(
+    run: Run,
+    opened: _Opened,
+    each: CeilingSource,
+    detect: Detect | list[Detections],
+    ceiling: CeilingOptions,
+    method: Literal["hungarian", "flow"],
+    hungarian: FisheyeSettings,
+    flow: FloorFlowSettings,
+) -> tuple[FloorSection, str]:
+    """Track under one camera and write what came of it; what the page needs, and a line for the user."""
+    from tsuiseki.tracking.fisheye.tracking import link_on_floor, people_on_floor
+    from tsuiseki.tracking.fisheye.view import BestScore, FloorGate, FoundBoxes
+    from tsuiseki.tracking.formats.rotated import write_rotated_detections
+
+    with run.times.measure("table"):
+        view = each.view(ceiling.tables, opened.person).looking(opened.describe, ceiling.crops)
+    gate = FloorGate(each.placed.camera, each.floor, opened.person.height / 2)
+    people = people_on_floor(run.frames(each.source), detect, view, run.times, each.source.length, gate)
+    before, name = run.count, each.placed.name
+    prefix = "" if len(opened.views) == 1 else f"{name}/"
+    boxes, scores = FoundBoxes(each.source), BestScore()
+    kept = scores.watched(boxes.watched(people) if ceiling.save_detections else people)
+    watched = run.steps(kept, f"tracking {name}", frames_expected(each.source))
+    tracks = link_on_floor(watched, each.rate, method, hungarian, flow, run.times)
+    if ceiling.save_detections:
+        run.write(f"{prefix}detections.json", partial(write_rotated_detections, found=boxes.boxes))
+    shown = _written(run, each, tracks, prefix, ceiling.overlay)
+    run.facts[name] = {
+        "method": method,
+        "people": len(tracks),
+        "frames": run.count - before,
+        "frame_rate": each.rate,
+        "outside_floor": gate.left_out,
+    }
+    unstarted = scores.too_low(hungarian.start_score) if method == "hungarian" else ""
+    return shown, f"{name}: {count(len(tracks), 'person', 'people')}{_left_out(gate, each)}{unstarted}"
 
 
 def _left_out(gate: FloorGate, view: CeilingSource) -> str:

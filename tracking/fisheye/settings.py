@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
 
 from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.foreign_options import DetectorOptions
+from tsuiseki.tracking.options import Shared
 
 MOST_TILES = 16
 
@@ -121,3 +125,35 @@ class FloorFlowSettings:
 
 
 DEFAULT_FLOW = FloorFlowSettings()
+
+
+@dataclass(frozen=True, kw_only=True)
+class CeilingOptions(Shared):
+    """How ceiling cameras and the people under them are looked at, and what is written.
+
+    Attributes:
+        view: what the detector looks at: the image unrolled into views in which people stand upright, or the image as
+            it is. In the first, any detector of ordinary pictures will do.
+        detector_options: what the file of another project's detector does not tell.
+        unrolling: the unrolled views.
+        crops: what it sees: people turned upright, as on a standing screen without perspective, or as in the image.
+        person_height: of the model of a person, metres.
+        body_radius: of the model of a person, metres.
+        resize: where images have another size than the calibration, scale it: cut, where they show a part of what was
+            calibrated, widen, where they show more at the sides.
+        tables: folder that keeps the tables of the cameras.
+        overlay: also write videos with the rotated boxes drawn in.
+        save_detections: also write detections.json: the rotated box and score of every detection, as --detections and
+            tsuiseki evaluate detection read them.
+    """
+
+    view: Literal["unrolled", "image"] = "unrolled"
+    detector_options: DetectorOptions = field(default_factory=DetectorOptions)
+    unrolling: UnrollingSettings = field(default_factory=UnrollingSettings)
+    crops: Literal["upright", "standing", "image"] = "upright"
+    person_height: float = 1.7
+    body_radius: float = 0.25
+    resize: Literal["no", "cut", "widen"] = "no"
+    tables: Path = Path("out/cache/person-tables")
+    overlay: bool = False
+    save_detections: bool = False

@@ -21,8 +21,8 @@ from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import Lifecycle, LifecycleSettings
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Targets, Track
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Targets
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class ByteTrackSettings:
         low_score: detections below this are clutter and take part in nothing.
         min_iou: least overlap of a match with a detection of high score, in (0, 1].
         min_iou_low: least overlap of a match with a detection of low score, in (0, 1].
-        lifecycle: when tracks are believed and given up; the paper starts them at τ + 0.1, believes them after two
+        lifecycle: when tracks are confirmed and deleted; the paper starts them at τ + 0.1, confirms them after two
             detections and keeps them for 30 frames.
         motion: noise of the Kalman filter.
     """
@@ -55,7 +55,7 @@ class ByteTrackSettings:
             raise ValueError(f"expected low_score up to high_score, got {self.low_score} and {self.high_score}")
 
 
-class ByteTrack:
+class ByteTrack(LifecycleTracker):
     """Each frame: predict every track, match the sure detections, then the unsure ones to the tracks left over.
 
     Beyond the paper, the boxes a track had before it was confirmed are in ``tracks()`` too once it is. It draws no
@@ -72,7 +72,7 @@ class ByteTrack:
 
     def __init__(self, settings: ByteTrackSettings | None = None, seed: int = 0) -> None:
         self.settings, self.seed = settings or ByteTrackSettings(), seed
-        self._lifecycle = Lifecycle(self.settings.lifecycle, self.settings.motion)
+        super().__init__(self.settings.lifecycle, self.settings.motion)
 
     def update(self, detections: DetectionsLike) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score counts as sure."""
@@ -87,14 +87,6 @@ class ByteTrack:
         more, unsure = matched(predicted, found.boxes, left, low, self.settings.min_iou_low)
         self._lifecycle.advance(np.concatenate([seen, more]), np.concatenate([detected, unsure]), found)
         return self._lifecycle.targets
-
-    def tracks(self) -> list[Track]:
-        """The confirmed tracks of all frames so far, by id."""
-        return self._lifecycle.tracks()
-
-    def forget(self) -> None:
-        """See `OnlineTracker`."""
-        self._lifecycle.forget()
 
 
 def matched(

@@ -26,8 +26,8 @@ from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import Lifecycle, LifecycleSettings, Survivors
-from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets, Track
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, Survivors
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets
 
 
 @dataclass(frozen=True)
@@ -57,12 +57,12 @@ class DeepSortSettings:
             raise ValueError("expected feature_gate in [0, 2], position_gate in [0, 1) and memory in [0, 1)")
 
 
-class DeepSort:
+class DeepSort(LifecycleTracker):
     """Appearance first, then position, each with its own gate. It draws no random numbers."""
 
     def __init__(self, settings: DeepSortSettings | None = None, seed: int = 0) -> None:
         self.settings, self.seed = settings or DeepSortSettings(), seed
-        self._lifecycle = Lifecycle(self.settings.lifecycle, self.settings.motion)
+        super().__init__(self.settings.lifecycle, self.settings.motion)
         self._appearance = np.empty((0, 0))
 
     def update(self, detections: DetectionsLike) -> Targets:
@@ -82,14 +82,6 @@ class DeepSort:
         parts = self._lifecycle.advance(seen, detected, found)
         self._appearance = self._updated_appearance(parts, features)
         return self._lifecycle.targets
-
-    def tracks(self) -> list[Track]:
-        """The confirmed tracks of all frames so far, by id."""
-        return self._lifecycle.tracks()
-
-    def forget(self) -> None:
-        """See `OnlineTracker`."""
-        self._lifecycle.forget()
 
     def _checked_features(self, detections: Detections) -> FloatArray:
         """``(M, D)`` the features, NaN where there are none."""

@@ -81,7 +81,7 @@ class DelayedFlow:
         longest = max(settings.costs.rounds.window, settings.fill, JOIN_WINDOW, APPEARANCE_WINDOW)
         self._reach = round((longest + CONTEXT) * given.frame_rate)
         self._waiting: tuple[Detections, ...] = ()
-        self._frame = self._answered = self._told = 0
+        self._frame = self._answered = self._reported = 0
         # Of the detections that the window keeps: their scores, and whose they are; -1 where not settled, or nobody's.
         self._scores, self._owner = np.empty(0), np.empty(0, dtype=np.int64)
         self._people = People()
@@ -99,7 +99,7 @@ class DelayedFlow:
             return None
         if asked == self._answered:
             self._decide(asked + max(1, (self.delay + 1) // DECISIONS))
-        self._told = asked + 1
+        self._reported = asked + 1
         return self._answers[asked - self._answers[0].frame].targets()
 
     def ended(self) -> DelayedFlow:
@@ -116,7 +116,7 @@ class DelayedFlow:
 
     def forget(self) -> None:
         """Drop the answers that were given from `tracks`."""
-        self._answers = [answer for answer in self._answers if answer.frame >= self._told]
+        self._answers = [answer for answer in self._answers if answer.frame >= self._reported]
 
     def _decide(self, before: int) -> None:
         """Solve the window, and answer the frames before one."""
@@ -183,12 +183,12 @@ class DelayedFlow:
         """
         table, free = self.window.table, (self._owner < 0) & (tracks >= 0)
         known = self._known(tracks, free)
-        believed = (known.ids > 0) | self._believed(known.sums)
-        until = np.append(np.where(believed, before, min(before, self._frame + 1 - self.window.overlap)), -1)
+        confirmed = (known.ids > 0) | self._confirmed(known.sums)
+        until = np.append(np.where(confirmed, before, min(before, self._frame + 1 - self.window.overlap)), -1)
         bound = free & (table.frames < until[tracks])
         settled = np.flatnonzero((self._owner >= 0) | bound)
         track, first, person = np.unique(tracks[settled], return_index=True, return_inverse=True)
-        fresh = np.flatnonzero(believed[track] & (known.ids[track] == 0))
+        fresh = np.flatnonzero(confirmed[track] & (known.ids[track] == 0))
         ids = known.ids.copy()
         ids[track[fresh[np.argsort(first[fresh])]]] = self._ids + 1 + np.arange(len(fresh))
         self._ids += len(fresh)
@@ -200,7 +200,7 @@ class DelayedFlow:
         joined = (tracks[one] == tracks[other]) & (self.window.follower[one] != table.numbers[other])
         return (table.numbers[one[joined]], table.numbers[other[joined]]), ids
 
-    def _believed(self, sums: FloatArray) -> BoolArray:
+    def _confirmed(self, sums: FloatArray) -> BoolArray:
         """``(M,)`` which tracks have enough detections, and good ones, to be answered."""
         fewest = max(min(self.settings.fewest(self.input.frame_rate), self._frame), 1)
         enough = sums[:, 0] >= fewest

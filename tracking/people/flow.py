@@ -90,7 +90,7 @@ class FlowTracker:
             self._flow = WholeFlow(settings, given, window, drop_straddling)
         else:
             self._flow = DelayedFlow(settings, given, window, round(delay * frame_rate))
-        self._looked_at = self._flow
+        self._ended = self._flow
         self._given = self._used = 0
 
     @property
@@ -101,12 +101,12 @@ class FlowTracker:
     @property
     def camera(self) -> CameraTrajectory:
         """Where the frames lie, as of the last time that the tracks were asked for."""
-        return self._looked_at.input.camera
+        return self._ended.input.camera
 
     @property
     def duplicates(self) -> int:
         """Boxes left out because they lay on another, as of the last time that the tracks were asked for."""
-        return self._looked_at.input.duplicates
+        return self._ended.input.duplicates
 
     @property
     def actions(self) -> list[FloatArray | None]:
@@ -115,9 +115,9 @@ class FlowTracker:
         Raises:
             RequestError: there is a delay, which forgets them.
         """
-        if not isinstance(self._looked_at, WholeFlow):
+        if not isinstance(self._ended, WholeFlow):
             raise RequestError("expected a flow without a delay, which forgets what people do; leave `delay` out")
-        return self._looked_at.actions
+        return self._ended.actions
 
     @property
     def rejected(self) -> tuple[int, int]:
@@ -132,13 +132,13 @@ class FlowTracker:
             "exact": self.exact,
             "entry_and_exit_by_place": self.settings.costs.places is not None,
             "camera_from": camera.source,
-            "camera_stood_still": self._looked_at.input.stood_still,
+            "camera_stood_still": self._ended.input.stood_still,
             "camera_unknown": camera.unknown.from_one(),
             "duplicates": self.duplicates,
             "detections": self._given,
             "detections_rejected": self._given - self._used,
-            "typical_speed": round(self._looked_at.input.evidence.speed(), 3),
-            "clutter_tracks": self._looked_at.clutter,
+            "typical_speed": round(self._ended.input.evidence.speed(), 3),
+            "clutter_tracks": self._ended.clutter,
         }
 
     def update(self, detections: DetectionsLike) -> Targets | None:
@@ -156,8 +156,8 @@ class FlowTracker:
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames so far, by id; what was not answered is as it is if the video ends here."""
-        self._looked_at = self._flow.ended()
-        tracks = self._looked_at.tracks()
+        self._ended = self._flow.ended()
+        tracks = self._ended.tracks()
         self._used = sum(int(track.observed.sum()) for track in tracks)
         return tracks
 

@@ -78,8 +78,8 @@ class PeopleInputs:
     def needs_images(self) -> bool:
         """Whether the frames themselves must be decoded."""
         moving = isinstance(self.camera, CameraPath)
-        looked_at = self.describe is not None or moving or not isinstance(self.detect, Sequence)
-        return looked_at or (self.source.length is None and self.source.has_images)
+        decoded = self.describe is not None or moving or not isinstance(self.detect, Sequence)
+        return decoded or (self.source.length is None and self.source.has_images)
 
     def found(
         self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
@@ -94,7 +94,7 @@ class PeopleInputs:
             RunError: the video breaks off.
         """
         if self.needs_images:
-            yield from ((frame.index, found) for frame, found in self.looked_at(frames, times))
+            yield from ((frame.index, found) for frame, found in self.with_frames(frames, times))
             return
         assert isinstance(self.detect, Sequence)
         # A sequence that is text only, and does not say how long it is, ends with its detections.
@@ -103,7 +103,7 @@ class PeopleInputs:
         for index in range(wanted.first, wanted.last + 1):
             yield index, self.detect[index] if index < len(self.detect) else Detections.empty()
 
-    def looked_at(
+    def with_frames(
         self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
     ) -> Iterator[tuple[Frame, Detections]]:
         """The frames themselves with who was found there; see `found`."""

@@ -191,6 +191,26 @@ class Lifecycle:
         return Targets(self._frame, self._record.ids(numbers), boxes, scores, status)
 
 
+class LifecycleTracker:
+    """What online trackers share: a `Lifecycle` that keeps their tracks.
+
+    Args:
+        settings: when tracks are confirmed and deleted.
+        motion: noise of the Kalman filter.
+    """
+
+    def __init__(self, settings: LifecycleSettings, motion: BoxMotion) -> None:
+        self._lifecycle = Lifecycle(settings, motion)
+
+    def tracks(self) -> list[Track]:
+        """The confirmed tracks of all frames so far, by id."""
+        return self._lifecycle.tracks()
+
+    def forget(self) -> None:
+        """See `OnlineTracker`."""
+        self._lifecycle.forget()
+
+
 def with_area(boxes: FloatArray) -> FloatArray:
     """``(N, 4)`` boxes, those that a prediction has shrunk to nothing one pixel wide or high."""
     thin = (boxes[:, 2:] - boxes[:, :2]) < 1

@@ -38,8 +38,8 @@ from tsuiseki.tracking.filters.kalman import (
 )
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import Lifecycle, LifecycleSettings, Survivors
-from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets, Track
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, Survivors
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class OcSortSettings:
         min_iou: least overlap of a match with the prediction or with the last observation, in (0, 1].
         direction_weight: λ of OCM, at least 0.
         direction_span: Δt of OCM, frames between the two observations that give a track's direction.
-        lifecycle: when tracks are believed and given up.
+        lifecycle: when tracks are confirmed and deleted.
         motion: noise of the Kalman filter.
     """
 
@@ -72,7 +72,7 @@ class OcSortSettings:
             )
 
 
-class OcSort:
+class OcSort(LifecycleTracker):
     """Each frame: predict, match by overlap and direction (OCM), recover what is left over (OCR), update (ORU).
 
     Beyond the paper, the boxes a track had before it was confirmed are in ``tracks()`` too once it is. It draws no
@@ -89,7 +89,7 @@ class OcSort:
 
     def __init__(self, settings: OcSortSettings | None = None, seed: int = 0) -> None:
         self.settings, self.seed = settings or OcSortSettings(), seed
-        self._lifecycle = Lifecycle(self.settings.lifecycle, self.settings.motion)
+        super().__init__(self.settings.lifecycle, self.settings.motion)
         self._history = _no_history(self.settings)
 
     def update(self, detections: DetectionsLike) -> Targets:
@@ -104,14 +104,6 @@ class OcSort:
         parts = self._lifecycle.advance(seen, detected, sure)
         self._history = _continued(self._history, parts, misses, sure.boxes, self._lifecycle.belief)
         return self._lifecycle.targets
-
-    def tracks(self) -> list[Track]:
-        """The confirmed tracks of all frames so far, by id."""
-        return self._lifecycle.tracks()
-
-    def forget(self) -> None:
-        """See `OnlineTracker`."""
-        self._lifecycle.forget()
 
     def _match(self, predicted: FloatArray, detections: Detections) -> tuple[IntArray, IntArray]:
         """The first matching, by C = C_IoU + λ C_v."""

@@ -8,8 +8,8 @@ from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import Lifecycle, LifecycleSettings
-from tsuiseki.tracking.types import Targets, Track
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker
+from tsuiseki.tracking.types import Targets
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class SortSettings:
 
     Attributes:
         min_iou: least overlap of a prediction and a detection that may be the same person, in (0, 1].
-        lifecycle: when tracks are believed and given up.
+        lifecycle: when tracks are confirmed and deleted.
         motion: noise of the Kalman filter.
     """
 
@@ -31,7 +31,7 @@ class SortSettings:
             raise ValueError(f"expected min_iou in (0, 1], got {self.min_iou}")
 
 
-class Sort:
+class Sort(LifecycleTracker):
     """Each frame: predict every track, match predictions to detections by overlap, update what matched.
 
     The matching maximises the overlap (Hungarian method on 1 - IoU, gated). Beyond the paper, the boxes a track had
@@ -48,7 +48,7 @@ class Sort:
 
     def __init__(self, settings: SortSettings | None = None, seed: int = 0) -> None:
         self.settings, self.seed = settings or SortSettings(), seed
-        self._lifecycle = Lifecycle(self.settings.lifecycle, self.settings.motion)
+        super().__init__(self.settings.lifecycle, self.settings.motion)
 
     def update(self, detections: DetectionsLike) -> Targets:
         """Take the detections of the next frame; its people."""
@@ -57,11 +57,3 @@ class Sort:
         seen, detected = assign(1 - iou_matrix(predicted, found.boxes), 1 - self.settings.min_iou)
         self._lifecycle.advance(seen, detected, found)
         return self._lifecycle.targets
-
-    def tracks(self) -> list[Track]:
-        """The confirmed tracks of all frames so far, by id."""
-        return self._lifecycle.tracks()
-
-    def forget(self) -> None:
-        """See `OnlineTracker`."""
-        self._lifecycle.forget()

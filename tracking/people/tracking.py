@@ -15,7 +15,7 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.camera_path import CameraPath, said_of_camera
+from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -260,7 +260,7 @@ def _lines_on_flow(tracker: FlowTracker) -> list[str]:
     lines = []
     camera = tracker.camera
     if camera.lost:
-        lines.append(said_of_camera(camera.lost.from_one(), camera.source))
+        lines.append(line_on_camera(camera.lost.from_one(), camera.source))
     if tracker.duplicates:
         boxes = "1 box" if tracker.duplicates == 1 else f"{tracker.duplicates} boxes"
         lines.append(f"{boxes} left out that lay on another")
@@ -284,7 +284,7 @@ def _followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Fr
     forget = getattr(_inner(tracker), "forget", None)
     waiting: deque[Frame] = deque()
     first = 0
-    for number, (frame, found) in enumerate(inputs.looked_at()):
+    for number, (frame, found) in enumerate(inputs.with_frames()):
         first = frame.index - number
         waiting.append(frame)
         targets = tracker.update(found)

@@ -41,7 +41,15 @@ from tsuiseki.tracking.filters.motion.points import (
     coordinated_turn,
     taking_turns,
 )
-from tsuiseki.tracking.points.settings import BlobSettings, PointSettings, SetMethod
+from tsuiseki.tracking.points.settings import (
+    PLACE_ERROR,
+    PLACE_NOISE,
+    SIZE_ERROR,
+    SIZE_NOISE,
+    BlobSettings,
+    PointSettings,
+    SetMethod,
+)
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame
 from tsuiseki.tracking.types.measurements import MotionSettings, Scan, SensingModel
 
@@ -184,7 +192,7 @@ def box_model(
     settings: PointSettings, extent: tuple[float, float], unit: float
 ) -> tuple[PointModel, MeasurementBirths]:
     """The model of boxes about ``unit`` pixels high in an image of ``extent`` pixels."""
-    place, size = settings.place_error * unit, settings.size_error * unit
+    place, size = PLACE_ERROR * unit, SIZE_ERROR * unit
     sensor = GaussianSensor(box_of, np.array([place, place, size, size]))
     # False boxes lie anywhere in the image, their sides within about half of a typical one.
     volume = extent[0] * extent[1] * (0.5 * unit) * unit
@@ -208,7 +216,7 @@ def points_as_boxes(points: FloatArray, box: tuple[float, float]) -> Detections:
 
 def region_filter(settings: BlobSettings) -> RegionPhdFilter:
     """The filter of several targets for the preset."""
-    motion = SteppingBox(settings.place_noise, settings.size_noise, settings.smallest)
+    motion = SteppingBox(PLACE_NOISE, SIZE_NOISE, settings.smallest)
     if settings.preset == "paper":
         births = AnywhereBirths(BIRTHS, max(round(settings.particles * BIRTHS), 1), settings.size)
         equalised = Equalised(as_printed)

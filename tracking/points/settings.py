@@ -28,6 +28,14 @@ def _check(settings: PointSettings | BlobSettings, probabilities: tuple[str, ...
             raise RequestError(f"expected {name} above 0, got {getattr(settings, name)}")
 
 
+PLACE_ERROR = 0.06
+"""Standard deviation of a measured centre, in heights of a typical box."""
+SIZE_ERROR = 0.08
+"""Standard deviation of a measured width or height, in heights of a typical box."""
+SHORTEST = 3
+"""Frames that a track must have to be reported."""
+
+
 @dataclass(frozen=True)
 class PointSettings:
     """Settings; lengths are in heights of a typical box, times in frames.
@@ -38,13 +46,10 @@ class PointSettings:
         detection: probability that it is measured, in [0, 1].
         clutter: expected false measurements a frame, >= 0.
         births: expected new targets a frame, > 0.
-        place_error: standard deviation of a measured centre.
-        size_error: standard deviation of a measured width or height.
         acceleration: standard deviation of the change of velocity.
         speed: standard deviation of a new target's velocity, along each axis.
         growth: standard deviation of the change of size.
         particles: of each target.
-        min_length: a track of fewer frames is not reported.
         min_score: detections below it are not used.
         box: width and height in pixels of points without a size.
     """
@@ -54,23 +59,28 @@ class PointSettings:
     detection: float = 0.85
     clutter: float = 1.0
     births: float = 0.05
-    place_error: float = 0.06
-    size_error: float = 0.08
     acceleration: float = 0.015
     speed: float = 0.1
     growth: float = 0.01
     particles: int = 500
-    min_length: int = 3
     min_score: float = 0.0
     box: tuple[float, float] = (20.0, 20.0)
 
     def __post_init__(self) -> None:
         if self.method not in ("labelled", "phd"):
             raise RequestError(f"expected the method labelled or phd, got {self.method!r}")
-        positive = ("births", "place_error", "size_error", "acceleration", "speed", "growth")
+        positive = ("births", "acceleration", "speed", "growth")
         _check(self, ("survival", "detection"), positive)
         if not 0.0 <= self.clutter < math.inf or self.particles < 1 or min(self.box) <= 0:
             raise RequestError("expected clutter >= 0, at least one particle and a box of positive size")
+
+
+PLACE_NOISE = 1.5
+"""Standard deviation of the change of a coloured object's step, ``tau_x`` and ``tau_y``, pixels."""
+SIZE_NOISE = 1.0
+"""Standard deviation of the change of its size, ``tau_d`` and ``tau_h``, pixels."""
+LOST_BELOW = 0.2
+"""With the preset ``single``, likelihood below which the object is not seen."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +93,6 @@ class BlobSettings:
         particles: of each target.
         targets: expected at most; with ``paper`` the number of particles is this times ``particles``.
         size: typical width and height, for births anywhere.
-        place_noise: standard deviation of the change of the step, ``tau_x`` and ``tau_y``.
-        size_noise: standard deviation of the change of size, ``tau_d`` and ``tau_h``.
         survival: probability that a target goes on, in [0, 1].
         detection: probability that a target looks like itself, in [0, 1].
         margin: of the frame around a box whose colour counts against it, as a share of its sides.
@@ -92,31 +100,25 @@ class BlobSettings:
         smallest: least side of a target, and of a patch of colour that may be a new one.
         confirm: with ``calibrated``, a new target is believed once a patch of the colour was at it in so many of its
             first so many frames, and dropped when that cannot be any more; ``(1, 1)`` believes at once.
-        lost_below: with ``single``, the target is not seen when the best likelihood is below this.
         patience: with ``single``, frames unseen before the search begins anew.
-        min_length: a track of fewer frames is not reported.
     """
 
     preset: BlobPreset = "calibrated"
     particles: int = 500
     targets: int = 10
     size: tuple[float, float] = SIZE
-    place_noise: float = 1.5
-    size_noise: float = 1.0
     survival: float = 0.99
     detection: float = 0.95
     margin: float = 0.5
     sharpness: float = 4.0
     smallest: float = 12.0
     confirm: tuple[int, int] = (3, 3)
-    lost_below: float = 0.2
     patience: int = 10
-    min_length: int = 3
 
     def __post_init__(self) -> None:
         if self.preset not in ("calibrated", "paper", "single"):
             raise RequestError(f"expected the preset calibrated, paper or single, got {self.preset!r}")
-        _check(self, ("survival", "detection"), ("place_noise", "size_noise", "margin", "sharpness", "smallest"))
+        _check(self, ("survival", "detection"), ("margin", "sharpness", "smallest"))
         if self.particles < 1 or self.targets < 1 or min(self.size) < 3:
             raise RequestError("expected at least one particle, one target and a size of 3 pixels")
         if not 1 <= self.confirm[0] <= self.confirm[1]:

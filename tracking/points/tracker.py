@@ -38,7 +38,16 @@ from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleSt
 from tsuiseki.tracking.filters.resampling import weighted_mean
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.points.observed import ObservationModel, ObservedBoxes, ObservedColours, ObservedScans
-from tsuiseki.tracking.points.settings import BlobSettings, Lag, PointSettings, SetMethod
+from tsuiseki.tracking.points.settings import (
+    LOST_BELOW,
+    PLACE_NOISE,
+    SHORTEST,
+    SIZE_NOISE,
+    BlobSettings,
+    Lag,
+    PointSettings,
+    SetMethod,
+)
 from tsuiseki.tracking.types import BoolArray, Estimate, FloatArray, Frame, IntArray, Status, Targets, Track
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
 
@@ -157,7 +166,7 @@ class PointTracker(FiniteSetTracker[Any]):
     def __init__(self, settings: PointSettings, extent: tuple[float, float], seed: int = 0) -> None:
         super().__init__(ObservedBoxes(settings, extent), seed)
         self.settings = settings
-        self.record = EstimatedTracks(settings.min_length)
+        self.record = EstimatedTracks(SHORTEST)
 
     def update(self, detections: DetectionsLike) -> Targets:
         """Take the detections of the next frame; its targets."""
@@ -194,7 +203,7 @@ class BlobTracker(FiniteSetTracker[Frame]):
         self.settings = settings or BlobSettings()
         self._colours = ObservedColours(colour, self.settings)
         super().__init__(self._colours, seed)
-        self.record = EstimatedTracks(self.settings.min_length)
+        self.record = EstimatedTracks(SHORTEST)
         self.expected: list[float] = []
         self._confirmation = Confirmation(*self.settings.confirm)
 
@@ -351,7 +360,7 @@ class SingleBlobTracker:
         self.estimates: list[Estimate] = []
         self._unseen = 0
         self._state: ParticleState | None = None
-        motion = SteppingBox(self.settings.place_noise, self.settings.size_noise, self.settings.smallest)
+        motion = SteppingBox(PLACE_NOISE, SIZE_NOISE, self.settings.smallest)
         self._filter: ParticleFilter[ColourImage] = ParticleFilter(bootstrap(motion), self._log_likelihood)
 
     def update(self, frame: Frame) -> Targets:
@@ -362,7 +371,7 @@ class SingleBlobTracker:
         mean = weighted_mean(state.particles, state.log_weights)
         box = boxes_of(mean[None])
         score = float(region_contrast(image, box, self.settings.margin)[0])
-        self._unseen = 0 if score >= self.settings.lost_below else self._unseen + 1
+        self._unseen = 0 if score >= LOST_BELOW else self._unseen + 1
         status: Status = "tracking" if self._unseen == 0 else "searching"
         if self._unseen > self.settings.patience:
             status = "lost"

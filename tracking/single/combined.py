@@ -29,7 +29,7 @@ from tsuiseki.tracking.filters.motion.points import PlaneWalk
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.resampling import normalise
 from tsuiseki.tracking.single import regularised
-from tsuiseki.tracking.single.constants import CombinedSettings
+from tsuiseki.tracking.single.constants import DOUBTFUL_RATE, CombinedSettings
 from tsuiseki.tracking.single.particles import heaviest_apart
 from tsuiseki.tracking.single.regularised import Model, RegularisedTarget
 from tsuiseki.tracking.single.response import ResponseMaps, maxima_of_each, peak
@@ -159,7 +159,7 @@ class Combined:
             self._store()  # the last filter from before the doubt
         self.doubted += 1
         self.searched_frames += 1
-        rate = self.settings.doubtful_rate * self._certainty(found, self.settings.doubt)
+        rate = DOUBTFUL_RATE * self._certainty(found, self.settings.doubt)
         self.target = self._learn(found, image, rate)
         self._search(image)
 

@@ -11,6 +11,9 @@ from tsuiseki.tracking.single.seen_before import SeenBeforeSettings
 
 Past = Literal["uniform", "score"]
 
+DRIFT_INTERVAL = 5
+"""Frames between checks of the colours."""
+
 
 @dataclass(frozen=True)
 class KcfParticleSettings:
@@ -35,7 +38,6 @@ class KcfParticleSettings:
         colour: weight of `ForegroundColour` in the exponent of the likelihood; 0 leaves it out.
         relative_switch: the search also starts when the response falls below this share of its running mean.
         drift_switch: likewise for the colour score: a filter that has settled on the background stays confident.
-        drift_interval: frames between checks of the colours.
         ends_when_sure: the search goes on while there is still a reason to start one.
         longest_search: frames after which such a search ends all the same, since the target may look different for
             good; what follows counts as tracked only once there is no doubt.
@@ -66,7 +68,6 @@ class KcfParticleSettings:
     colour: float = 0.0
     relative_switch: float = 0.0
     drift_switch: float = 0.0
-    drift_interval: int = 5
     ends_when_sure: bool = False
     longest_search: int = 30
     learns_while_searching: bool = True
@@ -100,6 +101,23 @@ ROBUST = KcfParticleSettings(
     densest=True,
 )
 
+COLOUR_SHARE_LEARNT = 0.04
+"""Share of a new frame in the histograms, in [0, 1]."""
+SIZE_CHANGE = 1.06
+"""Greatest factor on the size in a frame."""
+SIZE_RATE = 0.025
+"""Share of a new frame in the size filter, in [0, 1]."""
+SIZE_COLOUR = 2.0
+"""Weight of the contrast of colours beside the size filter's response."""
+SIZE_RELEARNING = 0.2
+"""Share of a new frame in the size filter while the size follows."""
+SIZE_AREA = 512.0
+"""Pixels of the template of the size filter."""
+SIZE_STEP = 1.03
+"""Ratio of neighbouring sizes."""
+LOST_BELOW = 0.25
+"""Response under which the target counts as lost; the filter goes on all the same."""
+
 
 @dataclass(frozen=True)
 class RegularisedSettings:
@@ -111,12 +129,7 @@ class RegularisedSettings:
         label_sigma: of the wanted response, as a share of the geometric mean of the target's sides.
         learning: of the filter.
         colour_share: of the colours in the response of a place, in [0, 1].
-        colour_rate: share of a new frame in the histograms, in [0, 1].
         sizes: how many are tried in a frame, odd; 1 keeps the first size.
-        size_step: ratio of neighbouring sizes.
-        size_change: greatest factor on the size in a frame.
-        size_rate: share of a new frame in the size filter, in [0, 1].
-        size_colour: weight of the contrast of colours beside the size filter's response.
         size_reach: steps of size to each side among which the colours look for one far from the present size, which
             the size filter does not see; 0 looks for none.
         size_margin: how much greater the contrast of colours must be there.
@@ -124,12 +137,9 @@ class RegularisedSettings:
         size_agreement: share of its response at the present size that the filter of places must have on the way there.
         size_by_area: contrast of colours from which on the number of the target's pixels tells the size, which needs
             no agreement then; 2 never does.
-        size_relearning: share of a new frame in the size filter while the size follows.
         calibration: share of the first frame's calibration of the contrast of colours that is used, in [0, 1].
-        size_area: pixels of the template of the size filter.
         smallest: least size relative to the first.
         largest: greatest size relative to the first.
-        lost_below: response under which the target counts as lost; the filter goes on all the same.
     """
 
     padding: float = 3.0
@@ -137,23 +147,19 @@ class RegularisedSettings:
     label_sigma: float = 1 / 16
     learning: RegularisedLearning = field(default_factory=RegularisedLearning)
     colour_share: float = 0.3
-    colour_rate: float = 0.04
     sizes: int = 11
-    size_step: float = 1.03
-    size_change: float = 1.06
-    size_rate: float = 0.025
-    size_colour: float = 2.0
     size_reach: int = 24
     size_margin: float = 0.03
     size_patience: int = 5
     size_agreement: float = 0.95
     size_by_area: float = 0.45
-    size_relearning: float = 0.2
     calibration: float = 0.5
-    size_area: float = 512.0
     smallest: float = 0.2
     largest: float = 5.0
-    lost_below: float = 0.25
+
+
+DOUBTFUL_RATE = 0.25
+"""Speed of learning at the beginning of a doubt, in [0, 1]."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +173,6 @@ class CombinedSettings:
         sure: share of its running median from which on a response ends the doubt.
         memory: frames of the running medians.
         certain: share of its running median from which on a response without doubt is learnt at full speed.
-        doubtful_rate: speed of learning at the beginning of a doubt, in [0, 1].
         hidden: share of the running median under which a response says that the target is hidden: nothing is learnt.
         lost_after: frames of doubt after which the target counts as lost.
         stored: filters kept from frames without doubt, beside the first frame's.
@@ -188,7 +193,6 @@ class CombinedSettings:
     sure: float = 0.75
     memory: int = 50
     certain: float = 0.8
-    doubtful_rate: float = 0.25
     hidden: float = 0.4
     lost_after: int = 5
     stored: int = 3

@@ -25,6 +25,10 @@ from tsuiseki.tracking.single.search_windows import Features, WindowShape, windo
 from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+SCALE_WEIGHT = 0.95
+"""Factor on the peak of a changed size, at most 1, so that the size does not wander. A background that stands still
+around a standing target then holds the size for longer."""
+
 
 @dataclass(frozen=True)
 class KcfSettings:
@@ -40,8 +44,6 @@ class KcfSettings:
         learning_rate: share of a new frame in the running filter, in [0, 1].
         label_sigma: of the wanted response, as a share of the target's mean side.
         scale_step: ratio of neighbouring sizes that are tried; 1 keeps the size.
-        scale_weight: factor on the peak of a changed size, at most 1, so that the size does not wander. A background
-            that stands still around a standing target then holds the size for longer.
         smallest: least relative size.
         largest: greatest relative size.
     """
@@ -55,7 +57,6 @@ class KcfSettings:
     learning_rate: float = 0.012
     label_sigma: float = 0.125
     scale_step: float = 1.05
-    scale_weight: float = 0.95
     smallest: float = 0.2
     largest: float = 5.0
 
@@ -122,7 +123,7 @@ def locate(model: Kcf, state: KcfState, image: ImageArray) -> KcfState:
     settings = model.settings
     step = settings.scale_step
     sizes = state.size * np.array([1.0, 1 / step, step] if step > 1 else [1.0])
-    weights = np.array([1.0, settings.scale_weight, settings.scale_weight])
+    weights = np.array([1.0, SCALE_WEIGHT, SCALE_WEIGHT])
     windows = model.window.describe(image, np.repeat(state.centre[None], len(sizes), 0), sizes)
     responses = respond(state.bank, windows, settings.kernel)
     best = int(np.argmax(responses.max(axis=(1, 2)) * weights[: len(sizes)]))

@@ -33,7 +33,7 @@ from tsuiseki.tracking.filters.motion.points import PlaneWalk
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.resampling import probabilities
 from tsuiseki.tracking.single import kcf
-from tsuiseki.tracking.single.constants import ROBUST, KcfParticleSettings
+from tsuiseki.tracking.single.constants import DRIFT_INTERVAL, ROBUST, KcfParticleSettings
 from tsuiseki.tracking.single.particles import (
     Archive,
     Confidence,
@@ -111,7 +111,7 @@ class KcfParticle:
         self._doubted += self._doubted > 0
         if self.search is None:
             found = kcf.locate(self.model, self.target, image)
-            box, checked = self.model.box(found.centre, found.size), self._frame % self.settings.drift_interval == 0
+            box, checked = self.model.box(found.centre, found.size), self._frame % DRIFT_INTERVAL == 0
             colour = self._confidence.colour_score(image, box) if checked else None
             doubtful = self._confidence.doubts(self.settings, found.peak, colour)
             self._doubted = 0 if not doubtful and (checked or not self.settings.drift_switch) else self._doubted

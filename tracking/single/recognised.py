@@ -26,6 +26,16 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Describe = Callable[[ImageArray, FloatArray], FloatArray]
 """Appearance features ``(N, D)`` of boxes ``(N, 4)`` in an image."""
+HEARD = 0.6
+"""Running median from which on the network is heard."""
+LOST_SHARE = 0.4
+"""Share of the running median under which the target counts as lost: who is half hidden looks strange, too."""
+CANDIDATES = 4
+"""Places that the network looks at when the box does not show the target."""
+BETTER = 0.1
+"""How much more alike than the box such a place must be."""
+ALIKE = 0.85
+"""Share of the running median from which on it may be the target."""
 
 
 @dataclass(frozen=True)
@@ -35,32 +45,22 @@ class RecognitionSettings:
     Attributes:
         upright: height over width of the first box from which on the target may be a person, and the network is asked.
         every: frames between two looks.
-        heard: running median from which on the network is heard.
         memory: looks of the running median.
         expected: likeness of the target before any look, so that a box that is lost at once is not taken for it.
         trusted: looks that ``expected`` counts for.
         share: of the running median under which a likeness is strange.
         looks: strange likenesses in a row from which on the target is looked for elsewhere.
-        lost_share: likewise under which the target counts as lost; lower, since who is half hidden looks strange, too.
         lost_looks: in a row.
-        candidates: places that are looked at in a look that says that the box does not show the target.
-        better: how much more alike than the box such a place must be.
-        alike: share of the running median from which on it may be the target.
     """
 
     upright: float = 1.8
     every: int = 3
-    heard: float = 0.6
     memory: int = 15
     expected: float = 0.9
     trusted: int = 3
     share: float = 0.6
     looks: int = 2
-    lost_share: float = 0.4
     lost_looks: int = 2
-    candidates: int = 4
-    better: float = 0.1
-    alike: float = 0.85
 
 
 class Witness:
@@ -93,7 +93,7 @@ class Witness:
         else:
             self._strange = 0
             self._likenesses = [*self._likenesses, likeness][-settings.memory :]
-        self._lost = self._lost + 1 if likeness < settings.lost_share * usual else 0
+        self._lost = self._lost + 1 if likeness < LOST_SHARE * usual else 0
         return likeness
 
     def forget_doubt(self) -> None:
@@ -108,12 +108,12 @@ class Witness:
     @property
     def strange(self) -> bool:
         """Whether the box seems to show something else."""
-        return self._strange >= self.settings.looks and self.usual >= self.settings.heard
+        return self._strange >= self.settings.looks and self.usual >= HEARD
 
     @property
     def lost(self) -> bool:
         """Whether it is sure that the box no longer shows the target."""
-        return self._lost >= self.settings.lost_looks and self.usual >= self.settings.heard
+        return self._lost >= self.settings.lost_looks and self.usual >= HEARD
 
     def _features(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         found = np.asarray(self._describe(image, boxes), dtype=np.float64)
@@ -161,11 +161,11 @@ class Recognised:
 
     def _find_again(self, tracker: Combined, image: ImageArray, likeness: float) -> None:
         """Go to the place that looks most like the first box, if that is alike enough."""
-        places = tracker.heaviest_places(image, self.settings.candidates)
+        places = tracker.heaviest_places(image, CANDIDATES)
         boxes = np.array([tracker.box(there) for there in places])
         likenesses = self._witness.likenesses(image, boxes)
         best = int(np.argmax(likenesses))
-        alike = max(likeness + self.settings.better, self.settings.alike * self._witness.usual)
+        alike = max(likeness + BETTER, ALIKE * self._witness.usual)
         if likenesses[best] >= alike:
             tracker.go_on_at(places[best])
             self.found_again += 1

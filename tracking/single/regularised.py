@@ -43,7 +43,17 @@ from tsuiseki.tracking.filters.regularised_correlation import (
 )
 from tsuiseki.tracking.filters.scale_filter import ScaleFilter, best_offset, far_area, far_peak
 from tsuiseki.tracking.single.colours import PixelColour, coloured_area, shift_response, size_contrast
-from tsuiseki.tracking.single.constants import RegularisedSettings
+from tsuiseki.tracking.single.constants import (
+    COLOUR_SHARE_LEARNT,
+    LOST_BELOW,
+    SIZE_AREA,
+    SIZE_CHANGE,
+    SIZE_COLOUR,
+    SIZE_RATE,
+    SIZE_RELEARNING,
+    SIZE_STEP,
+    RegularisedSettings,
+)
 from tsuiseki.tracking.single.response import peak
 from tsuiseki.tracking.single.search_windows import SizeLadder, SizeSample, cut
 from tsuiseki.tracking.single.tracker import TargetState, box_centre
@@ -93,7 +103,7 @@ class Model:
         wide, high = target / (scale * CELL)
         # Half a window of an even number of cells is half a turn of every odd frequency.
         signs = 1 - 2 * ((np.arange(rows)[:, None] + np.arange(columns // 2 + 1)) % 2)
-        template = np.maximum(np.round(target * np.sqrt(settings.size_area / target.prod()) / CELL), 2) * CELL
+        template = np.maximum(np.round(target * np.sqrt(SIZE_AREA / target.prod()) / CELL), 2) * CELL
         return cls(
             settings,
             target,
@@ -103,7 +113,7 @@ class Model:
             gaussian_labels((rows, columns), float(np.sqrt(wide * high)) * settings.label_sigma),
             Support.of((rows, columns), float(high), float(wide)),
             np.repeat(signs, 2, axis=1).astype(np.float32),
-            SizeLadder(target, template.astype(np.int64), CELL, settings.size_step, settings.sizes),
+            SizeLadder(target, template.astype(np.int64), CELL, SIZE_STEP, settings.sizes),
         )
 
     def cell_pixels(self, size: float) -> float:
@@ -180,10 +190,10 @@ def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTar
     filters = learn(model.describe([patch])[0], model.wanted, model.support, None, model.settings.learning)
     sizes = ScaleFilter.learn(model.ladder.sample(image, centre, 0)) if model.settings.sizes > 1 else None
     colour = PixelColour.learn(patch, float(width), float(height))
-    factors = model.settings.size_step ** np.arange(-_WIDEST, _WIDEST + 1.0)
+    factors = SIZE_STEP ** np.arange(-_WIDEST, _WIDEST + 1.0)
     probabilities = colour.probabilities(patch)
     contrast = size_contrast(probabilities, float(width), float(height), factors)
-    contrast_at = model.settings.size_step ** (model.settings.calibration * best_offset(contrast))
+    contrast_at = SIZE_STEP ** (model.settings.calibration * best_offset(contrast))
     area = max(coloured_area(probabilities, float(width), float(height)), 1.0)
     return RegularisedTarget(centre, 1.0, filters, colour, sizes, contrast_at, area=area)
 
@@ -245,13 +255,13 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
     width, height = model.target / model.scale
     near = settings.sizes // 2
     reach = max(settings.size_reach, near)
-    factors = settings.size_step ** (middle + np.arange(-reach, reach + 1.0)) / target.size * target.contrast_at
+    factors = SIZE_STEP ** (middle + np.arange(-reach, reach + 1.0)) / target.size * target.contrast_at
     contrast = size_contrast(probabilities, float(width), float(height), factors)
-    best = best_offset(target.sizes.respond(seen) + settings.size_colour * contrast[reach - near : reach + near + 1])
+    best = best_offset(target.sizes.respond(seen) + SIZE_COLOUR * contrast[reach - near : reach + near + 1])
     clear = settings.size_reach > 0 and contrast[reach - near : reach + near + 1].max() >= settings.size_by_area
     if clear:
         area = coloured_area(probabilities, float(width), float(height))
-        far = far_area(area / target.area, settings.size_step, _FAR)
+        far = far_area(area / target.area, SIZE_STEP, _FAR)
     else:
         far = far_peak(contrast, _FAR, settings.size_margin) if settings.size_reach else 0.0
     side = int(np.sign(far))
@@ -259,8 +269,8 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
     if abs(insisted) >= settings.size_patience:
         step = float(np.clip(far, -near, near))
         best, insisted = (far, insisted) if clear or _agrees(model, target, image, step) else (best, 0)
-    factor = settings.size_step ** (middle + best) / target.size
-    size = target.size * float(np.clip(factor, 1 / settings.size_change, settings.size_change))
+    factor = SIZE_STEP ** (middle + best) / target.size
+    size = target.size * float(np.clip(factor, 1 / SIZE_CHANGE, SIZE_CHANGE))
     size = float(np.clip(size, settings.smallest, settings.largest))
     return replace(target, size=size, seen=seen, insisted=insisted)
 
@@ -268,7 +278,7 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
 def _agrees(model: Model, target: RegularisedTarget, image: ImageArray, step: float) -> bool:
     """Whether the filter of places responds so many steps of size away nearly as much as at the present size."""
     settings = model.settings
-    there = replace(target, size=target.size * settings.size_step**step)
+    there = replace(target, size=target.size * SIZE_STEP**step)
     present, away = (peak(responses(model, one, image)[0])[1] for one in (target, there))
     return away >= settings.size_agreement * present
 
@@ -278,7 +288,7 @@ def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: flo
     settings = model.settings
     patch = model.patch(image, target.centre, target.size)
     width, height = model.target / model.scale
-    colour = target.colour.blend(PixelColour.learn(patch, float(width), float(height)), settings.colour_rate * rate)
+    colour = target.colour.blend(PixelColour.learn(patch, float(width), float(height)), COLOUR_SHARE_LEARNT * rate)
     learning = replace(settings.learning, memory=settings.learning.memory / rate)
     filters = learn(model.describe([patch])[0], model.wanted, model.support, target.filters, learning)
     sizes = target.sizes
@@ -287,7 +297,7 @@ def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: flo
         sample = model.ladder.sample(image, target.centre, round(level), target.seen)
         new = ScaleFilter.learn(sample, level - round(level))
         insists = abs(target.insisted) >= settings.size_patience
-        sizes = sizes.blend(new, (settings.size_relearning if insists else settings.size_rate) * rate)
+        sizes = sizes.blend(new, (SIZE_RELEARNING if insists else SIZE_RATE) * rate)
     return replace(target, filters=filters, colour=colour, sizes=sizes, seen=None)
 
 
@@ -312,5 +322,5 @@ class RegularisedTracker:
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         self.target = update(self._model, locate(self._model, self.target, image), image)
-        status: Status = "tracking" if self.target.peak > self.settings.lost_below else "lost"
+        status: Status = "tracking" if self.target.peak > LOST_BELOW else "lost"
         return TargetState(self._model.box(self.target.centre, self.target.size), self.target.peak, status)

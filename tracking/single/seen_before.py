@@ -18,6 +18,9 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 
 _LEAST = 5  # pixels of the smaller picture, in each direction
 
+ALIKE = 0.9
+"""Normalised correlation of colours from which on it is the same, in [-1, 1]."""
+
 
 @dataclass(frozen=True)
 class SeenBeforeSettings:
@@ -31,7 +34,6 @@ class SeenBeforeSettings:
             background compares with all of them.
         reach: how far around the box it looks there, in sides of the box.
         overlap: share of the box up to which a place may overlap the target's box of that frame.
-        alike: normalised correlation of colours from which on it is the same, in [-1, 1].
         screen: correlation of pictures of half the size from which on those of full size are compared. In 1,528
             comparisons on the clips and eight chases none was alike whose halves had less than .85.
         side: pixels to which the geometric mean of the box's sides is reduced, where it is larger.
@@ -42,7 +44,6 @@ class SeenBeforeSettings:
     turns: int = 2
     reach: float = 1.0
     overlap: float = 0.1
-    alike: float = 0.9
     screen: float = 0.7
     side: float = 28.0
 
@@ -66,7 +67,7 @@ class SeenBefore:
         seen = [self._before[-back] for back in self.settings.back[turn] if back <= len(self._before)]
         scale = min(self.settings.side / float(np.sqrt((box[2:] - box[:2]).prod())), 1.0)
         shown, _ = _cut(image, box, scale)
-        self._found = any(self._likeness(shown, box, scale, *earlier) >= self.settings.alike for earlier in seen)
+        self._found = any(self._likeness(shown, box, scale, *earlier) >= ALIKE for earlier in seen)
         if not self._found:  # else the frames from before the target was lost would be forgotten
             self._before.append((image, box))
         return self._found

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +29,7 @@ from tsuiseki.tracking.sphere.views import (
     median_background,
 )
 from tsuiseki.tracking.types import FloatArray, Frame, Position
+from tsuiseki.tracking.types.tracks import Path3D
 from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.tracking.video.source import Source, open_source
 from tsuiseki.tracking.video.synchronise import LatestFrames, Moment, moments_with_images
@@ -35,15 +37,32 @@ from tsuiseki.tracking.video.synchronise import LatestFrames, Moment, moments_wi
 BACKGROUND_FRAMES = 25
 
 
+class SphereKeywords(TypedDict, total=False):
+    """What `track_sphere` and `follow_sphere` take beside sources, cameras, radius and seed.
+
+    Attributes:
+        start: ``(3,)`` the ball in the first frame, metres; by default the volume is searched.
+        volume: ``(2, 3)`` two corners of the box in which the ball is searched, metres; by default where two cameras
+            can see it.
+        settings: see `SphereSettings`.
+        backgrounds: one picture of the empty scene per video; by default the median of the video.
+        times: of the frames; by default as the camera file says.
+    """
+
+    start: ArrayLike | None
+    volume: ArrayLike | None
+    settings: SphereSettings | None
+    backgrounds: Sequence[Path] | None
+    times: FrameTimes | None
+
+
 def track_sphere(
     sources: Sequence[str | Path],
     cameras: str | Path,
     radius: float,
     *,
-    start: ArrayLike | None = None,
-    volume: ArrayLike | None = None,
-    settings: SphereSettings | None = None,
     seed: int = 0,
+    **keywords: Unpack[SphereKeywords],
 ) -> list[Position]:
     """Where a ball of known radius is in space, at every moment.
 
@@ -51,17 +70,14 @@ def track_sphere(
         sources: two or more videos or folders of images, in the order of the cameras.
         cameras: ``cameras.yaml`` with one entry per video; `tsuiseki calibrate points` writes it.
         radius: of the ball, metres.
-        start: ``(3,)`` the ball in the first frame, metres; by default the volume is searched.
-        volume: ``(2, 3)`` two corners of the box in which the ball is searched, metres; by default where two cameras
-            can see it.
-        settings: see `SphereSettings`.
         seed: of all random numbers.
+        keywords: see `SphereKeywords`.
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
         RunError: a video breaks off, or no two show the same moment.
     """
-    chosen = sphere_run(sources, cameras, radius, start=start, volume=volume, settings=settings)
+    chosen = sphere_run(sources, cameras, radius, **keywords)
     if chosen.length is None:
         raise RequestError("live cameras do not end by themselves; use follow_sphere")
     return chosen.run(np.random.default_rng(seed), StageTimes(), lambda items: items).positions
@@ -72,42 +88,26 @@ def follow_sphere(
     cameras: str | Path,
     radius: float,
     *,
-    start: ArrayLike | None = None,
-    volume: ArrayLike | None = None,
-    settings: SphereSettings | None = None,
     seed: int = 0,
+    **keywords: Unpack[SphereKeywords],
 ) -> Iterator[Position]:
     """Where a ball is, while the videos come; see `track_sphere`.
 
     Sources may be live: numbers of webcams or addresses of streams. Their newest frames are paired by the time at which
     they came, counted from the first; a camera that stalls is left out until it delivers again.
     """
-    chosen = sphere_run(sources, cameras, radius, start=start, volume=volume, settings=settings)
-    return chosen.follow(np.random.default_rng(seed))
+    return sphere_run(sources, cameras, radius, **keywords).follow(np.random.default_rng(seed))
 
 
 def sphere_run(
-    sources: Sequence[str | Path | int],
-    cameras: str | Path,
-    radius: float,
-    *,
-    start: ArrayLike | None = None,
-    volume: ArrayLike | None = None,
-    settings: SphereSettings | None = None,
-    backgrounds: Sequence[Path] | None = None,
-    times: FrameTimes | None = None,
+    sources: Sequence[str | Path | int], cameras: str | Path, radius: float, **keywords: Unpack[SphereKeywords]
 ) -> SphereRun:
-    """A run of `track_sphere`.
-
-    Args:
-        sources, cameras, radius, start, volume, settings: see `track_sphere`; all sources may be live.
-        backgrounds: one picture of the empty scene per video; by default the median of the video.
-        times: of the frames; by default as the camera file says.
+    """A run of `track_sphere`; all sources may be live.
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
     """
-    settings = settings or SphereSettings()
+    settings, backgrounds = keywords.get("settings") or SphereSettings(), keywords.get("backgrounds")
     if not 0 < radius < 10:
         raise RequestError(f"`radius`: expected metres above 0 (and below 10), got {radius:g}")
     placed = read_projective_cameras(Path(cameras))
@@ -117,33 +117,16 @@ def sphere_run(
             f"cameras in {cameras}; give the videos in the order of its entries"
         )
     opened = [open_source(str(source)) for source in sources]
-    live = all(source.live for source in opened)
+    live, times = all(source.live for source in opened), keywords.get("times")
     if live and times is not None and (times.offsets or times.timestamps):
         raise RequestError("`offsets` and `timestamps`: expected only with recorded videos; live frames have their own")
     if live and settings.likelihood == "background" and backgrounds is None:
         raise RequestError("`backgrounds`: expected pictures of the empty scene with live cameras, got none")
     stamps = [] if live else (times or FrameTimes()).of_videos(opened, placed)
-    pinholes = [p.camera for p in placed]
-    box = common_volume(pinholes, radius) if volume is None else _box(volume)
-    place = None if start is None else np.asarray(start, dtype=np.float64)
-    if place is None:
-        check_volume(box, pinholes, radius)
-    else:
-        if place.shape != (3,):
-            raise RequestError(f"`start`: expected x, y, z in metres, got shape {place.shape}")
-        check_start(place, placed)
-    printed = settings.preset == "paper"
-    if printed and place is None:
-        raise RequestError("`start`: expected x, y, z with the preset paper, which measures where the ball is at first")
+    place, box = _start(keywords.get("start"), keywords.get("volume"), settings, placed, radius)
     weigh = chosen_likelihood(settings, placed, opened, radius, backgrounds)
-    moves = chosen_motion(settings, radius)
-    # The background difference is the paper's baseline, without what goes beyond the paper.
-    plain = printed or settings.likelihood == "background"
-    tracker = SphereTracker(weigh, moves, covering=None, stages=1) if plain else SphereTracker(weigh, moves)
-    if printed:
-        tracker = replace(tracker, patience=np.inf)
     broad = weigh.broad() if isinstance(weigh, ContourLikelihood) else weigh
-    search = partial(find_ball, weigh, broad, pinholes, radius, box, settings.particles)
+    search = partial(find_ball, weigh, broad, [p.camera for p in placed], radius, box, settings.particles)
     begin = Start(place, settings.spread, settings.particles, search)
 
     def seen(moments: Sequence[Moment]) -> Iterator[Seen]:
@@ -153,7 +136,39 @@ def sphere_run(
         videos = [checked_frames(source, camera) for source, camera in zip(opened, placed, strict=True)]
         return moments_with_images(moments, videos)
 
-    return SphereRun(placed, stamps, settings.tolerance, tracker, begin, seen, opened)
+    return SphereRun(placed, stamps, settings.tolerance, _tracker(settings, weigh, radius), begin, seen, opened)
+
+
+def _start(
+    start: ArrayLike | None,
+    volume: ArrayLike | None,
+    settings: SphereSettings,
+    placed: Sequence[PlacedCamera],
+    radius: float,
+) -> tuple[FloatArray | None, FloatArray]:
+    """The checked start ``(3,)``, None to search; and the box ``(2, 3)`` in which the ball is searched."""
+    pinholes = [p.camera for p in placed]
+    box = common_volume(pinholes, radius) if volume is None else _box(volume)
+    if start is None:
+        check_volume(box, pinholes, radius)
+        if settings.preset == "paper":
+            raise RequestError(
+                "`start`: expected x, y, z with the preset paper, which measures where the ball is at first"
+            )
+        return None, box
+    place = np.asarray(start, dtype=np.float64)
+    if place.shape != (3,):
+        raise RequestError(f"`start`: expected x, y, z in metres, got shape {place.shape}")
+    check_start(place, placed)
+    return place, box
+
+
+def _tracker(settings: SphereSettings, weigh: ViewLikelihood, radius: float) -> SphereTracker:
+    moves, printed = chosen_motion(settings, radius), settings.preset == "paper"
+    # The background difference is the paper's baseline, without what goes beyond the paper.
+    plain = printed or settings.likelihood == "background"
+    tracker = SphereTracker(weigh, moves, covering=None, stages=1) if plain else SphereTracker(weigh, moves)
+    return replace(tracker, patience=np.inf) if printed else tracker
 
 
 def live_tolerance(sources: Sequence[Source], wanted: float | None) -> float:
@@ -265,14 +280,11 @@ def sphere(
     import numpy as np
 
     from tsuiseki.tracking.formats.track3d import read_path3d, write_track3d
-    from tsuiseki.tracking.sphere.page import distances_to_truth, path_figure, sphere_page
+    from tsuiseki.tracking.sphere.page import path_figure, sphere_page
     from tsuiseki.tracking.sphere.points import sphere_points_run
 
-    if volume is not None and not all(low < high for low, high in zip(volume[:3], volume[3:], strict=True)):
-        shown = ",".join(f"{value:g}" for value in volume)
-        raise RequestError(f"`volume`: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2, Y1 < Y2 and Z1 < Z2, got {shown}")
     true_path = None if truth is None else read_path3d(truth)
-    corners = None if volume is None else np.array(volume).reshape(2, 3)
+    chosen: SphereRun
     if points is not None:
         if source or drawing.overlay or backgrounds or volume:
             raise RequestError("`points`: expected no videos, `overlay`, `backgrounds` or `volume` beside it")
@@ -287,7 +299,7 @@ def sphere(
             cameras,
             radius,
             start=start,
-            volume=corners,
+            volume=_corners(volume),
             settings=settings,
             backgrounds=backgrounds,
             times=times,
@@ -306,15 +318,30 @@ def sphere(
             log, chosen.placed, radius or 0.0, true_path, videos, run.times.seconds, output.given.settings
         )
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
-        found = sum(p.status == "tracking" for p in log.positions)
-        summary = f"ball known in {found} of {len(log.positions)} moments: {output.out / 'track3d.csv'}"
-        away = np.empty(0) if true_path is None else distances_to_truth(log.positions, true_path)
-        if len(away):
-            summary += (
-                f"\n{100 * away.mean():.2f} cm from the true position in the mean, {100 * away.max():.2f} at most"
-            )
-        run.done(summary)
+        run.done(_summary(log, true_path, output.out / "track3d.csv"))
     return run.status
+
+
+def _summary(log: SphereLog, truth: Path3D | None, file: Path) -> str:
+    """In how many moments the ball is known, and how far from the truth."""
+    from tsuiseki.tracking.sphere.page import distances_to_truth
+
+    found = sum(p.status == "tracking" for p in log.positions)
+    summary = f"ball known in {found} of {len(log.positions)} moments: {file}"
+    away = np.empty(0) if truth is None else distances_to_truth(log.positions, truth)
+    if len(away):
+        summary += f"\n{100 * away.mean():.2f} cm from the true position in the mean, {100 * away.max():.2f} at most"
+    return summary
+
+
+def _corners(volume: tuple[float, float, float, float, float, float] | None) -> FloatArray | None:
+    """The two corners ``(2, 3)``, metres; checked."""
+    if volume is None:
+        return None
+    if not all(low < high for low, high in zip(volume[:3], volume[3:], strict=True)):
+        shown = ",".join(f"{value:g}" for value in volume)
+        raise RequestError(f"`volume`: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2, Y1 < Y2 and Z1 < Z2, got {shown}")
+    return np.array(volume).reshape(2, 3)
 
 
 def _overlays(run: Run, drawing: Drawing, chosen: SphereRun, log: SphereLog, radius: float) -> list[Path | None]:

@@ -28,7 +28,7 @@ from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import NOBODY
 from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser, averaged
-from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraMotionSettings, CameraStep
+from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth
@@ -182,10 +182,9 @@ def fit_action_costs(
     streams = actions or [shipped(f"action_drone_{name}") for name in STREAMS]
     appearance = appearance or shipped("appearance_people")
     detector = shipped(DRONE_DETECTOR) if detector is None else shipped_or_file("detector", detector)
-    camera = CameraMotionSettings()
-    observers = Observers(Detector(detector), Appearance(appearance), ActionRecogniser(streams), camera)
+    observers = Observers(Detector(detector), Appearance(appearance), ActionRecogniser(streams), camera=True)
     key = {str(n): file_digest(path) for n, path in enumerate([*streams, appearance, detector])} | {
-        "camera": repr(camera)
+        "camera": "estimated"
     }
     samples = []
     for sequence in sequences:

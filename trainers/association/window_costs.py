@@ -24,7 +24,7 @@ from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.models.association_network import AssociationNetwork
 from tsuiseki.models.metric_losses import softmax_contrastive_loss
 from tsuiseki.tracking.association.evidence import LINK_FEATURES
-from tsuiseki.tracking.association.flow_rounds import RoundSettings
+from tsuiseki.tracking.association.flow_rounds import AVERAGED
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.nearby import gaps
 from tsuiseki.tracking.errors import RequestError
@@ -89,7 +89,7 @@ def features_of(graph: Graph) -> FloatArray | None:
 def averages_of(graph: Graph) -> Averages:
     """Along which detections of a window the tracker averages features."""
     frames, tracks = np.append(graph.frames, graph.others.frames), np.append(graph.tracks, graph.others.tracks)
-    past = averaged(frames, tracks, gaps(RoundSettings().averaged, graph.frame_rate))
+    past = averaged(frames, tracks, gaps(AVERAGED, graph.frame_rate))
     return Averages(past[: len(graph)], past.T[: len(graph)].copy())
 
 

@@ -35,7 +35,6 @@ from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, e
 from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, score_sums
 from tsuiseki.tracking.evaluation.tables import action_values
 from tsuiseki.tracking.features.action import LOCAL_STREAMS, STREAMS, ActionRecogniser, StreamName, averaged
-from tsuiseki.tracking.features.camera_motion import CameraMotionSettings
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
@@ -247,14 +246,13 @@ def observe_clip(store: Store, models: ObservingModels, plan: ClipPlan) -> Obser
     key = {f"model {n}": file_digest(path) for n, path in enumerate((*models.actions, models.appearance))}
     detector = Detector(models.detector, threads=1)
     detected_by = f"{file_digest(models.detector)} from {detector.score_threshold}"
-    camera = CameraMotionSettings()
     streams, appearance = ActionRecogniser(models.actions, threads=1), Appearance(models.appearance, threads=1)
-    observers = Observers(detector, appearance, streams, camera)
-    detected = video_observations(folder, observers, {**key, "detections": detected_by, "camera": repr(camera)}, cache)
+    observers = Observers(detector, appearance, streams, camera=True)
+    detected = video_observations(folder, observers, {**key, "detections": detected_by, "camera": "estimated"}, cache)
     boxes, labels = as_detections(read_tracks(sequence.ground_truth_path), sequence.length)
     given = video_observations(
         folder,
-        replace(observers, detect=boxes, describe=None, camera=None),
+        replace(observers, detect=boxes, describe=None, camera=False),
         {**key, "detections": file_digest(sequence.ground_truth_path)},
         cache,
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.camera_from_boxes import doubt_of
-from tsuiseki.tracking.features.camera_path import said_of_camera
+from tsuiseki.tracking.features.camera_path import line_on_camera
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import Detections, ImageArray
@@ -39,7 +39,7 @@ def test_steps_that_few_boxes_tell_are_in_doubt() -> None:
     assert (np.diff(variance[29:]) >= 0.99 * least).all()
     # The way of the two boxes is followed all the same.
     np.testing.assert_allclose(camera.to_first(np.array([[0.0, 0, 30, 80]]), np.array([59]))[0, 0], 8.0 * 59, atol=2)
-    assert said_of_camera(camera.lost.from_one(), camera.source) == (
+    assert line_on_camera(camera.lost.from_one(), camera.source) == (
         "how the camera moved into frames 31-60 is not known from the few boxes there; links over them reach further"
     )
 
