@@ -74,9 +74,7 @@ def join_crops(parts: Sequence[IdentityCrops]) -> IdentityCrops:
     )
 
 
-def crops_from_folder(
-    folder: Path, frames: tuple[int, int] | None, least_visible: float = 0.3, step: int = 1
-) -> IdentityCrops:
+def crops_from_folder(folder: Path, frames: tuple[int, int] | None, least_visible: float = 0.3) -> IdentityCrops:
     """Views of the labelled people of a MOTChallenge sequence, of every sequence in a folder, or of MARS.
 
     Args:
@@ -84,7 +82,6 @@ def crops_from_folder(
         frames: first and last frame, 1-based, both included; None for all.
         least_visible: smallest visible share of a box, in [0, 1]. Where the labels do not say it, the share that no
             nearer person's box covers counts.
-        step: use every ``step``-th frame.
 
     Raises:
         RequestError: the folder is not readable as sequences with images, or fewer than two people are left.
@@ -93,9 +90,8 @@ def crops_from_folder(
         return _from_mars(training_crops(folder))
     parts: dict[str, list[tuple[LabelledFrame, BoolArray]]] = {}
     for sample in labelled_images(folder, frames):
-        if sample.frame % step == 0:
-            usable = ~sample.ignored & (np.minimum(sample.visibility, uncovered(sample.boxes)) >= least_visible)
-            parts.setdefault(sample.sequence, []).append((sample, usable))
+        usable = ~sample.ignored & (np.minimum(sample.visibility, uncovered(sample.boxes)) >= least_visible)
+        parts.setdefault(sample.sequence, []).append((sample, usable))
     crops = join_crops([_cut_sequence(samples) for samples in parts.values()])
     if len(np.unique(crops.ids)) < 2:
         raise RequestError(f"{folder}: expected at least two labelled people in frames {frames}, to tell them apart")

@@ -19,7 +19,7 @@ from tsuiseki.models.backbones import Trunk
 _PRIOR = 0.02
 
 
-class Detector(nn.Module):
+class AnchorDetector(nn.Module):
     """Feature maps, and on each a class head and a box head.
 
     Args:
@@ -81,7 +81,7 @@ class OneClass(nn.Module):
 
     anchors: Tensor
 
-    def __init__(self, detector: Detector, kept: int) -> None:
+    def __init__(self, detector: AnchorDetector, kept: int) -> None:
         super().__init__()
         self.detector = detector
         self.kept = kept
@@ -90,7 +90,7 @@ class OneClass(nn.Module):
         self.register_buffer("anchors", detector.anchors, persistent=False)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """As `Detector.forward`, with logits ``(B, A, 2)``."""
+        """As `AnchorDetector.forward`, with logits ``(B, A, 2)``."""
         logits, offsets = self.detector(images)
         others = torch.cat((logits[..., : self.kept], logits[..., self.kept + 1 :]), dim=-1)
         kept = logits[..., self.kept : self.kept + 1]
@@ -126,7 +126,7 @@ class TopDown(nn.Module):
         return maps
 
 
-def people_detector(trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorSizes, width: int = 96) -> Detector:
+def people_detector(trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorSizes, width: int = 96) -> AnchorDetector:
     """SSDLite that sees small people: stride 8 by a top-down path, an input of any shape, anchors as given.
 
     Args:
@@ -149,7 +149,7 @@ def people_detector(trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorSiz
     box_heads = [_lite_head(width, len(shapes) * 4) for shapes in anchor_sizes]
     for head in class_heads:
         _set_prior(head[-1], classes=1)
-    return Detector(TopDown(trunk, width, len(anchor_sizes)), class_heads, box_heads, anchors, 1, size)
+    return AnchorDetector(TopDown(trunk, width, len(anchor_sizes)), class_heads, box_heads, anchors, 1, size)
 
 
 def separable(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:

@@ -15,14 +15,14 @@ from torchvision.models.detection.ssd import SSD, SSDFeatureExtractorVGG, SSDHea
 from torchvision.models.detection.ssdlite import ssdlite320_mobilenet_v3_large
 
 from tsuiseki.models.backbones import FROM_SCRATCH_MOMENTUM, Trunk, build_trunk, set_norm_momentum, vgg16_layers
-from tsuiseki.models.detector import Detector, OneClass
+from tsuiseki.models.detector import AnchorDetector, OneClass
 
 CocoArchitecture = Literal["ssdlite320", "ssd300"]
 COCO_CLASSES = 90
 COCO_PERSON = 1
 
 
-def ssdlite320(classes: int = 1, state: dict[str, Tensor] | None = None, trunk: Trunk | None = None) -> Detector:
+def ssdlite320(classes: int = 1, state: dict[str, Tensor] | None = None, trunk: Trunk | None = None) -> AnchorDetector:
     """torchvision's SSDLite320 with a MobileNetV3 trunk (Howard et al. 2019).
 
     Args:
@@ -41,7 +41,7 @@ def ssdlite320(classes: int = 1, state: dict[str, Tensor] | None = None, trunk: 
     return _from_torchvision(model, 320, classes, state)
 
 
-def ssd300(classes: int = 1, state: dict[str, Tensor] | None = None, trunk: Trunk | None = None) -> Detector:
+def ssd300(classes: int = 1, state: dict[str, Tensor] | None = None, trunk: Trunk | None = None) -> AnchorDetector:
     """torchvision's SSD300 with a VGG16 trunk (Liu et al. 2016), from scratch, a state dict or a trunk."""
     layers = vgg16_layers() if trunk is None else nn.Sequential(*itertools.chain(*trunk.stages))
     generator = DefaultBoxGenerator(
@@ -54,7 +54,7 @@ def ssd300(classes: int = 1, state: dict[str, Tensor] | None = None, trunk: Trun
     return _from_torchvision(model, 300, classes, state)
 
 
-def ssd512(classes: int = 1, trunk: Trunk | None = None) -> Detector:
+def ssd512(classes: int = 1, trunk: Trunk | None = None) -> AnchorDetector:
     """SSD512 with a VGG16 trunk in the original layout: maps of 64, 32, 16, 8, 4, 2 and 1, 24,564 anchors.
 
     Liu et al. 2016; torchvision's ``highres`` extractor has other maps.
@@ -70,7 +70,7 @@ def ssd512(classes: int = 1, trunk: Trunk | None = None) -> Detector:
     counts = generator.num_anchors_per_location()
     class_heads = [_xavier_conv(c, n * (classes + 1)) for c, n in zip(features.channels, counts, strict=True)]
     box_heads = [_xavier_conv(c, n * 4) for c, n in zip(features.channels, counts, strict=True)]
-    return Detector(features, class_heads, box_heads, anchors, classes, (512, 512))
+    return AnchorDetector(features, class_heads, box_heads, anchors, classes, (512, 512))
 
 
 class Vgg512(nn.Module):
@@ -113,7 +113,7 @@ class _TorchvisionMaps(nn.Module):
         return list(self.extractor(images).values())
 
 
-def _from_torchvision(model: SSD, side: int, classes: int, state: dict[str, Tensor] | None) -> Detector:
+def _from_torchvision(model: SSD, side: int, classes: int, state: dict[str, Tensor] | None) -> AnchorDetector:
     if state is not None:
         model.load_state_dict(state)
     model.eval()
@@ -124,7 +124,7 @@ def _from_torchvision(model: SSD, side: int, classes: int, state: dict[str, Tens
     anchors = model.anchor_generator._grid_default_boxes(grid, [side, side]) * side
     class_heads = model.head.classification_head.module_list
     box_heads = model.head.regression_head.module_list
-    return Detector(_TorchvisionMaps(model.backbone), class_heads, box_heads, anchors, classes, (side, side))
+    return AnchorDetector(_TorchvisionMaps(model.backbone), class_heads, box_heads, anchors, classes, (side, side))
 
 
 def _xavier_conv(inputs: int, outputs: int, kernel: int = 3, stride: int = 1, padding: int = 1) -> nn.Conv2d:
@@ -165,7 +165,7 @@ def coco_person_detector(architecture: CocoArchitecture, state: dict[str, Tensor
     return OneClass(_coco_detector(architecture, state), kept=COCO_PERSON)
 
 
-def coco_start(architecture: CocoArchitecture, state: dict[str, Tensor] | Path | None = None) -> Detector:
+def coco_start(architecture: CocoArchitecture, state: dict[str, Tensor] | Path | None = None) -> AnchorDetector:
     """A person detector to train on: everything of the COCO detector, of its class heads background and person.
 
     The arguments and errors are those of `coco_person_detector`.
@@ -183,7 +183,7 @@ def coco_start(architecture: CocoArchitecture, state: dict[str, Tensor] | Path |
     return one
 
 
-def _coco_detector(architecture: CocoArchitecture, state: dict[str, Tensor] | Path | None) -> Detector:
+def _coco_detector(architecture: CocoArchitecture, state: dict[str, Tensor] | Path | None) -> AnchorDetector:
     if state is None:
         state = _download(architecture)
     weights: dict[str, Tensor] = (

@@ -34,7 +34,7 @@ RIDGE = 1.0
 
 
 @dataclass(frozen=True)
-class Steps:
+class MotionSteps:
     """Increments of tracks, pooled; row ``t`` of each array belongs to the same step.
 
     Attributes:
@@ -59,7 +59,7 @@ class Steps:
         return len(self.walk)
 
 
-def track_steps(states: FloatArray, circular: Sequence[int]) -> Steps:
+def track_steps(states: FloatArray, circular: Sequence[int]) -> MotionSteps:
     """The steps of one track: ``(T, D)`` states of consecutive frames give ``T - 2``.
 
     Args:
@@ -74,7 +74,7 @@ def track_steps(states: FloatArray, circular: Sequence[int]) -> Steps:
     rates[:, :2] = turned(difference[:, :2], -heading)
     acceleration = np.diff(difference[:, :2], axis=0)
     angles = difference[1:, HEADING:]
-    return Steps(
+    return MotionSteps(
         walk=difference[1:],
         velocity=rates[1:, :2],
         image=np.concatenate([acceleration, angles], axis=1),
@@ -85,7 +85,7 @@ def track_steps(states: FloatArray, circular: Sequence[int]) -> Steps:
     )
 
 
-def pooled_steps(tracks: Sequence[FloatArray], circular: Sequence[int]) -> Steps:
+def pooled_steps(tracks: Sequence[FloatArray], circular: Sequence[int]) -> MotionSteps:
     """The steps of all tracks ``(T_i, D)``; those of fewer than three frames hold none.
 
     Raises:
@@ -98,7 +98,9 @@ def pooled_steps(tracks: Sequence[FloatArray], circular: Sequence[int]) -> Steps
             f"expected at least {FEWEST_STEPS} steps to learn from, got {count}; "
             "a track of T consecutive frames in the status tracking has T - 2"
         )
-    return Steps(*(np.concatenate([getattr(part, name) for part in parts]) for name in Steps.__dataclass_fields__))
+    return MotionSteps(
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in MotionSteps.__dataclass_fields__)
+    )
 
 
 def learn_motion(

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
+from tsuiseki.datamodules.scenes.single_clip import SingleClipSettings, draw_single_clip
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.objectness import (
     SIDE,
@@ -33,6 +33,13 @@ from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
 
+# Widths and heights of windows, pixels, of which all pairs of a plausible shape are used; and their greatest ratio.
+SIDES, STEEPEST = (12, 18, 27, 40, 60, 90, 135, 200), 4.0
+# Windows without an object, drawn at random, per image; C of the SVM of stage one.
+NEGATIVES, REGULARISATION = 50, 1.0
+# Sizes with fewer objects among their windows are left out.
+MIN_EXAMPLES = 20
+
 
 @dataclass(frozen=True)
 class BoxedImage:
@@ -42,43 +49,22 @@ class BoxedImage:
     boxes: FloatArray
 
 
-@dataclass(frozen=True)
-class ObjectnessSettings:
-    """How to fit.
-
-    Attributes:
-        sides: widths and heights of the windows, pixels; all pairs with a plausible shape are used.
-        steepest: greatest ratio of the sides of a window.
-        negatives: windows without an object, drawn at random, per image.
-        regularisation: C of the SVM of stage one.
-        min_examples: sizes with fewer objects among their windows are left out.
-        seed: of all draws.
-    """
-
-    sides: tuple[int, ...] = (12, 18, 27, 40, 60, 90, 135, 200)
-    steepest: float = 4.0
-    negatives: int = 50
-    regularisation: float = 1.0
-    min_examples: int = 20
-    seed: int = 0
-
-
 def generated_images(count: int, seed: int) -> list[BoxedImage]:
     """Images of generated chases with the box of the followed person."""
     rng = np.random.default_rng(seed)
     images: list[BoxedImage] = []
     while len(images) < count:
         size = float(rng.choice([20, 35, 60, 100, 160]))
-        settings = ChaseSettings(
+        settings = SingleClipSettings(
             frames=3, person_height=(size, 1.6 * size), passers=0, obstacles=int(rng.integers(0, 3))
         )
-        clip = render_chase(rng, settings)
+        clip = draw_single_clip(rng, settings)
         seen = [k for k in range(settings.frames) if clip.visibility[k] > 0.8]
         images.extend(BoxedImage(clip.images[k], clip.boxes[k : k + 1]) for k in seen)
     return images[:count]
 
 
-def fit_objectness(images: Sequence[BoxedImage], settings: ObjectnessSettings, trained_on: str) -> ObjectnessModel:
+def fit_objectness(images: Sequence[BoxedImage], seed: int, trained_on: str) -> ObjectnessModel:
     """The model for what the boxes of ``images`` hold.
 
     Raises:
@@ -86,23 +72,21 @@ def fit_objectness(images: Sequence[BoxedImage], settings: ObjectnessSettings, t
     """
     from sklearn.svm import LinearSVC
 
-    rng = np.random.default_rng(settings.seed)
+    rng = np.random.default_rng(seed)
     positives = [g for item in images for g in _gradients(item.image, item.boxes)]
-    if len(positives) < settings.min_examples:
-        raise RequestError(
-            f"expected at least {settings.min_examples} labelled boxes to learn from, got {len(positives)}"
-        )
-    negatives = [g for item in images for g in _gradients(item.image, _windows_without_object(item, settings, rng))]
+    if len(positives) < MIN_EXAMPLES:
+        raise RequestError(f"expected at least {MIN_EXAMPLES} labelled boxes to learn from, got {len(positives)}")
+    negatives = [g for item in images for g in _gradients(item.image, _windows_without_object(item, rng))]
     features = np.array(positives + negatives, dtype=np.float64) / 255
     labels = np.repeat([1, 0], [len(positives), len(negatives)])
-    svm = LinearSVC(C=settings.regularisation, class_weight="balanced", random_state=settings.seed, max_iter=20000)
+    svm = LinearSVC(C=REGULARISATION, class_weight="balanced", random_state=seed, max_iter=20000)
     weights = binarise(svm.fit(features, labels).coef_.reshape(SIDE, SIDE))
-    return _calibrate(images, weights, settings, trained_on)
+    return _calibrate(images, weights, trained_on)
 
 
-def window_sizes(settings: ObjectnessSettings) -> FloatArray:
+def window_sizes() -> FloatArray:
     """``(S, 2)`` all pairs of sides with a plausible shape."""
-    pairs = [(w, h) for w in settings.sides for h in settings.sides if max(w, h) <= settings.steepest * min(w, h)]
+    pairs = [(w, h) for w in SIDES for h in SIDES if max(w, h) <= STEEPEST * min(w, h)]
     return np.array(pairs, dtype=np.float64)
 
 
@@ -123,11 +107,11 @@ def _gradients(image: ImageArray, boxes: FloatArray) -> Iterable[FloatArray]:
         yield normed_gradients(np.asarray(small, dtype=np.uint8))[1:-1, 1:-1].ravel().astype(np.float64)
 
 
-def _windows_without_object(item: BoxedImage, settings: ObjectnessSettings, rng: np.random.Generator) -> FloatArray:
+def _windows_without_object(item: BoxedImage, rng: np.random.Generator) -> FloatArray:
     height, width = item.image.shape[:2]
-    sizes = window_sizes(settings)
+    sizes = window_sizes()
     sizes = sizes[(sizes < [width, height]).all(axis=1)]
-    drawn = sizes[rng.integers(len(sizes), size=settings.negatives)] if len(sizes) else np.empty((0, 2))
+    drawn = sizes[rng.integers(len(sizes), size=NEGATIVES)] if len(sizes) else np.empty((0, 2))
     corner = rng.random(drawn.shape) * (np.array([width, height]) - drawn)
     boxes = np.concatenate([corner, corner + drawn], axis=1)
     if not len(item.boxes):
@@ -135,14 +119,12 @@ def _windows_without_object(item: BoxedImage, settings: ObjectnessSettings, rng:
     return np.asarray(boxes[iou_matrix(boxes, item.boxes).max(axis=1) < 0.5])
 
 
-def _calibrate(
-    images: Sequence[BoxedImage], weights: FloatArray, settings: ObjectnessSettings, trained_on: str
-) -> ObjectnessModel:
+def _calibrate(images: Sequence[BoxedImage], weights: FloatArray, trained_on: str) -> ObjectnessModel:
     """Stage two: a logistic fit of "is an object" on the score of stage one, size by size."""
     from sklearn.linear_model import LogisticRegression
 
     kept, gains, offsets = [], [], []
-    for size in window_sizes(settings):
+    for size in window_sizes():
         single = ObjectnessModel(weights, size[None], np.ones(1), np.zeros(1), "")
         scores, labels = [], []
         for item in images:
@@ -154,7 +136,7 @@ def _calibrate(
                 scores.append(values)
                 labels.append(covers)
         truth = np.concatenate(labels) if labels else np.empty(0, dtype=bool)
-        if truth.sum() < settings.min_examples or truth.all():
+        if truth.sum() < MIN_EXAMPLES or truth.all():
             continue
         score = np.concatenate(scores)
         scale = float(score.std()) or 1.0
@@ -164,7 +146,7 @@ def _calibrate(
         gains.append(max(float(fit.coef_[0, 0]), 1e-3) / scale)
         offsets.append(float(fit.intercept_[0]))
     if not kept:
-        raise RequestError(f"expected {settings.min_examples} labelled boxes of at least one window size, got fewer")
+        raise RequestError(f"expected {MIN_EXAMPLES} labelled boxes of at least one window size, got fewer")
     return ObjectnessModel(weights, np.array(kept), np.array(gains), np.array(offsets), trained_on)
 
 
@@ -260,7 +242,7 @@ def train_objectness(
     if interval < 1 or images < 1:
         raise RequestError(f"expected `interval` and `images` of at least 1, got {interval} and {images}")
     training, described = some_images(data, interval, images, chance.seed)
-    model = fit_objectness(training, ObjectnessSettings(seed=chance.seed), described)
+    model = fit_objectness(training, chance.seed, described)
     held_out, _ = some_images(test, interval, max(1, images // 4), chance.seed + 1)
     shares = recall_by_windows(held_out, model)
     output.write(output.out, model.write)

@@ -27,6 +27,12 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 # Distances that people keep from each other and from the camera's foot, metres.
 APART, NEAREST = 0.55, 0.3
 TRIES = 40
+# (shortest, longest) side of the floor and (lowest, highest) ceiling, metres.
+FLOOR, CEILING = (3.5, 18.0), (2.4, 4.5)
+# (least, greatest) radius of the cylinder, shares of the height.
+SCALE = (0.25, 0.7)
+# Share of the people who sit, and of the pictures that look straight down.
+SEATED, DOWNWARD = 0.45, 0.15
 
 
 @dataclass(frozen=True)
@@ -37,22 +43,12 @@ class PanoramaPictures:
         width: pixels.
         height: pixels.
         people: (fewest, most).
-        floor: (shortest, longest) side, metres.
-        ceiling: (lowest, highest), metres.
-        scale: (least, greatest) radius of the cylinder, shares of the height.
-        seated: share of the people.
-        downward: share of the pictures that look straight down.
         samples: rays along each side of a pixel.
     """
 
     width: int = 512
     height: int = 384
     people: tuple[int, int] = (0, 12)
-    floor: tuple[float, float] = (3.5, 18.0)
-    ceiling: tuple[float, float] = (2.4, 4.5)
-    scale: tuple[float, float] = (0.25, 0.7)
-    seated: float = 0.45
-    downward: float = 0.15
     samples: int = 2
 
 
@@ -77,7 +73,7 @@ class _Furnishing:
 
 def panorama_picture(rng: np.random.Generator, settings: PanoramaPictures) -> tuple[ImageArray, FloatArray, FloatArray]:
     """A picture ``(H, W, 3)`` uint8 RGB, boxes ``(N, 4)`` of whole silhouettes cut off at the border, visibilities."""
-    size = np.array([*rng.uniform(*settings.floor, 2), rng.uniform(*settings.ceiling)])
+    size = np.array([*rng.uniform(*FLOOR, 2), rng.uniform(*CEILING)])
     camera = _camera(rng, size, settings)
     furnishing = _furnished(rng, size, camera, settings)
     light = lamps(rng)
@@ -104,9 +100,9 @@ def _camera(rng: np.random.Generator, size: FloatArray, settings: PanoramaPictur
     spot = size * [*rng.uniform(0.25, 0.75, 2), 1.0] - [0, 0, rng.uniform(0.03, 0.25)]
     turn = float(rng.uniform(0, 2 * np.pi))
     width, height = settings.width, settings.height
-    if rng.random() < settings.downward:
+    if rng.random() < DOWNWARD:
         return DownwardView(spot, turn, float(rng.uniform(0.6, 1.3)) * height, width, height)
-    scale = float(np.exp(rng.uniform(*np.log(settings.scale)))) * height
+    scale = float(np.exp(rng.uniform(*np.log(SCALE)))) * height
     return CylinderView(spot, turn, scale, float(rng.uniform(-0.1, 0.12)) * height, width, height)
 
 
@@ -115,7 +111,7 @@ def _furnished(
 ) -> _Furnishing:
     made = _Furnishing([], panels(rng, size, int(rng.integers(2, 10))), [])
     count = int(rng.integers(settings.people[0], settings.people[1] + 1))
-    seated = int(rng.binomial(count, settings.seated))
+    seated = int(rng.binomial(count, SEATED))
     while seated > 0:
         seated -= _group(rng, made, size, camera, seated)
     for _ in range(count - len(made.people)):

@@ -20,10 +20,16 @@ from tsuiseki.datamodules.scenes.render.shading import Light, random_light
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 PHASES = 12
+# Share of people who are dressed like the one before; chance that the camera jumps ten times as far in a frame.
+LOOK_ALIKES, JERK = 0.4, 0.03
+# Factor on the size over the whole clip, drawn between 1/GROWTH and GROWTH.
+GROWTH = 1.5
+# Standard deviation of the change of heading between the poses of a walk, radians.
+TURNING = 0.15
 
 
 @dataclass(frozen=True)
-class ChaseSettings:
+class SingleClipSettings:
     """What a clip shows.
 
     Attributes:
@@ -32,12 +38,8 @@ class ChaseSettings:
         height: likewise.
         person_height: range of the followed person's height, pixels.
         passers: how many other people walk about.
-        look_alikes: share of people who are dressed like the one before.
         obstacles: how many upright things stand in front of the people.
         shake: standard deviation of the camera's jump between frames, pixels.
-        jerk: probability that a frame brings a jump ten times as large.
-        growth: factor on the size from the first frame to the last, drawn between 1/growth and growth.
-        turning: standard deviation of the change of heading between the poses of a walk, radians.
     """
 
     frames: int = 100
@@ -45,16 +47,12 @@ class ChaseSettings:
     height: int = 240
     person_height: tuple[float, float] = (40.0, 90.0)
     passers: int = 4
-    look_alikes: float = 0.4
     obstacles: int = 3
     shake: float = 1.0
-    jerk: float = 0.03
-    growth: float = 1.5
-    turning: float = 0.15
 
 
 @dataclass(frozen=True)
-class Chase:
+class SingleClip:
     """A clip.
 
     Attributes:
@@ -75,13 +73,11 @@ class _Walker:
     sizes: FloatArray
 
 
-def _walk_cycle(
-    rng: np.random.Generator, person: Person, height: float, light: Light, turning: float, frames: int
-) -> list[ImageArray]:
+def _walk_cycle(rng: np.random.Generator, person: Person, height: float, light: Light, frames: int) -> list[ImageArray]:
     heading, tilt = float(rng.uniform(0, 2 * math.pi)), float(rng.uniform(0, 0.3))
     cycle = []
     for phase in range(min(2 * PHASES, frames)):
-        heading += float(rng.normal(0, turning))
+        heading += float(rng.normal(0, TURNING))
         pose = walking(person.build, person.manner, phase / PHASES, 1.3)
         cycle.append(render_person_sprite(rng, height, tilt, person, pose, heading, light))
     return cycle
@@ -95,11 +91,11 @@ def _path(rng: np.random.Generator, frames: int, start: FloatArray, speed: float
     return np.asarray(start + np.cumsum(steps, axis=0))
 
 
-def _walkers(rng: np.random.Generator, settings: ChaseSettings) -> list[_Walker]:
+def _walkers(rng: np.random.Generator, settings: SingleClipSettings) -> list[_Walker]:
     """The followed person first; the others cross that path at some time."""
-    people = random_identities(rng, 1 + settings.passers, settings.look_alikes)
+    people = random_identities(rng, 1 + settings.passers, LOOK_ALIKES)
     height, light = float(rng.uniform(*settings.person_height)), random_light(rng)
-    growth = np.exp(rng.uniform(-1, 1) * np.log(settings.growth))
+    growth = np.exp(rng.uniform(-1, 1) * np.log(GROWTH))
     sizes = growth ** np.linspace(0, 1, settings.frames)
     speed = 0.035 * height
     own = _path(rng, settings.frames, np.zeros(2), speed)
@@ -111,20 +107,18 @@ def _walkers(rng: np.random.Generator, settings: ChaseSettings) -> list[_Walker]
             meeting = int(rng.integers(settings.frames))
             path = path - path[meeting] + own[meeting] + rng.normal(0, 0.15 * height, 2)
         own_height = height * (1.0 if k == 0 else float(rng.uniform(0.85, 1.15)))
-        walkers.append(
-            _Walker(_walk_cycle(rng, person, own_height, light, settings.turning, settings.frames), path, sizes)
-        )
+        walkers.append(_Walker(_walk_cycle(rng, person, own_height, light, settings.frames), path, sizes))
     return walkers
 
 
-def _camera(rng: np.random.Generator, path: FloatArray, settings: ChaseSettings) -> FloatArray:
+def _camera(rng: np.random.Generator, path: FloatArray, settings: SingleClipSettings) -> FloatArray:
     """Top left corners ``(T, 2)`` of the view: behind the person, with shakes and jerks."""
     follow = np.zeros_like(path)
     position = path[0]
     for t, place in enumerate(path):
         position = position + 0.08 * (place - position)
         follow[t] = position
-    jump = np.where(rng.random(len(path)) < settings.jerk, 10.0, 1.0)[:, None]
+    jump = np.where(rng.random(len(path)) < JERK, 10.0, 1.0)[:, None]
     shakes = np.cumsum(jump * rng.normal(0, settings.shake, path.shape), axis=0)
     low = 0.25 * np.array([settings.width, settings.height])
     return np.asarray(follow + np.clip(shakes, -low, low) - np.array([settings.width, settings.height]) / 2)
@@ -145,9 +139,9 @@ def _obstacles(
     return things
 
 
-def render_chase(rng: np.random.Generator, settings: ChaseSettings | None = None) -> Chase:
+def draw_single_clip(rng: np.random.Generator, settings: SingleClipSettings | None = None) -> SingleClip:
     """A random clip; the same generator state gives the same clip."""
-    settings = ChaseSettings() if settings is None else settings
+    settings = SingleClipSettings() if settings is None else settings
     walkers = _walkers(rng, settings)
     corners = np.round(_camera(rng, walkers[0].path, settings)).astype(int)
     height = walkers[0].sprites[0].shape[0]
@@ -163,7 +157,7 @@ def render_chase(rng: np.random.Generator, settings: ChaseSettings | None = None
         images.append(np.clip(view + rng.normal(0, 3, view.shape), 0, 255).astype(np.uint8))
         boxes.append(box)
         visibility.append(seen)
-    return Chase(np.stack(images), np.array(boxes), np.array(visibility))
+    return SingleClip(np.stack(images), np.array(boxes), np.array(visibility))
 
 
 def _draw(

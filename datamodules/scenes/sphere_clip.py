@@ -36,6 +36,8 @@ AZIMUTHS = np.deg2rad([-38.0, 38.0, 100.0, -100.0, 0.0, 180.0])
 DISTANCES = (4.0, 4.0, 3.9, 3.85, 3.9, 4.1)
 HEIGHTS = (1.5, 1.7, 2.0, 2.0, 2.3, 2.2)
 AIM = (0.0, 0.0, 0.95)
+# Of the person, m/s.
+SPEED = 0.30
 # Instants whose mean stands for a smeared picture, and bands of rows for a rolling shutter.
 EXPOSURE_BLINKS, READOUT_BANDS = 4, 4
 
@@ -71,7 +73,6 @@ class CarriedBallSettings:
         frames: of each camera.
         frame_rate: frames/s.
         radius: of the ball, m.
-        speed: of the person, m/s.
         noise: standard deviation, grey levels of 255.
         samples: rays along each side of a pixel.
         covers: boards before cameras.
@@ -86,7 +87,6 @@ class CarriedBallSettings:
     frames: int = 100
     frame_rate: float = 15.0
     radius: float = 0.10
-    speed: float = 0.30
     noise: float = 3.0
     samples: int = 3
     covers: tuple[Cover, ...] = field(default_factory=tuple)
@@ -229,14 +229,14 @@ def _bodies(
     person: Person, settings: CarriedBallSettings, time: float
 ) -> tuple[Pose, tuple[FloatArray, float], FloatArray]:
     """Pose, place and heading of the person, and the ball's centre."""
-    length = settings.speed * settings.frames / settings.frame_rate
-    along = settings.speed * time - 0.5 * length
+    length = SPEED * settings.frames / settings.frame_rate
+    along = SPEED * time - 0.5 * length
     # An S through the middle of the room, walked sideways before the first two cameras.
     bend = 0.30 * np.sin(2.2 * along)
     heading = np.pi / 2 - np.arctan(0.30 * 2.2 * np.cos(2.2 * along)) * 0.8
     position = np.array([bend - 0.25, along - 0.72])
-    phase = settings.speed * time / stride_length(person.build, person.manner, settings.speed)
-    pose = walking(person.build, person.manner, phase, settings.speed)
+    phase = SPEED * time / stride_length(person.build, person.manner, SPEED)
+    pose = walking(person.build, person.manner, phase, SPEED)
     raised = 0.75 + 0.28 * np.sin(2 * np.pi * time / 4.6)
     pose = replace(
         pose,

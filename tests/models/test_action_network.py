@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from tsuiseki.models.action import ActionNetwork, ActionStream, StreamProbability, action_loss, positive_weights
+from tsuiseki.models.action_network import ActionNetwork, ActionStream, StreamProbability, action_loss, positive_weights
 
 
 @pytest.mark.parametrize("channels", [2, 3, 6])

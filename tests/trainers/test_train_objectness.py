@@ -8,9 +8,14 @@ pytest.importorskip("sklearn", reason="training needs the train extra")
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.objectness import propose, recall
-from tsuiseki.trainers.train_objectness import BoxedImage, ObjectnessSettings, fit_objectness
+from tsuiseki.trainers import train_objectness
+from tsuiseki.trainers.train_objectness import BoxedImage, fit_objectness
 
-SETTINGS = ObjectnessSettings(sides=(17, 24, 34, 48), steepest=1.5, min_examples=5)
+
+@pytest.fixture(autouse=True)
+def few_sizes(monkeypatch):
+    for name, value in {"SIDES": (17, 24, 34, 48), "STEEPEST": 1.5, "MIN_EXAMPLES": 5}.items():
+        monkeypatch.setattr(train_objectness, name, value)
 
 
 def squares(count, seed):
@@ -26,7 +31,7 @@ def squares(count, seed):
 
 
 def test_it_finds_squares_of_sizes_it_learnt():
-    model = fit_objectness(squares(40, 0), SETTINGS, "squares")
+    model = fit_objectness(squares(40, 0), 0, "squares")
     test = squares(20, 1)
     proposals = [propose(item.image, model, 50)[0] for item in test]
     found = recall([item.boxes for item in test], proposals, [3, 50])
@@ -35,11 +40,11 @@ def test_it_finds_squares_of_sizes_it_learnt():
 
 
 def test_the_same_seed_gives_the_same_model():
-    first, second = (fit_objectness(squares(25, 2), SETTINGS, "") for _ in range(2))
+    first, second = (fit_objectness(squares(25, 2), 0, "") for _ in range(2))
     np.testing.assert_array_equal(first.weights, second.weights)
     np.testing.assert_array_equal(first.gains, second.gains)
 
 
 def test_too_few_boxes_are_an_error():
     with pytest.raises(RequestError, match="at least 5 labelled boxes"):
-        fit_objectness(squares(2, 0), SETTINGS, "")
+        fit_objectness(squares(2, 0), 0, "")

@@ -1,23 +1,18 @@
-"""Costs of the flow network: what a detection and what a link of two detections is worth.
+"""Costs of the flow network: of a detection, of a link, and of what people do (thesis eq. 2.12-2.14, 5.2, 5.3).
 
-A learnt affinity and the hand-set costs share one interface, ``TransitionCost``: describe the candidate pairs once
-(``pair_features``), then price them all in one call.
+A learnt affinity and hand-set costs share one interface, `TransitionCost`. The candidate pairs are described once
+(`pair_features`), and all are priced in one call.
 
-Features averaged over windows along tracks (thesis eq. 5.3).
+Action features compare what people do. A network gives the probability of each action at every detection. Two
+detections of one person have similar probabilities, so their cosine distance is a cost of the link (eq. 5.2). Along the
+tracks of the flow before, probabilities are averaged over a window (eq. 5.3), and the links are priced again. The
+printed sum of eq. 5.3 runs over 17 frames and divides by 15; here it runs over the window and divides by the number of
+frames in which the person was detected.
 
-What links cost by what people do: action features of single frames and of several (thesis 5.2 and 5.3).
-
-A network says of every detection how likely each action is. Two detections of one person are alike in this, so the
-cosine distance of their probabilities prices a link (eq. 5.2). Along the tracks of the flow before, probabilities are
-averaged over a window (eq. 5.3), which makes them surer, and the links are priced again. The printed sum of eq. 5.3
-runs over 17 frames and divides by 15; here it runs over the window and divides by the number of frames in which the
-person was detected.
-
-A window centred on a link's detections reaches over the link on both sides: where the flow has handed a track from one
-person to another, both ends of that link see the same mixture of the two, and the link looks all the better. So windows
-are one-sided by default (not in the thesis): the earlier detection is compared by what its track did until then, the
-later one by what its track does from there on. A track that belongs to two people is split where these differ, if
-better links are found for the parts.
+A window centred on a link's detections reaches over the link on both sides. Where the flow has handed a track from one
+person to another, both ends then average the same mixture of the two. So windows are one-sided by default (not in the
+thesis): the earlier detection is compared by what its track did until then, the later one by what its track does from
+there on.
 """
 
 from __future__ import annotations

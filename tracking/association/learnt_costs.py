@@ -1,13 +1,11 @@
-"""The learnt transition cost: gradient-boosted trees over pairs of detections (thesis eq. 2.14-2.15), from ONNX.
+"""Costs of the flow that are learnt from labelled tracks, from ONNX: on pairs of detections, or on whole tracks.
 
-The trees give the probability that two detections show the same person, whether or not that person was detected in
-between; what frames without a detection cost is the flow's own affair.
+An `Affinity` holds gradient-boosted trees over pairs (thesis eq. 2.14-2.15). They give the probability that two
+detections show the same person, whether or not that person was detected in between.
 
-Costs that a network adds to those of the flow: learnt on whole tracks, from ONNX (`tsuiseki train association`).
-
-The network takes rows of features (`evidence`) and gives what each cost is to be changed by: of links, of detections
+A `CostNetwork` takes rows of features (`evidence`) and gives by how much each cost changes: of links, of detections
 with the start and the end of a track at each, and of joins of tracklets. No change is larger than `LARGEST`. It may
-also project appearance features, whose distances are then compared in place of the given ones'.
+also project appearance features, whose distances are then compared instead of those of the given features.
 """
 
 from __future__ import annotations

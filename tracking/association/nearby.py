@@ -1,9 +1,7 @@
-"""Pairs of boxes that lie near each other, by frame and place, without looking at all pairs.
+"""Pairs of boxes that lie near each other, found without looking at all pairs, and how much of a box is hidden.
 
-How much of a box is hidden: by boxes nearer to the camera, or outside the image.
-
-Of two people on the ground the one whose feet are lower in the image is nearer. Parts that several boxes hide count
-once for each, up to the whole box.
+A box is hidden by boxes nearer to the camera, or outside the image. Of two people on the ground the one whose feet are
+lower in the image is nearer. Parts that several boxes hide count once for each, up to the whole box.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
-"""Which detections of different frames can be the same person at all.
+"""The flow with costs of pairs alone, over a whole video at once: for few frames a second, and for comparison.
 
-The gate is deliberately wide: it only keeps the number of pairs linear in the length of the video. What a pair is
-worth is decided by the costs.
-
-The flow with prices of pairs alone, over a whole video at once: for few frames a second, and for comparison.
+The gate says which detections of different frames can be the same person at all. It is deliberately wide: it only keeps
+the number of pairs linear in the length of the video. The costs decide what a pair is worth.
 """
 
 from __future__ import annotations

@@ -1,16 +1,13 @@
-"""Filling the gaps of tracks where evidence supports it, and smoothing their boxes.
+"""Filling the gaps of tracks where evidence supports it, and smoothing their boxes by as much as suits the video.
 
-A filled gap adds one box for every missed frame: right where the person was there unseen, and a false box each where
-the track itself or the link across the gap is wrong. So a gap is filled only as far as the detections around it and
-their motion vouch for it.
+A filled gap adds one box for every missed frame. It is right where the person was there undetected, and a false
+positive where the track or the link across the gap is wrong. So a gap is filled only as far as the detections around
+it and their motion support it.
 
-How far the tracks of a video are to be smoothed, learnt from those tracks without labels.
-
-One detector errs more than another, and cars that come near change faster than people who walk. So the strength of the
-smoothing (`interpolation.smooth`) is the one that predicts left-out boxes best: runs of boxes are taken out of the
-tracks, curves through the rest are laid across the gaps, and their mean distance from what was taken out is compared.
-The runs are longer than a detector's errors mostly persist: single boxes would be predicted best by copying the errors
-of their neighbours. What persists still longer is allowed for by a factor.
+The strength of the smoothing (`smooth`) is learnt from the tracks without labels: it is the one that predicts left-
+out boxes best. Runs of boxes are taken out, curves through the rest are laid across the gaps, and their mean distance
+from the boxes that were taken out is compared. The runs are longer than a detector's errors mostly persist; otherwise
+copying the errors of the neighbours would predict best. What persists still longer is allowed for by a factor.
 """
 
 from __future__ import annotations

@@ -1,15 +1,13 @@
-"""Tracklets: the chains of detections that the flow decides, as they grow.
+"""Tracklets: chains of detections that the flow decides, joined over longer gaps, without those that straddle people.
 
-Joining tracklets over longer gaps, by the motion and the appearance of whole tracklets.
+Joining takes the same evidence as links of detections (`link_cost`), at the ends of tracklets: the filter's state
+there, the time between, what hides the place, and the distance of their mean appearance. Ends and starts are matched
+for the least total cost, no pair above `MOST_FOR_JOIN`. Ends of longer chains are known better, so it is done again
+until nothing joins.
 
-The same evidence as for links of detections (`link_cost`), at the ends of tracklets: what the filter knows there, the
-time between, what hides the place, and how alike the two look on average. Ends and starts are matched for the least
-total cost, no pair above ``limit``. Ends of longer chains are known better, so it is done again until nothing joins.
-
-Boxes that straddle people: what lies on the boxes of surer tracks is no further person, or one who is hidden.
-
-Between two people who walk side by side a detector also finds a third, half on either, often enough for a track. Who is
-surer has the larger sum of scores: a straddling track is seldom detected, and most of its boxes are filled in.
+Between two people who walk side by side a detector also finds a third box, half on either, often enough for a track.
+What lies on the boxes of surer tracks is no further person. The surer track has the larger sum of scores: a
+straddling track is seldom detected, and most of its boxes are filled in.
 """
 
 from __future__ import annotations

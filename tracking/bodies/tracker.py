@@ -52,8 +52,6 @@ class BodyTarget:
         distance: ``d_max`` of the estimate, pixels.
         status: whether to believe it.
         unseen: frames in a row it was not seen.
-        log_evidence: of the frame, see `ParticleInfo`; 0 before the first step.
-        effective_sample_size: of the particles after the frame; 0 before the first step.
     """
 
     id: int
@@ -64,8 +62,6 @@ class BodyTarget:
     distance: float = 0.0
     status: Status = "tracking"
     unseen: int = 0
-    log_evidence: float = 0.0
-    effective_sample_size: float = 0.0
 
 
 @dataclass
@@ -189,14 +185,12 @@ class DeformableTracker:
         others = [contour for number, contour in expected.items() if number != target.id]
         neighbours = near_mask(edges.size, expected[target.id], others, self.settings.margin)
         _, hidden = visible_distance(edges, expected[target.id][None], neighbours)
-        particles, info = self._filter.step(target.particles, BodyView(edges, neighbours, hidden), self.rng)
+        particles, _ = self._filter.step(target.particles, BodyView(edges, neighbours, hidden), self.rng)
         moved = replace(
             target,
             particles=particles,
             estimate=weighted_mean(particles.particles, particles.log_weights, self.body.angles),
             before=target.estimate,
-            log_evidence=info.log_evidence,
-            effective_sample_size=info.effective_sample_size,
         )
         return self._assessed(moved, edges, neighbours)
 

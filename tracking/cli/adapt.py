@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shlex
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -22,7 +24,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.features.exported import SizedDetect
     from tsuiseki.trainers.adapt.round import Round
     from tsuiseki.trainers.adapt.rounds import Adaptation
-    from tsuiseki.trainers.adapt.watch import Camera
+    from tsuiseki.trainers.adapt.settings import AdaptSettings
+    from tsuiseki.trainers.adapt.watch import CameraVideos
 
 # Pictures, labels and detectors of the rounds, until the result is whole.
 WORK = ".adapt"
@@ -74,50 +77,64 @@ def adapt(
         threads: CPU cores; 0 takes all.
         detector_options: what the file of the teacher does not tell, where that is another project's.
     """
-    stretch = parse_frames(frames)
+    parse_frames(frames)
     with needs_train_extra():
-        from tsuiseki.trainers.adapt.rounds import Adaptation, contents_of, resumed
         from tsuiseki.trainers.adapt.settings import AdaptSettings
-        from tsuiseki.trainers.adapt.watch import open_camera
-        from tsuiseki.trainers.exporting.exported_weights import layout_of
     settings = AdaptSettings(
-        rounds=rounds,
-        steps=steps,
-        pictures=pictures,
-        score_threshold=score_threshold,
-        sitting=sitting,
-        seed=output.seed,
-        threads=threads,
-    )
+        rounds=rounds, steps=steps, pictures=pictures, score_threshold=score_threshold, sitting=sitting,
+        seed=output.seed, threads=threads,
+    )  # fmt: skip
+    request = {"sources": sources, "frames": frames, "view": view, "options": asdict(detector_options)}
+    return _adapt(output, settings, request, detector, teacher, detector_options)
+
+
+def _adapt(
+    output: SeededOutput,
+    settings: AdaptSettings,
+    request: dict[str, Any],
+    detector: Path | None,
+    teacher: Path | None,
+    options: DetectorOptions,
+) -> int:
+    """Learn by ``settings``; ``request`` holds the words of the command that a later run must repeat to go on."""
+    from tsuiseki.trainers.adapt.rounds import Adaptation, contents_of, resumed
+    from tsuiseki.trainers.adapt.watch import open_camera
+    from tsuiseki.trainers.exporting.exported_weights import layout_of
+
     start = _detector(detector)
     # What cannot be learnt from, or looked with, is refused before anything is looked at.
     layout_of(start)
-    looking = _teacher(teacher, detector_options)
+    looking = _teacher(teacher, options)
+    sources, work = request["sources"], output.out / WORK
     with output.run() as run:
         tell_reading(run, looking)
-        key: dict[str, Any] = {"sources": sources, "frames": frames, "view": view, "settings": asdict(settings)}
-        key |= {"options": asdict(detector_options), **contents_of(sources, start, teacher)}
-        work = output.out / WORK
-        if resumed(work, key):
+        if resumed(work, {**request, "settings": asdict(settings), **contents_of(sources, start, teacher)}):
             print("going on with what an earlier run has finished")
-        try:
-            camera = open_camera(sources, stretch, work, settings, view)
+        with _kept(work):
+            camera = open_camera(sources, parse_frames(request["frames"]), work, settings, request["view"])
             for line in _said_of_motion(camera):
                 print(line, flush=True)
             unlearnt = shipped(PEOPLE_DETECTOR) if detector is None else start
             _run(run, Adaptation(camera, start, work, settings, looking), unlearnt)
-        except RequestError:
-            shutil.rmtree(work, ignore_errors=True)
-            raise
-        except Interrupted as error:
-            kept = "what is finished is kept, and the same command goes on from there"
-            raise Interrupted(error.number, kept) from error
     if not run.status:
         shutil.rmtree(work, ignore_errors=True)
     return run.status
 
 
-def _said_of_motion(camera: Camera) -> list[str]:
+@contextmanager
+def _kept(work: Path) -> Iterator[None]:
+    """What is finished in ``work`` outlives an interrupt, and no refusal."""
+    try:
+        yield
+    except RequestError:
+        shutil.rmtree(work, ignore_errors=True)
+        raise
+    except Interrupted as error:
+        kept = "what is finished is kept, and the same command goes on from there"
+        raise Interrupted(error.number, kept) from error
+
+
+def _said_of_motion(camera: CameraVideos) -> list[str]:
     """What of the camera's movement is worth a line, and what follows."""
     said = []
     for video in camera.videos:

@@ -90,7 +90,7 @@ COMMANDS: Tree = {
     "train": Group(
         "fit a model to labelled video (all but body and motion need the train extra)",
         {
-            "detector": Command("where people are", forwarded=True),
+            "detector": Command("where people are", "trainers.networks.fit:fit_detector", forwarded=True),
             "appearance": Command("what they look like", "trainers.networks.fit:fit_appearance", forwarded=True),
             "action": Command("what they do", "trainers.networks.fit:fit_action", forwarded=True),
             "affinity": Command(

@@ -56,6 +56,11 @@ def demo(
         return demo_drone(output, frames, threads)
     if assets is not None and not train:
         raise RequestError("`assets`: expected it with `train`, which renders people of it; leave it out otherwise")
+    return _demo_street(output, frames, threads, train=train, assets=assets)
+
+
+def _demo_street(output: SeededOutput, frames: int, threads: int, *, train: bool, assets: Path | None) -> int:
+    """Generate a street, track it three ways, score and report."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
     from tsuiseki.tracking.demo.page import DemoResult
@@ -70,14 +75,16 @@ def demo(
         models = make_models(run.work / "models", assets) if train else shipped_street()
         with run.times.measure("generate"):
             planned = plan_street(StreetSettings(frames=frames, frame_rate=FRAME_RATE), output.seed)
-            clip = write_clip(run.work / scene, planned, watch=lambda drawn: run.watched(drawn, "generating", frames))
+            clip = write_clip(
+                run.work / "street", planned, watch=lambda drawn: run.watched(drawn, "generating", frames)
+            )
         source = open_source(clip)
         camera = StandingCamera()
         found = street_inputs(source, models, threads, camera).found(run.frames(source), run.times)
         steps = run.steps(found, total=frames_expected(source))
         tracks, log = run_trackers(steps, street_trackers(source, models, threads, camera), run.times)
         truth = read_ground_truth(clip / "gt" / "gt.txt").between(0, run.count - 1)
-        scores = scored(scene, truth, tracks, run.count)
+        scores = scored("street", truth, tracks, run.count)
         demo = DemoResult(source, truth, tracks, scores, run.count)
         _write(run, demo, log, models)
     if run.status == 0:

@@ -1,7 +1,4 @@
-"""The models for people seen from a drone: those that are given, or those that ship with the toolkit.
-
-Tracks given by the user, as detections: actions are recognised along them without tracking.
-"""
+"""The models for people seen from a drone, given ones or those that ship with the toolkit; and given tracks."""
 
 from __future__ import annotations
 

@@ -1,17 +1,11 @@
 """Observations of the frames of a drone video: all that the tracker needs, computed before tracking.
 
 An `Observation` holds the detections of a frame, their appearance features and action probabilities, and the camera's
-motion. It can be stored on disk (see `observation_cache`). A tracker with other settings then runs without the video.
+motion. Observations can be stored on disk, so that a second run with other settings of the tracker takes seconds.
 
-Observations stored on disk, so that a second run with other settings of the tracker takes seconds.
-
-An entry holds the observations of `CHUNK` frames and a checksum. Its name is a digest of the video, the models and
-their settings. It is written to a temporary file that is then renamed. An entry that cannot be read, or whose checksum
-is wrong, is computed again with a warning.
-
-The observations of every frame of a video.
-
-With a cache folder, observations of an earlier run are read from disk. Only the missing ones are computed.
+An entry of the store holds the observations of `CHUNK` frames and a checksum. Its name is a digest of the video, the
+models and their settings. It is written to a temporary file that is then renamed. An entry that cannot be read, or
+whose checksum is wrong, is computed again with a warning.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""`tsuiseki track drone`: follow people in video from a drone, and say what they do.
-
-What `tsuiseki track drone` and `tsuiseki demo --scene drone` share: observe, link, write.
-"""
+"""`tsuiseki track drone`: people in video from a drone, and what they do. The demo of a drone shares its parts."""
 
 from __future__ import annotations
 
@@ -10,7 +7,7 @@ from pathlib import Path
 
 from tsuiseki.tracking.association.learnt_costs import CostChanges
 from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.cli.run import Run, frames_expected
+from tsuiseki.tracking.cli.run import Run, count, frames_expected
 from tsuiseki.tracking.drone.models import DroneMethod, DroneModels
 from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
 from tsuiseki.tracking.drone.page import ActionReport, action_page, captions_of
@@ -76,15 +73,15 @@ def drone(
     models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)
     with output.run() as run:
         tell_reading(run, models.observers.detect)
-        found = follow(run, source, models, method, drone, cache and (video.source, cache), changes)
+        kept = None if cache is None else (video.source, cache)
+        found = follow(run, source, models, method, drone, kept, changes)
         if found.facts:
             run.facts["flow"] = dict(found.facts)
             if unknown := found.facts["camera_unknown"]:
                 print(line_on_camera(unknown))
         tell_blank(models.observers.detect)
         write_result(run, found, source, threshold, video=video)
-        who = "person" if len(found.people) == 1 else "people"
-        run.done(f"{len(found.people)} {who} in {run.count} frames: {output.out / 'tracks.txt'}")
+        run.done(f"{count(len(found.people), 'person', 'people')} in {run.count} frames: {output.out / 'tracks.txt'}")
     return run.status
 
 

@@ -1,4 +1,4 @@
-"""NEW."""
+"""Settings of the drone tracker, and what differs there from the flow of people on a street."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
 """People in drone video: the flow of people with action features (thesis chapter 5).
 
-One tracker covers three methods: the flow tracker without action features, with those of single frames (SAF), and with
-those of several frames (MAF), which are averaged along the tracks of the flow before; see `action_cost`. The camera's
-motion comes from the images, with how far it may be off.
-
-What people do along their tracks: probabilities of single frames, and averaged over windows (thesis eq. 5.3).
+One tracker covers three methods: the flow tracker without action features, with those of single frames (SAF), and
+with those of several frames (MAF), which are averaged along the tracks of the flow before (`ActionCost`). The
+camera's motion comes from the images, with how far it may be off. Each reported track has the probabilities of
+actions in its frames, single and averaged over windows (eq. 5.3).
 """
 
 from __future__ import annotations

@@ -1,10 +1,8 @@
-"""What the streams of the action network see: square crops of the image and of the optical flow (thesis 5.2.1).
+"""Actions of people by exported networks, and the inputs of their streams (thesis 5.2.1).
 
-Training and inference share it. Flow is kept as uint8 pictures of two channels a pair of frames: clipped to ``±limit``
-pixels, one grey level is ``limit / 127`` pixels and no motion is `NO_MOTION`, so that crops, padding and normalisation
-are those of images.
-
-Actions of people by exported networks: the streams of thesis 5.2.1, batched over people.
+The streams take square crops of the image and of the optical flow; training and inference share them. Flow is kept as
+uint8 pictures of two channels a pair of frames: clipped to ``±limit`` pixels, one grey level is ``limit / 127`` pixels
+and no motion is `NO_MOTION`. So crops, padding and normalisation are those of images.
 """
 
 from __future__ import annotations

@@ -1,10 +1,7 @@
-"""Frames of which something is to be told, as runs of neighbours: an hour without news takes no more than a second.
+"""Where the frames of a video lie when the camera moves: its steps from frame to frame, added up.
 
-Where the frames of a video lie when the camera moves: the similarities from frame to frame, added up.
-
-Where the frames of a video lie, from its images: steps of the camera added up (see `camera_motion`).
-
-Boxes of a moving camera can then be compared as if it stood still.
+Boxes of a moving camera can then be compared as if it stood still. `CameraPath` takes the steps from images (see
+`camera_motion`), `CameraTrajectory` from boxes or images, with how far each can be trusted.
 """
 
 from __future__ import annotations

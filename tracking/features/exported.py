@@ -1,13 +1,11 @@
-"""Detection and appearance by exported networks: `Detector` and `Appearance` wrap ONNX files.
+"""Detectors and appearance models: exported networks, and any function.
 
-Detectors and appearance models that are any function.
+`Detector` and `Appearance` wrap ONNX files of this toolkit; those of others are read by `open_detector` and
+`open_appearance`. Whatever has a ``detect`` or ``describe`` of its own is used as it is. Functions are models, too:
 
 * A detector is a function from an image, ``(H, W, 3)`` uint8 RGB, to what `as_detections` understands.
 * An appearance model is a function from crops, a list of ``(h, w, 3)`` uint8 RGB images of any size, to one row of
   numbers each, ``(N, D)``. Rows are brought to unit length; a row of zeros says that nothing is known.
-
-Exported networks, of this toolkit or of others, are read from their files (`open_detector`, `open_appearance`);
-whatever has a ``detect`` or ``describe`` of its own (`Detector`, `Appearance`) is used as it is.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What the user says about networks of other projects, where their files do not.
-
-What a network of others wants its pictures to be: size, fit, order of colours, range and normalisation.
-"""
+"""How networks of other projects take their pictures, and what the user says where their files do not."""
 
 from __future__ import annotations
 

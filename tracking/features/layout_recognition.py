@@ -1,14 +1,12 @@
-"""Which layout a detector of others has, told by the shapes and values of its outputs for a trial picture.
+"""Which layout, scores and class of people a detector of another project has, from its outputs for a trial picture.
 
 A layout is named only where no other fits: a wrong guess gives boxes at wrong places that look almost right.
 
-What the class scores of a transformer mean: probabilities, or logits of one function or the other.
-
-Networks that judge each class by itself (RT-DETR, RF-DETR, Deformable DETR) give logits of a sigmoid; those that choose
-one class (DETR, YOLOS) logits of a softmax, in which "no object" is the last class. The shapes are the same. It is
-decided once, by what a network gives for a picture of noise, where nearly all of its queries see no object.
-
-Which class of a detector of others is people: by the user's number, by name, or where COCO has them.
+The class scores of a transformer are probabilities, or logits of one function or the other. Networks that judge each
+class by itself (RT-DETR, RF-DETR, Deformable DETR) give logits of a sigmoid. Those that choose one class (DETR, YOLOS)
+give logits of a softmax, in which "no object" is the last class. The shapes are the same. A picture of noise decides,
+where nearly all queries should give no object. The class of people follows from the user's number, from the names, or
+from the numbers of COCO.
 """
 
 from __future__ import annotations

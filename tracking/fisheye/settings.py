@@ -1,4 +1,4 @@
-"""NEW."""
+"""Settings of tracking under ceiling cameras: the views, both methods, and the options of the command."""
 
 from __future__ import annotations
 

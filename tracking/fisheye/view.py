@@ -1,10 +1,7 @@
 """Detections of a ceiling camera before tracking: boxes, rotated boxes, floor positions, appearance features.
 
-Leaves out detections that belong to nobody on the floor: the look-up would put them at its edge.
-
-The rotated boxes of all detections of a source, as `tracking.formats.space.rotated` writes and reads them.
-
-Why nobody was tracked: detections that all score below what starts a track.
+Beside them: the gate that leaves out detections outside the floor, and two watchers of what passes through. One keeps
+the rotated boxes to write them, the other the best score, to explain why no track started.
 """
 
 from __future__ import annotations

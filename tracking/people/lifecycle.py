@@ -1,7 +1,4 @@
-"""Start, confirmation and end of the tracks of an online tracker.
-
-A whole video through a tracker of people, and the record that an online tracker keeps.
-"""
+"""Start, confirmation and end of the tracks of an online tracker, and the record of their boxes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The methods that link people, by name, and what each needs besides detections."""
+"""The methods that link people, by name; and trackers around others: for a moving camera, and for several classes."""
 
 from __future__ import annotations
 

@@ -18,6 +18,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
+from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.inputs import (
     GivenDetections,
@@ -35,13 +36,14 @@ from tsuiseki.tracking.people.methods import (
     camera_for,
     compares_appearance,
     cost_of_scores,
+    image_size,
     people_affinity,
     people_tracker,
     straddles,
 )
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.result import Result, StageTimes
 from tsuiseki.tracking.types import Frame, IntArray, Targets, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.video.source import Source, open_source
@@ -85,7 +87,7 @@ class PeopleKeywords(TypedDict, total=False):
 
 def track_people(
     source: str | Path | int, method: PeopleMethod | PeopleTracker = "flow", **keywords: Unpack[PeopleKeywords]
-) -> list[Track]:
+) -> Result[Track]:
     """Everyone in a video, each with an id.
 
     Args:
@@ -97,7 +99,7 @@ def track_people(
         keywords: see `PeopleKeywords`.
 
     Returns:
-        The tracks by id; their frames count from 0 at the beginning of the video.
+        The tracks by id, whose frames count from 0 at the beginning of the video, with what is known of the run.
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
@@ -107,7 +109,21 @@ def track_people(
     video = opened.inputs.source
     if video.live and video.frames_wanted.last is None:
         raise RequestError(f"{video.name} does not end by itself; give frames, or use follow_people")
-    return run_trackers(opened.inputs.found(), {"": opened.tracker}, StageTimes())[0][""]
+    name, times = method if isinstance(method, str) else type(method).__name__, StageTimes()
+    every, log = run_trackers(opened.inputs.found(times=times), {name: opened.tracker}, times)
+    tracks = every[name]
+    facts, _ = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
+    return Result(
+        tracks,
+        source=video.name,
+        frame_rate=video.frame_rate,
+        size=image_size(video),
+        settings={"method": name, "seed": keywords.get("seed", 0)},
+        facts=facts,
+        seconds=times.seconds,
+        frames=log.columns(tracks),
+        files={"tracks.txt": lambda path, _: write_tracks(path, tracks, opened.class_of)},
+    )
 
 
 def follow_people(

@@ -1,6 +1,6 @@
 """The flow over a whole video: tracks come at its end, though most of it is solved while it comes.
 
-Tracks of the flow as they are reported: gaps filled, boxes smoothed, in pixels of their own frames.
+They are reported with gaps filled and boxes smoothed, in pixels of their own frames (`reported`).
 """
 
 from __future__ import annotations

@@ -37,8 +37,8 @@ from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.motion.points import (
     DriftingBox,
     SteppingBox,
-    constant_velocity,
     coordinated_turn,
+    straight,
     taking_turns,
 )
 from tsuiseki.tracking.points.settings import (
@@ -271,7 +271,7 @@ def point_births(model: SensingModel, particles: int) -> Births[FloatArray]:
 def _motion(motion: MotionSettings, dimensions: int) -> Motion:
     if motion.model == "coordinated-turn":
         return coordinated_turn(motion.acceleration, motion.turn, dimensions)
-    return constant_velocity(motion.acceleration, dimensions)
+    return straight(motion.acceleration, dimensions)
 
 
 def _inside(sensor: GaussianSensor, region: Sequence[tuple[float, float]]) -> StateTest:

@@ -16,7 +16,7 @@ from tsuiseki.tracking.people.methods import LearntCosts, cost_of_scores, people
 from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt.settings import HELD_OUT, AdaptSettings
-from tsuiseki.trainers.adapt.track_labels import Labels, label
+from tsuiseki.trainers.adapt.track_labels import TrackLabels, label
 from tsuiseki.trainers.adapt.watch import Foreground, Watched
 
 # Detections down to this score are known, so that what the tracker rejects is, too.
@@ -24,7 +24,7 @@ LOWEST_SCORE = 0.1
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundPeople:
     """People who were detected and tracked in a video.
 
     Attributes:
@@ -47,7 +47,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class LabelledVideo:
+class RoundVideo:
     """A video with what a round found in it.
 
     Attributes:
@@ -60,23 +60,23 @@ class LabelledVideo:
 
     watched: Watched
     foreground: Foreground | None
-    found: Found
-    labels: Labels
+    found: FoundPeople
+    labels: TrackLabels
     held_out: int
 
 
 def labelled(
-    watched: Watched, foreground: Foreground | None, found: Found, sitting: bool, onto_silhouettes: float
-) -> LabelledVideo:
+    watched: Watched, foreground: Foreground | None, found: FoundPeople, sitting: bool, onto_silhouettes: float
+) -> RoundVideo:
     """Take labels from what was found in a video; see `label`."""
     kept = [found.detections[frame - found.first] for frame in watched.frames]
     labels = label(watched, foreground, found.tracks, kept, sitting, onto_silhouettes)
-    return LabelledVideo(watched, foreground, found, labels, found.first + round((1 - HELD_OUT) * watched.length))
+    return RoundVideo(watched, foreground, found, labels, found.first + round((1 - HELD_OUT) * watched.length))
 
 
 def find(
     watched: Watched, given: Path | SizedDetect, settings: AdaptSettings, view: str, affinity: Path | None = None
-) -> Found:
+) -> FoundPeople:
     """Detect and track people as `tsuiseki track people --ground off` does.
 
     Args:
@@ -100,11 +100,11 @@ def find(
     inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=settings.threads)
     costs = people_affinity("flow", affinity, 1, known_scores=knows_scores(detector))
     detections = [found for _, found in inputs.found()]
-    found = Found(detections, watched.span[0], [], columns_of(detector), costs, cost_of_scores(detector), camera)
+    found = FoundPeople(detections, watched.span[0], [], columns_of(detector), costs, cost_of_scores(detector), camera)
     return replace(found, tracks=track(watched, found, settings.score_threshold))
 
 
-def track(watched: Watched, found: Found, score_threshold: float) -> list[Track]:
+def track(watched: Watched, found: FoundPeople, score_threshold: float) -> list[Track]:
     """Everyone, out of the detections of ``found``, in frames of the video.
 
     Args:

@@ -27,7 +27,7 @@ from tsuiseki.trainers.adapt.settings import HELD_OUT, KEPT_BACK, AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched
 from tsuiseki.trainers.exporting.export import export_onnx, load_module
 from tsuiseki.trainers.exporting.export_networks import RawHeads
-from tsuiseki.trainers.exporting.exported_weights import Layout
+from tsuiseki.trainers.exporting.exported_weights import ExportedLayout
 from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 from tsuiseki.trainers.networks.modules import Optimisation
@@ -52,7 +52,7 @@ _TRAINED_ON = "unlabelled video of one camera (tsuiseki adapt)"
 
 def fine_tune(
     start: Path,
-    layout: Layout,
+    layout: ExportedLayout,
     videos: Sequence[Watched],
     columns: int,
     round_: int,
@@ -106,7 +106,7 @@ def fine_tune(
 
 
 def _data(
-    videos: Sequence[Watched], layout: Layout, columns: int, round_: int, settings: AdaptSettings
+    videos: Sequence[Watched], layout: ExportedLayout, columns: int, round_: int, settings: AdaptSettings
 ) -> DetectionData:
     sources = [
         TrainingSource(v.folder, frames=(1, v.learnt(KEPT_BACK)), fixed_camera=v.fixed, share=v.length) for v in videos

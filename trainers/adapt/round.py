@@ -19,7 +19,7 @@ from tsuiseki.tracking.features.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import Detections, FloatArray, Track
-from tsuiseki.trainers.adapt.find import LabelledVideo, above
+from tsuiseki.trainers.adapt.find import RoundVideo, above
 from tsuiseki.trainers.adapt.track_labels import TAKEN, Verdict
 
 OVERLAPS = (0.5, 0.6, 0.7, 0.8)
@@ -82,7 +82,7 @@ def agreement(detections: Sequence[Detections], tracks: Sequence[Track], frames:
 
 
 def agreement_held_out(
-    videos: Sequence[LabelledVideo], detections: Sequence[Sequence[Detections]], score_threshold: float
+    videos: Sequence[RoundVideo], detections: Sequence[Sequence[Detections]], score_threshold: float
 ) -> float:
     """`agreement` with the tracks of a round on the held-out frames, the mean over its videos.
 
@@ -99,7 +99,7 @@ def agreement_held_out(
     return float(np.average(agreements, weights=weights))
 
 
-def round_scores(videos: Sequence[LabelledVideo], score_threshold: float) -> RoundScores:
+def round_scores(videos: Sequence[RoundVideo], score_threshold: float) -> RoundScores:
     """How a round did in the videos of a camera; detections from ``score_threshold`` on count."""
     people, boxes, detections, rejected, frames, offsets, ends = 0, 0, 0, 0, 0, [], []
     for each in videos:

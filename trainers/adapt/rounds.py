@@ -22,7 +22,7 @@ from tsuiseki.tracking.features.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.people.settings import NONE
 from tsuiseki.tracking.types import Detections
-from tsuiseki.trainers.adapt.find import LabelledVideo, find, labelled
+from tsuiseki.trainers.adapt.find import RoundVideo, find, labelled
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
 from tsuiseki.trainers.adapt.round import (
     Round,
@@ -34,7 +34,7 @@ from tsuiseki.trainers.adapt.round import (
 )
 from tsuiseki.trainers.adapt.settings import KEPT_BACK, AdaptSettings
 from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, TAKEN, Verdict
-from tsuiseki.trainers.adapt.watch import Camera, Watched
+from tsuiseki.trainers.adapt.watch import CameraVideos, Watched
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 
 # Agreement must rise by this much for a round to be better: at first by more, since a detector that has learnt from
@@ -55,7 +55,7 @@ class Adaptation:
         tell: gets a line about what is being done.
     """
 
-    camera: Camera
+    camera: CameraVideos
     start: Path
     work: Path
     settings: AdaptSettings
@@ -209,7 +209,7 @@ def _look(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> 
     return here
 
 
-def _before_learning(adaptation: Adaptation, videos: Sequence[LabelledVideo]) -> float:
+def _before_learning(adaptation: Adaptation, videos: Sequence[RoundVideo]) -> float:
     """How well the detector that is to learn agrees with the tracks of its teacher."""
     detections = []
     for each in videos:
@@ -228,7 +228,7 @@ def _taken(verdicts: Sequence[Verdict]) -> int:
     return sum(v.verdict == TAKEN for v in verdicts)
 
 
-def _refuse_nobody(first: Round, camera: Camera) -> None:
+def _refuse_nobody(first: Round, camera: CameraVideos) -> None:
     """Without anybody there is nothing to learn from."""
     if first.scores.people:
         return

@@ -67,7 +67,7 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Labels:
+class TrackLabels:
     """What a video teaches.
 
     Attributes:
@@ -114,7 +114,7 @@ def label(
     found: Sequence[Detections],
     sitting: bool = False,
     onto_silhouettes: float = ONTO_SILHOUETTES,
-) -> Labels:
+) -> TrackLabels:
     """Choose what to learn from.
 
     Args:
@@ -140,7 +140,7 @@ def label(
         here = _placed(entries.select(entries.frames == frame), found[number], picture, offset, onto_silhouettes)
         rows.append(_rows(number, _inside(here, watched.size), rejected[number], picture))
     moved = tuple(_moved(track, offset, watched.size) for track in tracks)
-    return Labels(_joined(rows), tuple(verdicts), moved, offset)
+    return TrackLabels(_joined(rows), tuple(verdicts), moved, offset)
 
 
 def _moving(tracks: Sequence[Track], foreground: Foreground | None, number_of: dict[int, int]) -> list[float]:

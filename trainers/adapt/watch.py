@@ -21,7 +21,7 @@ from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.tracking.video.source import Source, open_source
 from tsuiseki.trainers.adapt.foreground import Difference, difference
 from tsuiseki.trainers.adapt.settings import AdaptSettings
-from tsuiseki.trainers.adapt.standing import CameraMotion, edge_correlation, motion_of
+from tsuiseki.trainers.adapt.still_camera import CameraMotion, edge_correlation, motion_of
 
 FEWEST_FRAMES = 100
 _QUALITY = 95
@@ -108,7 +108,7 @@ class Foreground:
 
 
 @dataclass(frozen=True)
-class Camera:
+class CameraVideos:
     """The videos of a camera and how to look at them.
 
     Attributes:
@@ -124,7 +124,7 @@ class Camera:
 
 def open_camera(
     sources: Sequence[str], span: FrameRange, work: Path, settings: AdaptSettings, view: str = "auto"
-) -> Camera:
+) -> CameraVideos:
     """Read the videos of a camera once, and keep pictures of them.
 
     Args:
@@ -145,7 +145,7 @@ def open_camera(
     fixed = [foreground for foreground in foregrounds if foreground is not None]
     if len(fixed) > 1:
         refuse_two_cameras([each.watched for each in fixed], [each.empty for each in fixed])
-    return Camera(tuple(videos), tuple(foregrounds), view)
+    return CameraVideos(tuple(videos), tuple(foregrounds), view)
 
 
 def watch(source: str, span: FrameRange, folder: Path, most: int) -> Watched:

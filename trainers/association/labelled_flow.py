@@ -124,7 +124,7 @@ def window(graph: Graph, first: int, end: int) -> Graph:
 
 
 @dataclass
-class Counts:
+class FlowCounts:
     """What a flow does right and wrong, added up over windows.
 
     Attributes:

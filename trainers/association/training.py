@@ -19,7 +19,7 @@ from tsuiseki.tracking.association.learnt_costs import FeatureNames
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, Problem, cheapest, finite
 from tsuiseki.trainers.association.graphs import Graph, Graphs
-from tsuiseki.trainers.association.labelled_flow import Counts
+from tsuiseki.trainers.association.labelled_flow import FlowCounts
 from tsuiseki.trainers.association.starting import detector_of, heads_only, projection_of, siamese_of
 from tsuiseki.trainers.association.window_costs import CostMakers, contrast_within
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss
@@ -112,7 +112,7 @@ class AssociationTraining(lightning.LightningModule):
         self.trunk = FrozenTrunk()
         if detector.file is not None:
             self.detector, self._detector_made_of = detector_of(detector.file)
-        self._counts, self._planned = Counts(), (-1, -1)
+        self._counts, self._planned = FlowCounts(), (-1, -1)
 
     def transfer_batch_to_device(
         self, batch: TrainingWindow, device: torch.device, dataloader_idx: int
@@ -200,7 +200,7 @@ class AssociationTraining(lightning.LightningModule):
             self.log("val/agreement", self._counts.agreement, prog_bar=True)
             self.log("val/mota", self._counts.mota, prog_bar=True)
             self.log("val/switches", self._counts.switches, prog_bar=True)
-        self._counts = Counts()
+        self._counts = FlowCounts()
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW under a warm-up and a cosine."""

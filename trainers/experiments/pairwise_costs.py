@@ -24,7 +24,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.association.flow_loss import Problem, cheapest
 from tsuiseki.trainers.association.graphs import Graph, Graphs
-from tsuiseki.trainers.association.labelled_flow import Counts
+from tsuiseki.trainers.association.labelled_flow import FlowCounts
 from tsuiseki.trainers.association.windows import RandomWindows
 
 PairLearner = Literal["logistic", "trees"]
@@ -93,7 +93,7 @@ class _Known:
     graph: Graph
     link: FloatArray
     detection: FloatArray
-    counts: Counts = field(default_factory=Counts)
+    counts: FlowCounts = field(default_factory=FlowCounts)
 
     def costs(self, scalars: Sequence[float]) -> FloatArray:
         count = len(self.graph)
@@ -151,7 +151,7 @@ def _tuned(windows: Sequence[_Known]) -> tuple[float, float, float, float]:
     """The scalars of the best agreement of `LOOKS` tries."""
 
     def disagreement(scalars: FloatArray) -> float:
-        counts = Counts()
+        counts = FlowCounts()
         for known in windows:
             graph = known.graph
             counts.add(graph, cheapest(Problem(known.costs(scalars.tolist()), graph.tail, graph.head)))

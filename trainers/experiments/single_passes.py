@@ -15,7 +15,7 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.single_clip import render_chase
+from tsuiseki.datamodules.scenes.single_clip import draw_single_clip
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.evaluation.single import OVERLAPS, evaluate_boxes
 from tsuiseki.tracking.features.exported import Appearance
@@ -60,7 +60,7 @@ class Clip:
 @lru_cache(maxsize=1)
 def chase(number: int) -> Clip:
     """A generated sequence, drawn once for all trackers that follow it in turn: all together would fill the memory."""
-    made = render_chase(np.random.default_rng([17, number]))
+    made = draw_single_clip(np.random.default_rng([17, number]))
     return Clip(SingleSequence(f"chase-{number}", (), made.boxes), list(made.images))
 
 

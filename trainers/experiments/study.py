@@ -174,7 +174,7 @@ class Column:
     form: str = ".2f"
     factor: float = 1.0
     show: Show = mean_only
-    paper: Mapping[Name, float] = field(default_factory=dict)
+    paper: Mapping[Any, float] = field(default_factory=dict)
     beside: str = "paper"
     gain: Show | None = None
 

@@ -11,9 +11,9 @@ from typing import Literal, cast
 import torch
 from torch import Tensor, nn
 
-from tsuiseki.models.action import StreamProbability
+from tsuiseki.models.action_network import StreamProbability
 from tsuiseki.models.backbones import TrunkName, build_trunk
-from tsuiseki.models.detector import Detector, OneClass, people_detector
+from tsuiseki.models.detector import AnchorDetector, OneClass, people_detector
 from tsuiseki.models.ssd import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
@@ -37,7 +37,7 @@ class RawHeads(nn.Module):
         calibration: scale and shift of the logit of its score.
     """
 
-    def __init__(self, detector: Detector | OneClass, calibration: tuple[float, float] = (1.0, 0.0)) -> None:
+    def __init__(self, detector: AnchorDetector | OneClass, calibration: tuple[float, float] = (1.0, 0.0)) -> None:
         super().__init__()
         self.detector = detector
         self.calibration = calibration
@@ -102,7 +102,7 @@ def export_detector(
     return difference
 
 
-def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[Detector | OneClass, ModelCard]:
+def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[AnchorDetector | OneClass, ModelCard]:
     try:
         if checkpoint.suffix == ".onnx":
             return _exported(checkpoint, size)
@@ -112,7 +112,7 @@ def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[Detector |
     return module.network, module.card
 
 
-def _exported(path: Path, size: tuple[int, int] | None) -> tuple[Detector, ModelCard]:
+def _exported(path: Path, size: tuple[int, int] | None) -> tuple[AnchorDetector, ModelCard]:
     """What was written to ``path``, the calibration of its scores folded into its weights."""
     if not path.is_file():
         raise RequestError(f"expected a checkpoint at {path}, found none; `tsuiseki train` writes best.ckpt")
@@ -130,7 +130,7 @@ def _exported(path: Path, size: tuple[int, int] | None) -> tuple[Detector, Model
     return network.eval(), dataclasses.replace(card, input_height=height, input_width=width, settings=settings)
 
 
-def blend_weights(network: Detector | OneClass, card: ModelCard, path: Path) -> None:
+def blend_weights(network: AnchorDetector | OneClass, card: ModelCard, path: Path) -> None:
     """Make the weights of ``network`` the means of its own and of those in the exported detector at ``path``.
 
     Exported weights have the normalisations folded into them, so both are in the same form.
@@ -147,7 +147,7 @@ def blend_weights(network: Detector | OneClass, card: ModelCard, path: Path) -> 
     fold_normalisations(network)
 
 
-def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[Detector | OneClass, ModelCard]:
+def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[AnchorDetector | OneClass, ModelCard]:
     if state is not None and not state.is_file():
         raise RequestError(f"expected a state dict at {state}, found none")
     try:
@@ -159,7 +159,7 @@ def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[Detector 
     return network.eval(), dataclasses.replace(card, training_data="COCO 2017, torchvision's weights")
 
 
-def _written(network: Detector | OneClass, card: ModelCard, output: ModelFile, calibrate: Path | None) -> float:
+def _written(network: AnchorDetector | OneClass, card: ModelCard, output: ModelFile, calibrate: Path | None) -> float:
     """Write the file, its scores calibrated on labelled pictures where there are some."""
     network.to(memory_format=torch.contiguous_format)
     example = torch.zeros(2, 3, card.input_height, card.input_width)

@@ -26,7 +26,7 @@ _PREFIX = "detector."
 
 
 @dataclass(frozen=True)
-class Layout:
+class ExportedLayout:
     """What a network must be to take over the weights of an exported detector.
 
     Attributes:
@@ -50,7 +50,7 @@ class Layout:
         return high, wide
 
 
-def layout_of(path: Path) -> Layout:
+def layout_of(path: Path) -> ExportedLayout:
     """The layout of the exported detector at ``path``.
 
     Raises:
@@ -67,7 +67,7 @@ def layout_of(path: Path) -> Layout:
     if any(name.startswith("detector.features.fine.") for name in tensors):
         raise RequestError(f"{path}: expected a detector of maps from stride 8 on, got one with a map of stride 4")
     lateral = next(x for name, x in tensors.items() if name.startswith("detector.features.lateral.0.0.weight"))
-    return Layout(
+    return ExportedLayout(
         trunk,
         (card.input_height, card.input_width),
         _anchor_sizes(onnx.numpy_helper.to_array(tensors["anchors"])),

@@ -11,7 +11,7 @@ from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
 
 from tsuiseki.datamodules.action_data import ActionBatch, ActionData
-from tsuiseki.models.action import ActionNetwork, ActionStream, action_loss, positive_weights
+from tsuiseki.models.action_network import ActionNetwork, ActionStream, action_loss, positive_weights
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.action_scores import average_precisions

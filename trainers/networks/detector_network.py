@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from tsuiseki.models.anchors import VARIANCES
 from tsuiseki.models.backbones import TrunkName, build_trunk
-from tsuiseki.models.detector import Detector, people_detector
+from tsuiseki.models.detector import AnchorDetector, people_detector
 from tsuiseki.models.quality_losses import SoftTargets, found_by
 from tsuiseki.models.ssd import coco_start, ssd300, ssd512, ssdlite320
 from tsuiseki.tracking.errors import RequestError
@@ -41,7 +41,7 @@ def build_detector(
     size: tuple[int, int],
     anchors: list[list[tuple[float, float]]],
     channels: int,
-) -> Detector:
+) -> AnchorDetector:
     """The person detector that a configuration names.
 
     Raises:
@@ -138,7 +138,7 @@ class SoftTeacher:
         RequestError: the file is missing or no detector, or does not fit the student.
     """
 
-    def __init__(self, path: Path, student: Detector, card: ModelCard) -> None:
+    def __init__(self, path: Path, student: AnchorDetector, card: ModelCard) -> None:
         if not path.is_file():
             raise RequestError(f"expected a detector to teach at {path}, found none")
         layout, own, self.calibration = _described(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import logging
 import signal
@@ -11,6 +12,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import lightning
 import torch
@@ -29,44 +31,72 @@ class Task:
 
     Attributes:
         name: of the sub-command.
-        model: its LightningModule.
-        data: its LightningDataModule.
+        model: ``module:class`` of its LightningModule.
+        data: likewise of its LightningDataModule.
         monitor: the validation metric whose largest value makes the best checkpoint.
         links: arguments of the model that the data takes over, and what they are called there.
     """
 
     name: str
-    model: type[lightning.LightningModule]
-    data: type[lightning.LightningDataModule]
+    model: str
+    data: str
     monitor: str
     links: Mapping[str, str] = field(default_factory=dict)
 
 
-def fit_detector(arguments: Sequence[str]) -> Path:
-    """Train a detector as the command line ``arguments`` say; see `fit`."""
-    from tsuiseki.datamodules.detection_data import DetectionData
-    from tsuiseki.trainers.networks.detector_training import DetectorTraining
+DETECTOR = Task(
+    "detector",
+    "trainers.networks.detector_training:DetectorTraining",
+    "datamodules.detection_data:DetectionData",
+    "val/ap50",
+    {"height": "height", "width": "width", "resize": "resize"},
+)
+APPEARANCE = Task(
+    "appearance",
+    "trainers.networks.appearance_training:AppearanceTraining",
+    "datamodules.appearance_data:AppearanceData",
+    "val/map",
+    {"height": "height", "width": "width"},
+)
+ACTION = Task(
+    "action",
+    "trainers.networks.action_training:ActionTraining",
+    "datamodules.action_data:ActionData",
+    "val/map",
+    {"streams": "streams", "size": "cutting.size", "flow": "cutting.flow", "compensate": "cutting.compensate"},
+)
+ASSOCIATION = Task(
+    "association",
+    "trainers.association.training:AssociationTraining",
+    "trainers.association.windows:AssociationData",
+    "val/agreement",
+)
+PROPOSE = "--propose-anchors"
 
-    links = {name: name for name in ("height", "width", "resize")}
-    return fit(Task("detector", DetectorTraining, DetectionData, "val/ap50", links), arguments)
+
+def fit_detector(arguments: Sequence[str]) -> Path | None:
+    """Train a detector as the command line ``arguments`` say; with --propose-anchors only print anchors that fit.
+
+    Returns:
+        The best checkpoint; None for anchors.
+    """
+    if PROPOSE not in arguments:
+        return fit(DETECTOR, arguments)
+    from tsuiseki.tracking.cli.parser import call
+    from tsuiseki.trainers.networks.detector_labels import anchors_for
+
+    print(call(f"tsuiseki train detector {PROPOSE}", anchors_for, [word for word in arguments if word != PROPOSE]))
+    return None
 
 
 def fit_appearance(arguments: Sequence[str]) -> Path:
     """Train an appearance network as the command line ``arguments`` say; see `fit`."""
-    from tsuiseki.datamodules.appearance_data import AppearanceData
-    from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
-
-    links = {name: name for name in ("height", "width")}
-    return fit(Task("appearance", AppearanceTraining, AppearanceData, "val/map", links), arguments)
+    return fit(APPEARANCE, arguments)
 
 
 def fit_action(arguments: Sequence[str]) -> Path:
     """Train an action network as the command line ``arguments`` say; see `fit`."""
-    from tsuiseki.datamodules.action_data import ActionData
-    from tsuiseki.trainers.networks.action_training import ActionTraining
-
-    links = {"streams": "streams"} | {name: f"cutting.{name}" for name in ("size", "flow", "compensate")}
-    return fit(Task("action", ActionTraining, ActionData, "val/map", links), arguments)
+    return fit(ACTION, arguments)
 
 
 def fit_association(arguments: Sequence[str]) -> Path:
@@ -75,11 +105,9 @@ def fit_association(arguments: Sequence[str]) -> Path:
     ``DIR`` also gets ``association.onnx``, the best network as the tracker takes it, and ``appearance.onnx`` and
     ``detector.onnx`` where the Siamese network and the detector's heads were trained with it.
     """
-    from tsuiseki.trainers.association.training import AssociationTraining
-    from tsuiseki.trainers.association.windows import AssociationData
     from tsuiseki.trainers.exporting.export_costs import export_trained
 
-    best = fit(Task("association", AssociationTraining, AssociationData, "val/agreement"), arguments)
+    best = fit(ASSOCIATION, arguments)
     out = best.parent.parent
     held = torch.load(best, map_location="cpu", weights_only=True)
     appearance, detector = (
@@ -158,8 +186,8 @@ class TaskCLI(LightningCLI):
     def __init__(self, task: Task, arguments: Sequence[str]) -> None:
         self.task = task
         super().__init__(
-            task.model,
-            task.data,
+            _class(task.model),
+            _class(task.data),
             seed_everything_default=0,
             parser_kwargs={"exit_on_error": False, "prog": f"tsuiseki train {task.name}", "description": None},
             save_config_kwargs={"overwrite": True},
@@ -260,6 +288,11 @@ class EpochLines(Callback):
         values = "  ".join(f"{k} {float(v):.4g}" for k, v in sorted(trainer.callback_metrics.items()))
         pace = f"{trainer.num_training_batches / max(self._trained, 1e-9):.2f} batches/s"
         print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {values}  {pace}", flush=True)
+
+
+def _class(place: str) -> Any:
+    module, _, name = place.partition(":")
+    return getattr(importlib.import_module(f"tsuiseki.{module}"), name)
 
 
 def _parse(task: Task, arguments: Sequence[str]) -> TaskCLI:

@@ -19,6 +19,8 @@ PERSONAL_SPACE = 0.6
 EVASION = 2.5
 ABREAST = 0.65
 STANDING_SPEED = 0.25
+# (mean, standard deviation) of people on a street, m/s.
+SPEED = (1.3, 0.2)
 
 
 @dataclass(frozen=True)
@@ -29,14 +31,12 @@ class CrowdSettings:
         people: about how many are around at a time.
         groups: probability that somebody walks in company.
         pauses: probability of standing still at a place where the way turns.
-        speed: (mean, standard deviation), m/s.
         look_alikes: probability of being dressed much like somebody else around.
     """
 
     people: int = 10
     groups: float = 0.35
     pauses: float = 0.25
-    speed: tuple[float, float] = (1.3, 0.2)
     look_alikes: float = 0.15
 
 
@@ -133,7 +133,7 @@ def _way(
     corners = [inside(rng) if here else outside(rng)]
     corners += [inside(rng) for _ in range(int(rng.choice([0, 1, 1, 2, 3])))]
     corners.append(outside(rng))
-    mean, deviation = settings.speed
+    mean, deviation = SPEED
     speed = float(np.clip(rng.normal(mean, deviation), 0.5 * mean, 1.7 * mean))
     pieces = []
     for a, b in itertools.pairwise(corners):

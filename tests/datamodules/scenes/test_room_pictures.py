@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes import room_pictures
 from tsuiseki.datamodules.scenes.room_pictures import PanoramaPictures, panorama_picture
 from tsuiseki.datamodules.scenes.things.interior import chair, table
 
@@ -31,10 +32,11 @@ def test_boxes_lie_in_the_picture_and_hold_something_seen():
     assert count >= 16
 
 
-def test_nobody_is_asked_for_and_nobody_is_there():
+def test_nobody_is_asked_for_and_nobody_is_there(monkeypatch):
     empty = replace(SMALL, people=(0, 0))
     for seed, downward in ((0, 0.0), (1, 1.0)):
-        _, boxes, _ = panorama_picture(np.random.default_rng(seed), replace(empty, downward=downward))
+        monkeypatch.setattr(room_pictures, "DOWNWARD", downward)
+        _, boxes, _ = panorama_picture(np.random.default_rng(seed), empty)
         assert len(boxes) == 0
 
 

@@ -12,7 +12,7 @@ from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, Problem, cheapest
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph
-from tsuiseki.trainers.association.labelled_flow import Counts, window, windows
+from tsuiseki.trainers.association.labelled_flow import FlowCounts, window, windows
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 
 FRAMES = 60
@@ -134,7 +134,7 @@ def test_windows_of_next_to_nothing(empty: DetectedVideo) -> None:
         assert graph.arcs(DifferenceWeights()).count == len(graph)
         flow = cheapest(Problem(graph.costs, graph.tail, graph.head))
         assert flow.shape == graph.labelled.shape
-        counts = Counts()
+        counts = FlowCounts()
         counts.add(graph, flow)
         assert counts.switches == 0
     assert levels.detections.labelled.sum() == 0
@@ -171,7 +171,7 @@ def test_single_labelled_boxes_are_neither_right_nor_wrong() -> None:
 
 
 def test_counts(graph: Graph) -> None:
-    counts = Counts()
+    counts = FlowCounts()
     counts.add(graph, graph.labelled)
     assert counts.agreement == 1
     assert counts.false == counts.switches == 0

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.single_clip import ChaseSettings, render_chase
+from tsuiseki.datamodules.scenes.single_clip import SingleClipSettings, draw_single_clip
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.evaluation.single import evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence
@@ -42,8 +42,8 @@ SMALL = CombinedSettings(filter=RegularisedSettings(sizes=1))
 
 
 def clip(seed: int = 1, frames: int = 14) -> Clip:
-    settings = ChaseSettings(frames=frames, width=120, height=90, person_height=(30, 31), passers=0, obstacles=0)
-    made = render_chase(np.random.default_rng(seed), settings)
+    settings = SingleClipSettings(frames=frames, width=120, height=90, person_height=(30, 31), passers=0, obstacles=0)
+    made = draw_single_clip(np.random.default_rng(seed), settings)
     return Clip(SingleSequence(f"tiny-{seed}", (), made.boxes, frozenset({"OCC"})), list(made.images))
 
 

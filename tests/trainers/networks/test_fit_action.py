@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.datamodules.action_data import ActionData
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
@@ -19,7 +18,7 @@ from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.trainers.exporting.export import ModelFiles, load_module
 from tsuiseki.trainers.exporting.export_networks import export_action
 from tsuiseki.trainers.networks.action_training import ActionTraining
-from tsuiseki.trainers.networks.fit import Task, TaskCLI, fit_action
+from tsuiseki.trainers.networks.fit import ACTION, TaskCLI, fit_action
 
 TRAINED = ("rgb_local", "flow_global")
 
@@ -132,12 +131,11 @@ def test_streams_that_do_not_belong_together_are_refused(exported: list[Path], t
 )
 def test_configurations_build_what_they_say(name: str, trunk: int, size: int, tmp_path: Path) -> None:
     config = Path(str(resources.files("tsuiseki.configs"))) / f"{name}.yaml"
-    links = ("streams", "size", "flow", "compensate")
     small = ["--model.streams=[rgb_local,flow_global]"]
     words = ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu", *small]
     words += ["--model.weights", "null", "--trainer.precision", "32"]
-    cli = TaskCLI(Task("action", ActionTraining, ActionData, "val/map", links), words)
-    assert cli.datamodule.size == size == cli.model.inputs["rgb_local"].size
+    cli = TaskCLI(ACTION, words)
+    assert cli.datamodule.cutting.size == size == cli.model.inputs["rgb_local"].size
     assert cli.datamodule.streams == ("rgb_local", "flow_global")
     assert cli.model.network.streams["rgb_local"].trunk.channels[-1] == trunk
     assert cli.model.inputs["flow_global"].enlargement == cli.datamodule.cutting.enlargement == 3.0

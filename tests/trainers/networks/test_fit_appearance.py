@@ -12,7 +12,6 @@ import pytest
 import torch
 from torch import nn
 
-from tsuiseki.datamodules.appearance_data import AppearanceData
 from tsuiseki.models import appearance
 from tsuiseki.models.backbones import Trunk
 from tsuiseki.tracking.errors import RequestError
@@ -20,7 +19,7 @@ from tsuiseki.tracking.features.exported import Appearance, crop_boxes
 from tsuiseki.trainers.exporting.export import ModelFile, load_module
 from tsuiseki.trainers.exporting.export_networks import export_appearance
 from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
-from tsuiseki.trainers.networks.fit import Task, TaskCLI, fit_appearance
+from tsuiseki.trainers.networks.fit import APPEARANCE, TaskCLI, fit_appearance
 
 
 def options(folder: Path, *more: str) -> list[str]:
@@ -97,8 +96,7 @@ def test_exported_network_describes_as_the_trained_one(trained: Path, tmp_path: 
 @pytest.mark.parametrize("name", ["appearance_scenes", "appearance_mot", "appearance_mars"])
 def test_configurations_build_what_they_say(name: str, tmp_path: Path) -> None:
     config = Path(str(resources.files("tsuiseki.configs"))) / f"{name}.yaml"
-    task = Task("appearance", AppearanceTraining, AppearanceData, "val/map", ("height", "width"))
-    cli = TaskCLI(task, ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu"])
+    cli = TaskCLI(APPEARANCE, ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu"])
     images = torch.zeros(2, *cli.datamodule.size, 3, dtype=torch.uint8)
     with torch.no_grad():
         features = cli.model.eval()(images)

@@ -18,8 +18,28 @@ from tsuiseki.tracking.filters.base import Motion, whole_frames
 from tsuiseki.tracking.types import FloatArray
 
 
-def constant_velocity(acceleration: float, dimensions: int = 2) -> Motion:
-    """Straight motion with a random acceleration constant over each step, (1), along each of 2 or 3 axes.
+def constant_velocity(acceleration: float) -> Motion:
+    """Straight motion of states ``x, vx, y, vy`` with a random acceleration constant over each step, (1).
+
+    Args:
+        acceleration: its standard deviation along each axis, in units a second squared.
+    """
+
+    def move(states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+        # Column by column: a product with a 4x4 matrix costs several times more.
+        moved = np.empty_like(states)
+        for place, noise in zip((0, 2), rng.standard_normal((2, len(states))), strict=True):
+            gained = (acceleration * seconds) * noise
+            velocity = states[:, place + 1]
+            moved[:, place] = states[:, place] + seconds * velocity + (0.5 * seconds) * gained
+            moved[:, place + 1] = velocity + gained
+        return moved
+
+    return move
+
+
+def straight(acceleration: float, dimensions: int) -> Motion:
+    """`constant_velocity` along each of 2 or 3 axes; further columns stay as they are.
 
     Args:
         acceleration: its standard deviation along each axis, in units a second squared.
@@ -27,7 +47,6 @@ def constant_velocity(acceleration: float, dimensions: int = 2) -> Motion:
     """
 
     def move(states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
-        # Column by column: a product with a 4x4 matrix costs several times more.
         moved = states.copy()
         for axis, noise in enumerate(rng.standard_normal((dimensions, len(states)))):
             gained = (acceleration * seconds) * noise

@@ -6,7 +6,13 @@ import pytest
 from tsuiseki.tracking.filters.finite_sets.births import newborn
 from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, linear_sensor, polar_sensor
 from tsuiseki.tracking.filters.finite_sets.pairs import find_pairs
-from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn, taking_turns
+from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn, straight, taking_turns
+
+
+def test_in_two_dimensions_straight_is_the_motion_of_the_point_models():
+    states = np.random.default_rng(0).standard_normal((50, 4))
+    ours, theirs = (f(states, 0.7, np.random.default_rng(1)) for f in (straight(3.0, 2), constant_velocity(3.0)))
+    np.testing.assert_allclose(ours, theirs)
 
 
 def test_a_turn_keeps_the_speed_and_goes_straight_on_along_z():
@@ -30,7 +36,7 @@ def test_polar_measurements_lead_back_to_the_place(dimensions):
 
 
 def test_motions_take_turns_as_a_markov_chain():
-    still, fast = constant_velocity(0.0), constant_velocity(10.0)
+    still, fast = straight(0.0, 2), straight(10.0, 2)
     move = taking_turns([still, fast], rate=0.5)
     particles = np.zeros((20000, 5))
     moved = move(particles, 1.0, np.random.default_rng(3))

@@ -1,1 +1,0 @@
-"""`tsuiseki train`: a file for each of its commands."""
