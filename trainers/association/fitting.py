@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -98,24 +98,17 @@ class NetworkChanges:
 
     Attributes:
         network: the network.
-        scale: all changes of links are multiplied with.
-        use: added to what using a detection costs.
-        ends: added to what a start, and what an end costs.
     """
 
     network: AssociationNetwork
-    scale: float = 1.0
-    use: float = 0.0
-    ends: float = 0.0
 
     def links(self, rows: FloatArray) -> FloatArray:
         """``(P,)`` changes of the costs of links."""
-        return self.scale * self._of("links", rows)[:, 0]
+        return self._of("links", rows)[:, 0]
 
     def detections(self, rows: FloatArray) -> FloatArray:
         """``(N, 3)`` changes of the costs of detections, of a track's start and of its end there."""
-        changes = self._of("detections", rows) + np.array([self.use, self.ends, self.ends])
-        return np.asarray(changes.clip(-LARGEST, LARGEST))
+        return self._of("detections", rows).clip(-LARGEST, LARGEST)
 
     def joins(self, rows: FloatArray) -> FloatArray:
         """``(P,)`` changes of the costs of joins."""
@@ -128,11 +121,6 @@ class NetworkChanges:
         with torch.no_grad():
             features: torch.Tensor = self.network.projection(torch.as_tensor(found.features, dtype=torch.float32))
         return found.with_features(features.double().numpy())
-
-    def scaled(self, scalars: Sequence[float]) -> NetworkChanges:
-        """The same with another scale, use and ends."""
-        scale, use, ends = (float(value) for value in scalars)
-        return replace(self, scale=scale, use=use, ends=ends)
 
     def _of(self, part: str, rows: FloatArray) -> FloatArray:
         with torch.no_grad():

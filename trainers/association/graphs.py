@@ -175,9 +175,7 @@ class Graphs:
     Attributes:
         detections: links of detections.
         tracklets: joins of the tracklets that the flow over the detections gives.
-        lost: links of the labels that the tracker does not consider.
     """
 
     detections: Graph
     tracklets: Graph
-    lost: int

@@ -16,14 +16,13 @@ from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, JOIN_FEATURES, detection_evidence, link_evidence
 from tsuiseki.tracking.association.flow_rounds import AVERAGED, mean_features
 from tsuiseki.tracking.association.flow_window import FlowWindow
-from tsuiseki.tracking.association.learnt_costs import CostChanges
 from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
 from tsuiseki.tracking.association.tracklets import MISS_OF_JOIN, MOST_FOR_JOIN, Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, owners_of
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin
-from tsuiseki.trainers.association.labelled_flow import ALWAYS, labelled, next_of_owner, short_runs, taken_out, without
+from tsuiseki.trainers.association.labelled_flow import ALWAYS, labelled, short_runs, taken_out, without
 
 # Scores nearer to 0 and 1 count as this; a video that trusts all scores alike still lets a little gradient through.
 CERTAIN, FLATTEST = 1e-6, 0.1
@@ -32,14 +31,12 @@ CERTAIN, FLATTEST = 1e-6, 0.1
 def sequence_graphs(
     video: DetectedVideo,
     settings: FlowSettings | None = None,
-    changes: CostChanges | None = None,
 ) -> Graphs:
     """The networks of both levels of a sequence, at the tracker's costs by default.
 
     Args:
         video: the sequence.
         settings: of the tracker.
-        changes: learnt costs with which the tracker finds the tracks along which links are priced; by default none.
     """
     settings = settings or FlowSettings().alike()
     preparing = FlowInput(settings.input, video.frame_rate, video.size, video.path())
@@ -48,7 +45,7 @@ def sequence_graphs(
     probability = preparing.probability(scores)
     observation = settings.input.detection(probability, video.frame_rate)
     logit = np.log(probability / (1 - probability))
-    window = FlowWindow(settings.costs, video.frame_rate, video.size, changes=changes)
+    window = FlowWindow(settings.costs, video.frame_rate, video.size)
     window.add(seen)
     if len(seen):
         change = window.learnt(logit, observation)
@@ -58,9 +55,7 @@ def sequence_graphs(
     labels = window.labels() if len(seen) else np.empty(0, np.int64)
     parts = _link_parts(seen, window, labels, settings)
     graph = _detection_graph(video, seen, owners, labels, parts, observation, logit, settings)
-    kept = owners != IGNORED
-    lost = _links_to_make(seen.frames, owners) - int(graph.labelled[3 * len(graph) :].sum()) if kept.any() else 0
-    return Graphs(graph, _tracklet_graph(video, seen, owners, labels, settings), max(lost, 0))
+    return Graphs(graph, _tracklet_graph(video, seen, owners, labels, settings))
 
 
 def _link_parts(seen: DetectionTable, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
@@ -182,7 +177,3 @@ def _majority(owners: IntArray) -> int:
     values, counts = np.unique(owners, return_counts=True)
     best = int(counts.argmax())
     return int(values[best]) if 2 * counts[best] >= len(owners) else NOBODY
-
-
-def _links_to_make(frames: IntArray, owners: IntArray) -> int:
-    return int((next_of_owner(frames, owners) >= 0).sum())

@@ -112,8 +112,9 @@ def reproduce(
     for one, sequences in there:
         tracks, settings = _tracks(bench, one, sequences, environment)
         rows = _scored(bench, sequences, tracks)
-        limit = np.array([bench.store.recall(right_sums, given, GAP, True) for given in sequences])
-        rows[f"right links up to {GAP:g} s, filled"] = limit
+        for way in (False, True):
+            limit = np.array([bench.store.recall(right_sums, given, GAP, way) for given in sequences])
+            rows[f"right links up to {GAP:g} s{', filled' if way else ''}"] = limit
         panels[one.title] = rows
         values[one.key] = {name: _values(sequences, sums) for name, sums in rows.items()}
         if "methods" in parts:

@@ -22,9 +22,12 @@ from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fit_netwo
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, cheapest
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs
 from tsuiseki.trainers.association.labelled_flow import window
-from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
-from tsuiseki.trainers.association.windows import affordable
-from tsuiseki.trainers.experiments.end_to_end_pictures import appearance_tables, heads_tables, write_simulated
+from tsuiseki.trainers.experiments.end_to_end_pictures import (
+    appearance_tables,
+    graphs_of_video,
+    heads_tables,
+    write_simulated,
+)
 from tsuiseki.trainers.experiments.given_sequences import (
     DATA_SETS,
     DataSet,
@@ -227,12 +230,7 @@ def _filmed(given: GivenSequence) -> dict[str, Any]:
 @lru_cache(maxsize=40)
 def graphs_of_given(given: GivenSequence) -> Graphs:
     """The networks of a sequence, at the tracker's own costs."""
-    return _graphs(DetectedVideo(given.name, given_detections(given), given_labels(given), **_filmed(given)))
-
-
-def _graphs(video: DetectedVideo) -> Graphs:
-    graphs = sequence_graphs(video)
-    return Graphs(affordable(graphs.detections), graphs.tracklets, graphs.lost)
+    return graphs_of_video(DetectedVideo(given.name, given_detections(given), given_labels(given), **_filmed(given)))
 
 
 def write_streets(folder: Path, clips: int, frames: int) -> None:
@@ -313,14 +311,14 @@ def trained_on_crossings(seeds: range, steps: int) -> NetworkChanges:
     """The network that other crossings teach."""
     how = Optimisation(0.01, 1e-2, warmup_steps=10)
     fit = Fit(FlowLoss("fenchel_young"), trust=1.0, steps=steps, optimisation=how)
-    return NetworkChanges(fit_network([_graphs(crossing(seed)) for seed in seeds], fit))
+    return NetworkChanges(fit_network([graphs_of_video(crossing(seed)) for seed in seeds], fit))
 
 
 def draw_gradient(meetings: int = 20, steps: int = 400) -> Figure:
     """Arcs of a crossing that the loss makes dearer and cheaper, before and after training on other crossings."""
     from matplotlib.figure import Figure
 
-    meeting = window(_graphs(crossing(100)).detections, 11, 30)
+    meeting = window(graphs_of_video(crossing(100)).detections, 11, 30)
     figure = Figure(figsize=(12, 4.6), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     changes = trained_on_crossings(range(meetings), steps)

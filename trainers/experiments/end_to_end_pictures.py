@@ -221,7 +221,7 @@ def read_filmed(part: FramesOf) -> DetectedVideo:
 def graphs_of_video(video: DetectedVideo, settings: FlowSettings | None = None) -> Graphs:
     """The networks of a video at the tracker's own costs."""
     graphs = sequence_graphs(video, settings)
-    return Graphs(affordable(graphs.detections), graphs.tracklets, graphs.lost)
+    return Graphs(affordable(graphs.detections), graphs.tracklets)
 
 
 def tracked_sums(video: DetectedVideo, found: list[Detections], settings: FlowSettings | None = None) -> FloatArray:

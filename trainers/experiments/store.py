@@ -85,12 +85,6 @@ class Store:
             _clear_older(home)
         return home / name
 
-    def has_made(
-        self, name: str, write: Callable[Concatenate[Path, P], Any], *args: P.args, **kwargs: P.kwargs
-    ) -> bool:
-        """Whether `made` would find the folder on disk."""
-        return (self._entry(write, (name, *args), kwargs) / name).is_dir()
-
     def _entry(self, function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Path:
         """The path of an entry, without suffix: its name tells what was asked, and what answered."""
         key = _key(function, args, kwargs)
