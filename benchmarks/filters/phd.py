@@ -24,7 +24,7 @@ from tsuiseki.tracking.filters.base import TargetEstimates
 from tsuiseki.tracking.filters.finite_sets.clusters import Clusters, PhdState
 from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
-from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
+from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
 from tsuiseki.trainers.experiments.finite_sets import (
     PointScenario,
     read_scenario,
@@ -100,7 +100,7 @@ class _Sampler:
         return ParticleState(StateVectors(vectors), weight=np.full(BORN, Probability(1 / BORN)), timestamp=timestamp)
 
 
-class Unlabelled(Identity):
+class Unlabelled(TrackIdentity):
     """No labels are kept: what the peer does."""
 
     def tidy(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> tuple[PhdState, Clusters]:

@@ -18,7 +18,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.sphere.tracker import SphereTracker, TimedViews
-from tsuiseki.tracking.sphere.views import ContourLikelihood, ContourSettings, fetch, polar_maps
+from tsuiseki.tracking.sphere.views import ContourSettings, SphereContourLikelihood, fetch, polar_maps
 from tsuiseki.tracking.types import ImageArray
 
 SIZES = ((250, 2), (500, 2), (1000, 2), (2000, 2), (4000, 2), (500, 4), (1000, 6))
@@ -61,7 +61,7 @@ def measure(particles: int, count: int) -> tuple[float, float, float]:
     views = cameras(count)
     rng = np.random.default_rng(0)
     images = [picture(view, rng) for view in views]
-    tracker = SphereTracker(ContourLikelihood(views, 0.1))
+    tracker = SphereTracker(SphereContourLikelihood(views, 0.1))
     state = tracker.start_at(np.array([0.0, 0.0, 1.0]), 0.03, particles, count, rng)
     maps = [polar_maps(c, state.particles.particles[:, :3], 0.1, ContourSettings()) for c in views]
 

@@ -68,7 +68,7 @@ FIRST_TURN = 0.05
 """Standard deviation of a new target's rate of turn, radians a second."""
 
 
-class ObservationModel(Protocol[ObservationIn]):
+class PointObservations(Protocol[ObservationIn]):
     """What is observed, and how.
 
     Attributes:
@@ -100,7 +100,7 @@ class ObservedBoxes:
         self._filter: SetFilter | None = None
 
     def chosen(self, observation: Detections) -> tuple[SetFilter, FloatArray] | None:
-        """See `ObservationModel`."""
+        """See `PointObservations`."""
         used = observation.boxes[observation.scores >= self.settings.min_score]
         measured = np.concatenate([(used[:, :2] + used[:, 2:]) / 2, used[:, 2:] - used[:, :2]], axis=1)
         if self._filter is None:
@@ -131,7 +131,7 @@ class ObservedColours:
         self.image: ColourImage
 
     def chosen(self, observation: Frame) -> tuple[RegionPhdFilter, ColourImage]:
-        """See `ObservationModel`."""
+        """See `PointObservations`."""
         self.image = ColourImage.of(observation.image, self.colour)
         return self.filter, self.image
 
@@ -163,7 +163,7 @@ class ObservedScans:
             )
 
     def chosen(self, observation: Scan) -> tuple[LabelledMultiBernoulliFilter | PhdFilter, FloatArray]:
-        """See `ObservationModel`.
+        """See `PointObservations`.
 
         Raises:
             RequestError: the scan is not later than the last one.

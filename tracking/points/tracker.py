@@ -37,7 +37,7 @@ from tsuiseki.tracking.filters.motion.points import SteppingBox
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.resampling import weighted_mean
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.points.observed import ObservationModel, ObservedBoxes, ObservedColours, ObservedScans
+from tsuiseki.tracking.points.observed import ObservedBoxes, ObservedColours, ObservedScans, PointObservations
 from tsuiseki.tracking.points.settings import (
     LOST_BELOW,
     PLACE_NOISE,
@@ -66,7 +66,7 @@ class FiniteSetTracker(Generic[ObservationIn]):
         state: of the filter; None before the first step.
     """
 
-    def __init__(self, observed: ObservationModel[ObservationIn], seed: int) -> None:
+    def __init__(self, observed: PointObservations[ObservationIn], seed: int) -> None:
         self._observed = observed
         self._rng = np.random.default_rng(seed)
         self.state: Any = None

@@ -38,7 +38,7 @@ _GRID = (
 
 
 @dataclass(frozen=True)
-class Compared:
+class BeforeAndAfter:
     """One picture, as the first detector and a later one see it.
 
     Attributes:
@@ -72,7 +72,7 @@ class AdaptedReport:
     sources: Sequence[str]
     rounds: Sequence[Mapping[str, float]]
     best: int
-    compared: Sequence[Compared]
+    compared: Sequence[BeforeAndAfter]
     examples: Mapping[str, Sequence[ImageArray]]
     shown: int
     notes: Sequence[str] = ()
@@ -117,7 +117,7 @@ def _number(value: float) -> str:
     return str(value) if isinstance(value, int) else f"{value:.3f}" if value <= 1 else f"{value:.1f}"
 
 
-def _pair(compared: Compared, later: str) -> str:
+def _pair(compared: BeforeAndAfter, later: str) -> str:
     before, after = compared.before, compared.after
     in_both = assign_overlaps(iou_matrix(before.boxes, after.boxes), _SAME)
     parts = [

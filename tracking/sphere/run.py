@@ -23,8 +23,8 @@ from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen
 from tsuiseki.tracking.sphere.tracker import SphereTracker
 from tsuiseki.tracking.sphere.views import (
     BackgroundLikelihood,
-    ContourLikelihood,
     PrintedContourLikelihood,
+    SphereContourLikelihood,
     ViewLikelihood,
     median_background,
 )
@@ -125,7 +125,7 @@ def sphere_run(
     stamps = [] if live else (times or FrameTimes()).of_videos(opened, placed)
     place, box = _start(keywords.get("start"), keywords.get("volume"), settings, placed, radius)
     weigh = chosen_likelihood(settings, placed, opened, radius, backgrounds)
-    broad = weigh.broad() if isinstance(weigh, ContourLikelihood) else weigh
+    broad = weigh.broad() if isinstance(weigh, SphereContourLikelihood) else weigh
     search = partial(find_ball, weigh, broad, [p.camera for p in placed], radius, box, settings.particles)
     begin = Start(place, settings.spread, settings.particles, search)
 
@@ -215,7 +215,7 @@ def chosen_likelihood(
         printed = settings.preset == "paper"
         if printed:
             return PrintedContourLikelihood(cameras, radius)
-        return ContourLikelihood(cameras, radius, faint=settings.faint)
+        return SphereContourLikelihood(cameras, radius, faint=settings.faint)
     if backgrounds is None:
         pictures = []
         for source in sources:

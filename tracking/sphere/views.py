@@ -8,7 +8,7 @@ r0 from ``1 - reach`` to ``1 + reach``.
 
 `PrintedContourLikelihood` is the paper to the letter: the plain sum over all rays. Cameras are multiplied, as 2.2.1
 says. The weights are "normalised to 0 to 1": either divided by their sum, or scaled from least to greatest
-(`MinMaxWeights`); the paper does not say which. `ContourLikelihood` is ours: it divides each ray's sum by the sum
+(`MinMaxWeights`); the paper does not say which. `SphereContourLikelihood` is ours: it divides each ray's sum by the sum
 without the Gaussian (`outline_support`).
 """
 
@@ -217,7 +217,7 @@ class ViewLikelihood(Protocol):
 
 
 @dataclass(frozen=True)
-class ContourLikelihood:
+class SphereContourLikelihood:
     """Section 2.2.2 with support instead of sums; see the module.
 
     Small and blurred outlines have less support than sharp ones, and so has all else in such an image. Where an outline
@@ -257,7 +257,7 @@ class ContourLikelihood:
         seen = support[share > 0]
         return min(most, float(seen.mean())) if len(seen) else most
 
-    def broad(self) -> ContourLikelihood:
+    def broad(self) -> SphereContourLikelihood:
         """One that notices a ball from farther off, at a third of the cost: for searching."""
         return replace(self, settings=replace(self.settings, angles=12, radii=10, width=0.2))
 
@@ -343,7 +343,7 @@ class DividedContourLikelihood:
     """The logarithm of the sum over the rays, each ray's sum divided by that without the Gaussian, plus `contrast`.
 
     One strong edge weighs no more than a whole weak outline then. Not in the paper; without the exponential of
-    `ContourLikelihood`.
+    `SphereContourLikelihood`.
 
     Attributes:
         cameras: C cameras.

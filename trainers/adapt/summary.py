@@ -9,7 +9,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.report.adapted import AdaptedReport, Compared, example_crop
+from tsuiseki.tracking.report.adapted import AdaptedReport, BeforeAndAfter, example_crop
 from tsuiseki.tracking.types import Detections, ImageArray, Track
 from tsuiseki.trainers.adapt.find import above
 from tsuiseki.trainers.adapt.round import Round
@@ -46,7 +46,7 @@ def summary(adaptation: Adaptation, finished: Sequence[Round], notes: Sequence[s
     )
 
 
-def _compared(adaptation: Adaptation, start: Round, later: Round, number: int) -> list[Compared]:
+def _compared(adaptation: Adaptation, start: Round, later: Round, number: int) -> list[BeforeAndAfter]:
     """The held-out pictures, some time apart, in which either finds most that the other does not."""
     video, threshold = adaptation.camera.videos[number], adaptation.settings.score_threshold
     end = video.span[0] + video.length
@@ -55,7 +55,7 @@ def _compared(adaptation: Adaptation, start: Round, later: Round, number: int) -
     apart = {n: _differences(before[video.frames[n]], after[video.frames[n]]) for n in unseen}
     chosen = spread_best(apart, _PICTURES, max(1, len(unseen) // (2 * _PICTURES)))
     return [
-        Compared(
+        BeforeAndAfter(
             f"frame {video.frames[n] + 1} of {video.source}",
             video.picture(n),
             before[video.frames[n]],

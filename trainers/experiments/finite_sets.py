@@ -30,7 +30,7 @@ from tsuiseki.tracking.filters.finite_sets.models import (
     from_bearing_range,
 )
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
-from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
+from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
 from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
@@ -163,7 +163,7 @@ def start_filter(method: str, settings: dict[str, Any], clutter: float, particle
     """
     model = scenario_model(settings, clutter)
     births = scenario_births(settings, particles)
-    plain = Identity(remember=False, confirm=False)
+    plain = TrackIdentity(remember=False, confirm=False)
     filters: dict[str, Filter[Any, FloatArray, SetInfo]] = {
         "labelled": LabelledMultiBernoulliFilter(model, births, particles),
         "phd": PhdFilter(model, births, particles, extract=by_measurements),

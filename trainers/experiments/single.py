@@ -35,11 +35,11 @@ from tsuiseki.trainers.experiments.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.single_passes import (
     CSRT,
     WAYS,
-    Clip,
     ClipScores,
     Csrt,
     Entrant,
     Recognising,
+    TargetClip,
     area,
     chase,
     clip_scores,
@@ -133,7 +133,7 @@ def _combined(**changes: float) -> CombinedSettings:
 
 
 @dataclass(frozen=True)
-class Group:
+class ClipGroup:
     """Trackers that all try other sizes, or none: KCF, others beside it, and candidates of ours to choose from."""
 
     base: kcf.KcfSettings
@@ -141,8 +141,8 @@ class Group:
     candidates: Mapping[str, CombinedSettings]
 
 
-GROUPS: Mapping[str, Group] = {
-    "scale search": Group(
+GROUPS: Mapping[str, ClipGroup] = {
+    "scale search": ClipGroup(
         kcf.KcfSettings(),
         {"kcf-particle, robust": ROBUST, "filter alone": RegularisedSettings(),
          "combined as shipped": CombinedSettings()},
@@ -159,7 +159,7 @@ GROUPS: Mapping[str, Group] = {
             "far sizes 0.95, area 0.45, calibration 1": _combined(calibration=1.0),
         },
     ),
-    "fixed size": Group(
+    "fixed size": ClipGroup(
         kcf.THESIS,
         {"kcf-particle, printed": PRINTED, "kcf-particle, robust": replace(ROBUST, kcf=kcf.THESIS),
          "filter alone": RegularisedSettings(sizes=1), "combined as shipped": _combined(sizes=1)},
@@ -235,17 +235,17 @@ def reproduce(
     )
 
 
-def _clips(data: Sequence[Path] | None, attributes: Path | None) -> list[Clip]:
+def _clips(data: Sequence[Path] | None, attributes: Path | None) -> list[TargetClip]:
     if not data:
         return [chase(number) for number in range(4)]
     sequences = [s for folder in data for s in find_single_sequences(folder, attributes) if s.images]
     if not sequences:
         raise RequestError("`data`: expected sequences with images, found none")
-    return [Clip(s, [read_image(path) for path in s.images]) for s in sequences]
+    return [TargetClip(s, [read_image(path) for path in s.images]) for s in sequences]
 
 
 def scored(
-    bench: Bench, clips: Sequence[Clip | int], entrants: Mapping[str, Entrant], seeds: Sequence[int], what: str
+    bench: Bench, clips: Sequence[TargetClip | int], entrants: Mapping[str, Entrant], seeds: Sequence[int], what: str
 ) -> dict[str, list[ClipScores]]:
     """Scores of each tracker on each clip, or on the chase of a number."""
     found: dict[str, list[ClipScores]] = {name: [] for name in entrants}
@@ -263,7 +263,7 @@ def by_seed(scores: Sequence[ClipScores], names: Sequence[int] | None = None) ->
     return [{name: float(areas[seed]) for name, areas in means.items()} for seed in range(len(means["auc_11"]))]
 
 
-def unseen(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int], peer: Peer | None = None) -> Outcome:
+def unseen(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int], peer: Peer | None = None) -> Outcome:
     """What the combined tracker gains over KCF on sequences that its settings were not tuned on.
 
     Of a few candidates the one with the best mean over all *other* sequences, with the first seed, is scored on a
@@ -316,7 +316,7 @@ def leave_one_out(candidates: Mapping[str, FloatArray]) -> list[str]:
     return [names[k] for k in np.argmax(others, axis=0)]
 
 
-def lost_status(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome:
+def lost_status(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -> Outcome:
     """Whether ``lost`` says the truth: within ten frames of losing the target, and not while it is followed."""
     last = max(high for _, high in CHASES)
     given = scored(bench, clips, STATUS, seeds, "status, given clips")
@@ -350,7 +350,7 @@ def _share(values: FloatArray, form: str) -> str:
     return f"{100 * part / whole if whole else 0.0:{form}}"
 
 
-def sweeps(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome:
+def sweeps(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -> Outcome:
     """Figs. 3.6 to 3.8 and Table 3.4."""
     tables, panels, values = [], {}, {}
     for name, sweep in SWEEPS.items():
@@ -369,7 +369,9 @@ def sweeps(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome
     return Outcome({"sweeps": values}, tables, {"sweeps": figure})
 
 
-def comparison(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int], published: Path | None = None) -> Outcome:
+def comparison(
+    bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int], published: Path | None = None
+) -> Outcome:
     """Figs. 3.9 and 3.11."""
     found = scored(bench, clips, COMPARED, seeds, "comparison")
     files = {name: published / name / "scores_tb50" for name in PUBLISHED} if published else {}
@@ -405,7 +407,7 @@ def comparison(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int], publis
     return Outcome({"comparison": values, "published": there, "attributes": shown}, tables, plots, notes=notes)
 
 
-def by_attribute(clips: Sequence[Clip], found: Scores) -> dict[str, dict[str, float]]:
+def by_attribute(clips: Sequence[TargetClip], found: Scores) -> dict[str, dict[str, float]]:
     """Fig. 3.11: mean areas by attribute and tracker, for the attributes that occur."""
     places = {a: [k for k, clip in enumerate(clips) if a in clip.sequence.attributes]
               for a in sorted({a for clip in clips for a in clip.sequence.attributes})}  # fmt: skip
@@ -423,7 +425,7 @@ def plot_attributes(values: Mapping[str, Mapping[str, float]]) -> Figure:
     return figure
 
 
-def intervals(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int]) -> Outcome:
+def intervals(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -> Outcome:
     """Fig. 3.10: overlaps in the frames of search and in the ten frames after, by what is done in the search."""
     tables, plots, values = [], {}, {}
     for name, settings in SEARCHES.items():
@@ -444,6 +446,6 @@ def intervals(bench: Bench, clips: Sequence[Clip], seeds: Sequence[int]) -> Outc
     return Outcome({"intervals": values}, tables, plots)
 
 
-def _pictures(clips: Sequence[Clip]) -> Outcome:
+def _pictures(clips: Sequence[TargetClip]) -> Outcome:
     strips = {clip.sequence.name: search_pictures(clip, KcfParticle(ROBUST, 0)) for clip in clips}
     return Outcome(files={f"search-{name}.png": png(strip) for name, strip in strips.items() if strip is not None})

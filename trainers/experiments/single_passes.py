@@ -42,7 +42,7 @@ WAYS = ("KCF", "Fix", "Proposed")
 
 
 @dataclass(frozen=True)
-class Clip:
+class TargetClip:
     """A sequence with its images in memory."""
 
     sequence: SingleSequence
@@ -58,10 +58,10 @@ class Clip:
 
 
 @lru_cache(maxsize=1)
-def chase(number: int) -> Clip:
+def chase(number: int) -> TargetClip:
     """A generated sequence, drawn once for all trackers that follow it in turn: all together would fill the memory."""
     made = draw_single_clip(np.random.default_rng([17, number]))
-    return Clip(SingleSequence(f"chase-{number}", (), made.boxes), list(made.images))
+    return TargetClip(SingleSequence(f"chase-{number}", (), made.boxes), list(made.images))
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def start(entrant: Entrant, seed: int) -> SingleTracker:
     return kcf.KcfTracker(entrant) if isinstance(entrant, kcf.KcfSettings) else make_tracker(entrant, seed=seed)
 
 
-def passes(store: Store, clip: Clip | int, entrant: Entrant, seeds: Sequence[int]) -> list[Pass]:
+def passes(store: Store, clip: TargetClip | int, entrant: Entrant, seeds: Sequence[int]) -> list[Pass]:
     """Passes over a clip or the chase of a number, one a seed; one where the tracker never draws random numbers."""
     drawing = isinstance(entrant, CombinedSettings | KcfParticleSettings | Recognising) or entrant == "colour-particle"
 
@@ -134,7 +134,7 @@ def follow_chase(number: int, entrant: Entrant, seed: int) -> Pass:
     return follow(chase(number), entrant, seed)
 
 
-def follow(clip: Clip, entrant: Entrant, seed: int) -> Pass:
+def follow(clip: TargetClip, entrant: Entrant, seed: int) -> Pass:
     """One pass."""
     first = clip.sequence.boxes[0]
     if isinstance(entrant, Csrt):
@@ -194,7 +194,7 @@ class ClipScores:
     alarms: int
 
 
-def clip_scores(clip: Clip, found: Sequence[Pass]) -> ClipScores:
+def clip_scores(clip: TargetClip, found: Sequence[Pass]) -> ClipScores:
     """Scores of the passes over a clip, one a seed."""
     truth = clip.sequence.boxes
     scores = [evaluate_boxes(truth, one.boxes) for one in found]
@@ -226,7 +226,7 @@ def count_losses(overlaps: FloatArray, lost: BoolArray) -> tuple[int, int, int, 
     return int(long.sum()), noticed, int(followed.sum()), int((followed & lost).sum())
 
 
-def searches(clip: Clip, settings: KcfParticleSettings, seed: int) -> list[dict[str, list[float]]]:
+def searches(clip: TargetClip, settings: KcfParticleSettings, seed: int) -> list[dict[str, list[float]]]:
     """Overlaps during the searches of one pass, and in the ten frames after each, by what is done in the search.
 
     At each start of a search, KCF and a box that stands still go on from the same state beside the particles.
@@ -260,7 +260,7 @@ def searches(clip: Clip, settings: KcfParticleSettings, seed: int) -> list[dict[
 
 
 def _kcf_boxes(
-    clip: Clip, tracker: KcfParticle, state: kcf.KcfState, frames: range, learn_from: int
+    clip: TargetClip, tracker: KcfParticle, state: kcf.KcfState, frames: range, learn_from: int
 ) -> list[FloatArray]:
     """KCF from ``learn_from`` on; before that the box stands still."""
     boxes = []
@@ -283,7 +283,7 @@ def area(overlaps: FloatArray) -> float:
     return float(success(overlaps)[::2].mean())
 
 
-def search_pictures(clip: Clip, tracker: KcfParticle) -> ImageArray | None:
+def search_pictures(clip: TargetClip, tracker: KcfParticle) -> ImageArray | None:
     """Like Fig. 3.12: frames about the longest search, with the box, the truth and the particles; None without one."""
     tracker.start(clip.images[0], clip.sequence.boxes[0])
     pictures: list[ImageArray] = []
@@ -301,7 +301,7 @@ def search_pictures(clip: Clip, tracker: KcfParticle) -> ImageArray | None:
     return np.concatenate([pictures[k] for k in chosen], axis=1)
 
 
-def _picture(clip: Clip, tracker: KcfParticle, image: ImageArray, box: FloatArray, t: int) -> ImageArray:
+def _picture(clip: TargetClip, tracker: KcfParticle, image: ImageArray, box: FloatArray, t: int) -> ImageArray:
     picture = image.copy()
     if tracker.search is not None:
         for x, y in np.round(tracker.search.state.particles[:, :2]).astype(int).tolist():

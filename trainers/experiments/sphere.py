@@ -25,10 +25,10 @@ from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.tracker import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.sphere.views import (
     BackgroundLikelihood,
-    ContourLikelihood,
     DividedContourLikelihood,
     MinMaxWeights,
     PrintedContourLikelihood,
+    SphereContourLikelihood,
     ViewLikelihood,
 )
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -68,8 +68,8 @@ LIKELIHOODS: Mapping[str, MakeLikelihood] = {
     "printed, fourth power": lambda cameras, radius, _: PrintedContourLikelihood(cameras, radius, power=4.0),
     "ellipse": lambda cameras, radius, _: PrintedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
     "divided": lambda cameras, radius, _: DividedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
-    "contour": lambda cameras, radius, _: ContourLikelihood(cameras, radius),
-    "faint": lambda cameras, radius, _: ContourLikelihood(cameras, radius, faint=True),
+    "contour": lambda cameras, radius, _: SphereContourLikelihood(cameras, radius),
+    "faint": lambda cameras, radius, _: SphereContourLikelihood(cameras, radius, faint=True),
 }
 """From C cameras, the radius in metres and C pictures of the empty scene."""
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.report.adapted import HEADINGS, AdaptedReport, Compared, adapted_page
+from tsuiseki.tracking.report.adapted import HEADINGS, AdaptedReport, BeforeAndAfter, adapted_page
 from tsuiseki.tracking.types import Detections
 
 BOTH, LOST, NEW = [10.0, 10.0, 40.0, 90.0], [60.0, 10.0, 90.0, 90.0], [110.0, 10.0, 140.0, 90.0]
@@ -19,7 +19,7 @@ BOTH, LOST, NEW = [10.0, 10.0, 40.0, 90.0], [60.0, 10.0, 90.0, 90.0], [110.0, 10
 @pytest.fixture
 def report() -> AdaptedReport:
     before, after = (Detections(np.array(boxes), np.full(2, 0.9)) for boxes in ([BOTH, LOST], [BOTH, NEW]))
-    picture = Compared("frame 7 of a<b", np.full((100, 160, 3), 128, np.uint8), before, after)
+    picture = BeforeAndAfter("frame 7 of a<b", np.full((100, 160, 3), 128, np.uint8), before, after)
     rounds = [dict.fromkeys(HEADINGS, 0.25), dict.fromkeys(HEADINGS, 0.75)]
     return AdaptedReport(["a<b"], rounds, 1, [picture], {"taken": [picture.image]}, 1, ["a note"])
 

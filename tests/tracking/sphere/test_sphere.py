@@ -14,7 +14,7 @@ from tsuiseki.tracking.sphere.following import check_start
 from tsuiseki.tracking.sphere.search import find_ball
 from tsuiseki.tracking.sphere.settings import check_lengths
 from tsuiseki.tracking.sphere.tracker import SphereTracker, TimedViews, with_velocities
-from tsuiseki.tracking.sphere.views import ContourLikelihood, PointLikelihood
+from tsuiseki.tracking.sphere.views import PointLikelihood, SphereContourLikelihood
 
 RADIUS = 0.1
 CAMERAS = [
@@ -44,7 +44,7 @@ def film():
 
 
 def follow(film, change=lambda _, views: views, cameras=2, seed=0, particles=400):
-    tracker = SphereTracker(ContourLikelihood(CAMERAS[:cameras], RADIUS))
+    tracker = SphereTracker(SphereContourLikelihood(CAMERAS[:cameras], RADIUS))
     rng = np.random.default_rng(seed)
     state = tracker.start_at(PATH[0], 0.03, particles, cameras, rng, TIMES[0])
     found = []
@@ -98,7 +98,7 @@ def test_a_ball_of_seven_pixels_is_followed_where_a_fixed_level_loses_it():
     film = [[picture(camera, point, rng, small) for camera in CAMERAS[:2]] for point in PATH]
     away = {}
     for faint in (None, False):
-        tracker = SphereTracker(ContourLikelihood(CAMERAS[:2], small, faint=faint))
+        tracker = SphereTracker(SphereContourLikelihood(CAMERAS[:2], small, faint=faint))
         rng = np.random.default_rng(0)
         state = tracker.start_at(PATH[0], 0.03, 400, 2, rng, TIMES[0])
         found = []
@@ -127,7 +127,7 @@ def test_without_any_image_the_ball_is_searched_then_lost(film):
 
 
 def test_the_whole_volume_is_searched(film):
-    likelihood = ContourLikelihood(CAMERAS, RADIUS)
+    likelihood = SphereContourLikelihood(CAMERAS, RADIUS)
     volume = np.array([[-1.5, -1.5, 0.2], [1.5, 1.5, 2.0]])
     rng = np.random.default_rng(0)
     positions = find_ball(likelihood, likelihood.broad(), CAMERAS, RADIUS, volume, 400, film[0], rng)
@@ -188,7 +188,7 @@ def test_a_bouncing_ball_is_found_again_after_the_frames_of_its_bounce_are_lost(
     lost = range(bounce - 1, bounce + 3)
     away = {}
     for name, model in (("ballistic", motion), ("level", ConstantVelocity3D(0.5))):
-        tracker = SphereTracker(ContourLikelihood(CAMERAS[:2], RADIUS), model)
+        tracker = SphereTracker(SphereContourLikelihood(CAMERAS[:2], RADIUS), model)
         now = tracker.start_at(path[0], 0.02, 500, 2, rng, times[0], speed=1.0)
         for k, time in enumerate(times):
             views = [None, None] if k in lost else [picture(camera, path[k], rng) for camera in CAMERAS[:2]]

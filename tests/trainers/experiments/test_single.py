@@ -24,9 +24,9 @@ from tsuiseki.trainers.experiments.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.single import SWEEPS, by_attribute, by_seed, leave_one_out, scored
 from tsuiseki.trainers.experiments.single_passes import (
     CSRT,
-    Clip,
     Csrt,
     Recognising,
+    TargetClip,
     area,
     count_losses,
     follow,
@@ -41,10 +41,10 @@ ALWAYS = replace(PRINTED, response_share=1.0, switch=10.0, plain_frames=3, hypot
 SMALL = CombinedSettings(filter=RegularisedSettings(sizes=1))
 
 
-def clip(seed: int = 1, frames: int = 14) -> Clip:
+def clip(seed: int = 1, frames: int = 14) -> TargetClip:
     settings = SingleClipSettings(frames=frames, width=120, height=90, person_height=(30, 31), passers=0, obstacles=0)
     made = draw_single_clip(np.random.default_rng(seed), settings)
-    return Clip(SingleSequence(f"tiny-{seed}", (), made.boxes, frozenset({"OCC"})), list(made.images))
+    return TargetClip(SingleSequence(f"tiny-{seed}", (), made.boxes, frozenset({"OCC"})), list(made.images))
 
 
 def test_sweeps_hold_the_thesis_s_values_and_change_one_parameter() -> None:

@@ -26,7 +26,7 @@ from tsuiseki.tracking.filters.finite_sets.clusters import (
 )
 from tsuiseki.tracking.filters.finite_sets.models import PointModel, check_measurements
 from tsuiseki.tracking.filters.finite_sets.pairs import Pairs, find_pairs
-from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
+from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
 from tsuiseki.tracking.filters.resampling import logarithms, systematic
 from tsuiseki.tracking.types import FloatArray
 
@@ -68,7 +68,7 @@ class PhdFilter:
     births: Births[FloatArray]
     density: int = 1000
     proposal: Proposal[FloatArray] | None = None
-    identity: Identity = field(default_factory=Identity)
+    identity: TrackIdentity = field(default_factory=TrackIdentity)
     extract: Extraction = by_measurements
     limit: int = 200_000
     smallest_cluster: int = 200

@@ -41,7 +41,7 @@ MOST_SPREAD = 20
 
 
 @dataclass(frozen=True)
-class Identity:
+class TrackIdentity:
     """The rules of section 5.2.
 
     Attributes:

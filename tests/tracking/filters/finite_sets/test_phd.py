@@ -20,7 +20,7 @@ from tsuiseki.tracking.filters.finite_sets.models import (
     from_bearing_range,
 )
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
-from tsuiseki.tracking.filters.finite_sets.phd_identity import Identity
+from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
 from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn
 
 SENSOR = GaussianSensor(cartesian, np.array([10.0, 10.0]))
@@ -165,7 +165,7 @@ def test_a_target_that_leaves_is_gone_at_once_where_the_model_says_so(kind):
 def test_without_memory_the_weight_alone_reports():
     _, measurements = simulate(15, 2, clutter=0.5, detection=1.0, starts=((0.0, 3.0, 0.0, 2.0),))
     measurements[12] = np.empty((0, 2))
-    infos = run(PhdFilter(model(0.5), PLACES, 300, identity=Identity(remember=False)), measurements)
+    infos = run(PhdFilter(model(0.5), PLACES, 300, identity=TrackIdentity(remember=False)), measurements)
     assert len(infos[11].estimates) == 1
     assert len(infos[12].estimates) == 0
 
@@ -246,7 +246,7 @@ def test_a_place_where_nothing_was_measured_gets_few_particles_of_the_same_mass(
 
 
 def test_as_printed_newborn_particles_take_the_label_of_the_near_cluster():
-    identity = Identity(remember=False, confirm=False, claim=False, adopt=True)
+    identity = TrackIdentity(remember=False, confirm=False, claim=False, adopt=True)
     births = replace(PLACES, count=50)
     chosen = PhdFilter(model(), births, 500, smallest_cluster=0, extract=by_clusters, identity=identity)
     _, measurements = simulate(12, seed=3, clutter=0.0, detection=1.0)
