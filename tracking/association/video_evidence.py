@@ -13,7 +13,7 @@ a line themselves is how often the earlier one is, too. Both sides are there for
 
 What a detector's scores are worth in this very video, learnt without labels.
 
-A detection of a person is found again before and after, on one line (`recurrence`); a false one mostly is not. So the
+A detection of a person is found again before and after, on one line (`found_again`); a false one mostly is not. So the
 share of detections of a score that are says how far it can be trusted, on whatever scale it is: the isotonic fit of
 "found again" on the score is the probability that `DetectionCost` takes.
 

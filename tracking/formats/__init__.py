@@ -8,7 +8,7 @@ The contract of all files here:
   pixels; it raises `RequestError`, with file and line, where the content is not what it should be;
 * ``write_X(path, …)`` writes what ``read_X`` gives back.
 
-The files here are of labelled people and of one labelled target. `sensors` has those of measured points, `bodies` those
-of bodies that bend, `space` those of places in the world. What is read is defined in `tsuiseki.tracking.types`.
-`labelled.open_labelled` opens labelled video of any layout.
+Each file is one format, or one family of them: `measurements` and `sensed_points` are of a sensor, `body_states`,
+`body_points`, `silhouettes` and `sleap_hdf5` of bodies that bend, `track3d` and `correspondences` of places in space.
+`labelled.open_labelled` opens labelled video of any layout. What is read is defined in `tsuiseki.tracking.types`.
 """

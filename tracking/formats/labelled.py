@@ -125,14 +125,9 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
 
 
 def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
-    if is_okutama(folder):
-        return [_okutama(video) for video in find_okutama(folder, multiple_actions)]
-    if is_visdrone(folder):
-        return [_visdrone(sequence) for sequence in find_visdrone(folder)]
-    if is_kitti(folder):
-        return [_kitti(sequence) for sequence in find_kitti(folder)]
-    if is_drone_action(folder):
-        return [_drone_action(clip) for clip in find_drone_action(folder)]
+    for fits, videos in FOLDERS:
+        if fits(folder):
+            return videos(folder, multiple_actions)
     return [_sequence(sequence) for sequence in find_sequences(folder)]
 
 
@@ -186,3 +181,12 @@ def _drone_action(clip: DroneActionClip) -> LabelledVideo:
         lambda: read_drone_action_boxes(clip.labelled(), length),
         lambda _: drone_action_labels(clip, length),
     )
+
+
+# By layout: whether a folder has it, and the videos there. What fits none is read as MOTChallenge sequences.
+FOLDERS: tuple[tuple[Callable[[Path], bool], Callable[[Path, bool], list[LabelledVideo]]], ...] = (
+    (is_okutama, lambda folder, every: [_okutama(video) for video in find_okutama(folder, every)]),
+    (is_visdrone, lambda folder, _: [_visdrone(sequence) for sequence in find_visdrone(folder)]),
+    (is_kitti, lambda folder, _: [_kitti(sequence) for sequence in find_kitti(folder)]),
+    (is_drone_action, lambda folder, _: [_drone_action(clip) for clip in find_drone_action(folder)]),
+)

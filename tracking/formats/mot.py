@@ -1,7 +1,7 @@
 """MOTChallenge's text files: ground truth, detections and results.
 
-Their rows are ``frame, id, x, y, width, height, …`` with 1-based frames and pixels; they become 0-based in
-`mot_rows` and nowhere else.
+Their rows are ``frame, id, x, y, width, height, …`` with 1-based frames and pixels; they become 0-based here
+and nowhere else.
 
 Two layouts of ground truth are told apart by their number of columns:
 

@@ -1,7 +1,7 @@
 """The flow with a bounded delay: each frame is answered a fixed time after it came, and the answer is final.
 
 When a frame has to be answered, the window up to the newest frame is solved (`flow_window`), its tracks are joined to
-those that ended before (`joining`), and the next few frames are settled together, since one solution serves them all.
+those that ended before (`join`), and the next few frames are settled together, since one solution serves them all.
 
 * *Settled* are which detections of those frames are used, how they follow each other, and whose they are. What follows
   the last detection of a person stays open for as long as links and joins can reach.

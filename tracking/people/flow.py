@@ -26,7 +26,7 @@ class FlowTracker:
 
     What a score is worth is learnt from the video (`score_calibration`), and the camera's motion is taken out
     (`camera_from_boxes`). The flow over detections is solved exactly (`network_flow`), in turn with the prices of its
-    links by the motion along its tracks (`flow_rounds`). Its tracks are joined over longer gaps (`joining`), weak ones
+    links by the motion along its tracks (`flow_rounds`). Its tracks are joined over longer gaps (`join`), weak ones
     are dropped, and gaps filled. Without a ``delay`` all this waits for the end (`whole_flow`); with one every frame is
     answered so much later and the answer is final (`delayed_flow`).
 

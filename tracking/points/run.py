@@ -305,7 +305,7 @@ def track_measurements(
     """Targets behind the measurements of a sensor, each with an id, at every scan.
 
     Args:
-        measured: a CSV of measurements (`tracking.formats.sensors.measurements`), or scans in order of time.
+        measured: a CSV of measurements (`tracking.formats.measurements`), or scans in order of time.
         model: of sensor, targets and clutter: a YAML file, what stands in one, or `SensingModel`.
         method: labelled multi-Bernoulli filter, or phd.
         particles: of each target.

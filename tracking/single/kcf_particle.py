@@ -5,7 +5,7 @@ particles begins. Each particle has a place and the number of a correlation filt
 present one at several hypotheses of the target's place, and filters stored in the past. When the particles agree, the
 filter of the best particle goes on alone.
 
-The text leaves points open. That of (3.5) is settled in `observation_model`; of the rest:
+The text leaves points open. That of (3.5) is settled in `particles`; of the rest:
 
 * (3.3): S holds variances, see `particles.step_deviation`.
 * Algorithm 1: hypothesis ``m`` is a copy of the present filter with the target at maximum ``m``. The copies become

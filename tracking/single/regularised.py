@@ -147,7 +147,7 @@ class Model:
         return np.asarray(spectra)
 
     def colour_response(self, colour: PixelColour, patch: ImageArray) -> Float32Array:
-        """``shape``: `pixel_colour.shift_response` of a patch."""
+        """``shape``: `colours.shift_response` of a patch."""
         width, height = self.target / self.scale
         return shift_response(colour.probabilities(patch), float(width), float(height), self.shape, CELL)
 
@@ -167,7 +167,7 @@ class RegularisedTarget:
         colour_score: mean colour probability at ``centre``, in [0, 1].
         seen: what `resize` looked at, for the `update` of the same frame; None else.
         insisted: for how many frames in a row the colours have wanted a far larger size; negative: a far smaller one.
-        area: of the target's colours in the first frame, see `pixel_colour.coloured_area`.
+        area: of the target's colours in the first frame, see `colours.coloured_area`.
     """
 
     centre: FloatArray

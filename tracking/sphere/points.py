@@ -42,7 +42,7 @@ def track_sphere_points(
     """Where a ball is in space, from its pixels in every camera.
 
     Args:
-        files: a CSV for each camera (`tracking.formats.space.ball_points`), in the order of the cameras.
+        files: a CSV for each camera (`tracking.formats.correspondences`), in the order of the cameras.
         cameras: ``cameras.yaml`` with one entry per file, each with its frame_rate.
         start: ``(3,)`` the ball at first, metres; by default where two cameras that see it say.
         settings: see `SphereSettings`; no preset and no likelihood, for there is no image.
