@@ -279,47 +279,53 @@ def sphere(
     """
     import numpy as np
 
-    from tsuiseki.tracking.formats.track3d import read_path3d, write_track3d
-    from tsuiseki.tracking.sphere.page import path_figure, sphere_page
+    from tsuiseki.tracking.formats.track3d import read_path3d
     from tsuiseki.tracking.sphere.points import sphere_points_run
 
     true_path = None if truth is None else read_path3d(truth)
     chosen: SphereRun
-    if points is not None:
-        if source or drawing.overlay or backgrounds or volume:
-            raise RequestError("`points`: expected no videos, `overlay`, `backgrounds` or `volume` beside it")
+    if points is None:
+        chosen = sphere_run(
+            source, cameras, _needed(radius), start=start, volume=_corners(volume), settings=settings,
+            backgrounds=backgrounds, times=times,
+        )  # fmt: skip
+    elif source or drawing.overlay or backgrounds or volume:
+        raise RequestError("`points`: expected no videos, `overlay`, `backgrounds` or `volume` beside it")
+    else:
         chosen = sphere_points_run(
             points, cameras, start=start, settings=settings, deviation=deviation, radius=radius or 0.0, times=times
         )
-    else:
-        if radius is None:
-            raise RequestError("`radius`: expected the ball's radius in metres, got none")
-        chosen = sphere_run(
-            source,
-            cameras,
-            radius,
-            start=start,
-            volume=_corners(volume),
-            settings=settings,
-            backgrounds=backgrounds,
-            times=times,
-        )
     if drawing.overlay and chosen.length is None:
         raise RequestError("`overlay`: expected recorded videos, which can be played again; got live cameras")
-    rng = np.random.default_rng(output.seed)
     with output.run() as run:
-        log = chosen.run(rng, run.times, lambda items: run.steps(items, total=chosen.length))
-        run.columns = log.columns()
-        run.write("track3d.csv", lambda path: write_track3d(path, log.positions))
-        plot = path_figure(log.positions, chosen.placed, true_path)
-        run.write("path.png", lambda path: plot.savefig(path, dpi=120, facecolor="white"))
-        videos = _overlays(run, drawing, chosen, log, radius or 0.0) if drawing.overlay else []
-        page = sphere_page(
-            log, chosen.placed, radius or 0.0, true_path, videos, run.times.seconds, output.given.settings
+        log = chosen.run(
+            np.random.default_rng(output.seed), run.times, lambda items: run.steps(items, total=chosen.length)
         )
-        run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
-        run.done(_summary(log, true_path, output.out / "track3d.csv"))
+        _write(run, drawing, chosen, log, radius or 0.0, true_path)
     return run.status
+
+
+def _needed(radius: float | None) -> float:
+    if radius is None:
+        raise RequestError("`radius`: expected the ball's radius in metres, got none")
+    return radius
+
+
+def _write(
+    run: Run, drawing: Drawing, chosen: SphereRun, log: SphereLog, radius: float, true_path: Path3D | None
+) -> None:
+    """The files of the result."""
+    from tsuiseki.tracking.formats.track3d import write_track3d
+    from tsuiseki.tracking.sphere.page import path_figure, sphere_page
+
+    run.columns = log.columns()
+    run.write("track3d.csv", lambda path: write_track3d(path, log.positions))
+    plot = path_figure(log.positions, chosen.placed, true_path)
+    run.write("path.png", lambda path: plot.savefig(path, dpi=120, facecolor="white"))
+    videos = _overlays(run, drawing, chosen, log, radius) if drawing.overlay else []
+    page = sphere_page(log, chosen.placed, radius, true_path, videos, run.times.seconds, run.output.given.settings)
+    run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
+    run.done(_summary(log, true_path, run.output.out / "track3d.csv"))
 
 
 def _summary(log: SphereLog, truth: Path3D | None, file: Path) -> str:

@@ -117,26 +117,41 @@ def reproduce(
             rows[f"right links up to {GAP:g} s{', filled' if way else ''}"] = limit
         panels[one.title] = rows
         values[one.key] = {name: _values(sequences, sums) for name, sums in rows.items()}
-        if "methods" in parts:
-            tables.append(score_table(one.title, rows, (FLOW,), settings))
-            tables += [_by_sequence(one.title, sequences, rows)] if len(sequences) > 1 else []
-        if "filled" in parts:
-            others = {n: t for n, t in tracks.items() if n not in (UNFILLED, BOXES_ALONE)}
-            straight = {n: t if n == FLOW else _filled(sequences, t) for n, t in others.items()}
-            title = f"{one.title}, gaps filled"
-            tables.append(score_table(title, _scored(bench, sequences, straight), (FLOW,), settings))
-        if "rates" in parts and one.key == "mot17":
-            tables += [_rate_table(bench, one, sequences, rate) for rate in RATES]
-        if "delays" in parts and one.key in ("mot17", "pets"):
-            delays: dict[Name, LinkedBy] = {name: LinkedBy("flow", delay) for name, delay in DELAYS.items()}
-            found = Study(delays, sequences, linked, f"{one.title}, delays").run(bench)
-            title = f"{one.title}: delay of the flow"
-            tables.append(score_table(title, _scored(bench, sequences, found), ("flow, all",)))
+        tables += _set_tables(bench, one, sequences, tracks, rows, settings, parts)
     notes = [f"{one.title}: no {one.folder} in the data, passed over" for one, found in every if not found]
     if environment is None:
         notes.append("peers: skipped, the package trackers is not installed here; name a python that has it as peer")
     version = environment.version if environment else None
     return Outcome({"peer": version, "sets": values}, tables, {"association": plot_scores(panels)}, notes=notes)
+
+
+def _set_tables(
+    bench: Bench,
+    one: DataSet,
+    sequences: Sequence[GivenSequence],
+    tracks: dict[str, list[FloatArray]],
+    rows: dict[str, FloatArray],
+    settings: dict[str, str],
+    parts: Sequence[str],
+) -> list[Table]:
+    """The tables of one data set, of the wanted parts."""
+    tables = list[Table]()
+    if "methods" in parts:
+        tables.append(score_table(one.title, rows, (FLOW,), settings))
+        tables += [_by_sequence(one.title, sequences, rows)] if len(sequences) > 1 else []
+    if "filled" in parts:
+        others = {n: t for n, t in tracks.items() if n not in (UNFILLED, BOXES_ALONE)}
+        straight = {n: t if n == FLOW else _filled(sequences, t) for n, t in others.items()}
+        title = f"{one.title}, gaps filled"
+        tables.append(score_table(title, _scored(bench, sequences, straight), (FLOW,), settings))
+    if "rates" in parts and one.key == "mot17":
+        tables += [_rate_table(bench, one, sequences, rate) for rate in RATES]
+    if "delays" in parts and one.key in ("mot17", "pets"):
+        delays: dict[Name, LinkedBy] = {name: LinkedBy("flow", delay) for name, delay in DELAYS.items()}
+        found = Study(delays, sequences, linked, f"{one.title}, delays").run(bench)
+        title = f"{one.title}: delay of the flow"
+        tables.append(score_table(title, _scored(bench, sequences, found), ("flow, all",)))
+    return tables
 
 
 def linked(by: LinkedBy, given: GivenSequence) -> FloatArray:

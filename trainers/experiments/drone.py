@@ -169,12 +169,7 @@ def reproduce(
     if full:
         seeds, clips, frames = 5, 10, 600
     tests, second = scored_plans(seeds, clips, frames), second_plans(clips, frames)
-    found_by = shipped("detector_drone") if detector is None else shipped_or_file("detector", detector)
-    models = ObservingModels(
-        tuple(actions or [shipped(f"action_drone_{name}") for name in STREAMS]),
-        appearance or shipped("appearance_people"),
-        found_by,
-    )
+    models = _models(actions, appearance, detector)
     # All clips in one go, so that every core has one to draw until the end.
     work = on_all_cores(partial(observe_clip, bench.store, models), [*tests, *second])
     every = list(bench.watch.over(work, "clips", len(tests) + len(second)))
@@ -188,6 +183,7 @@ def reproduce(
     gains = action_gains(every, iterations["flow-maf"])
     drawn = draw_pictures(every, track_all(every, "flow"), iterations["flow-maf, one-sided"])
     drawn |= draw_second(carried, by_iteration(carried, "flow-maf, one-sided", count=2))
+    pictures = {name: picture.shows for name, picture in drawn.items()}
     values: dict[str, Any] = {
         "plan": {"seeds": seeds, "clips": clips, "frames": frames},
         "people": people,
@@ -195,17 +191,22 @@ def reproduce(
         "second": people_rows([carried]),
         "actions": action_values(recognition(every)),
         "action_gain": gains,
-        "pictures": {name: picture.shows for name, picture in drawn.items()},
+        "pictures": pictures,
     }
-    flow = people["taken out"]["flow"]
-    switches = 100 * flow["id_switches"] / (seeds * clips * frames)
-    return Outcome(
-        values,
-        tables(values),
-        {"iterations": plot_iterations(curves), "action_gain": plot_gains(gains)},
-        {f"{name}.jpg": picture.jpeg for name, picture in drawn.items()},
-        [f"flow alone: {switches:.1f} switches in 100 frames at a recall of {flow['recall']:.1f} %"],
-    )
+    plots = {"iterations": plot_iterations(curves), "action_gain": plot_gains(gains)}
+    files = {f"{name}.jpg": picture.jpeg for name, picture in drawn.items()}
+    return Outcome(values, tables(values), plots, files, [_note(people["taken out"]["flow"], seeds * clips * frames)])
+
+
+def _models(actions: list[Path] | None, appearance: Path | None, detector: Path | None) -> ObservingModels:
+    found_by = shipped("detector_drone") if detector is None else shipped_or_file("detector", detector)
+    streams = tuple(actions or [shipped(f"action_drone_{name}") for name in STREAMS])
+    return ObservingModels(streams, appearance or shipped("appearance_people"), found_by)
+
+
+def _note(flow: Mapping[str, Any], frames: int) -> str:
+    switches = 100 * flow["id_switches"] / frames
+    return f"flow alone: {switches:.1f} switches in 100 frames at a recall of {flow['recall']:.1f} %"
 
 
 def scored_plans(seeds: int, clips: int, frames: int) -> list[ClipPlan]:

@@ -133,29 +133,16 @@ def reproduce(
         RequestError: a number below 1 (`fast_seeds`: below 0), or a file that cannot be read.
     """
     at_least_one(seeds=seeds, seconds=seconds, fast_seconds=fast_seconds)
-    if fast_seeds < 0:
-        raise RequestError(f"`fast_seeds`: expected 0 or more, got {fast_seeds}")
     if full:
         seeds, seconds, fast_seeds, fast_seconds = 5, 180, 5, 180
-    tested = range(first_seed, first_seed + seeds)
-    if first_seed < 0 or set(tested) & set(VALIDATION_SEEDS):
-        raise RequestError(
-            f"`first_seed`: expected rooms that settings are not chosen on ({VALIDATION_SEEDS[0]}, "
-            f"{VALIDATION_SEEDS[1]}), from 0 on, got {first_seed} to {tested[-1]}"
-        )
+    tested = _tested(first_seed, seeds, fast_seeds)
     found_by = None if simulated_detections else detector or shipped(DETECTORS["unrolled"])
     models = CeilingModels(found_by, appearance or shipped("appearance_people"))
     jobs: list[tuple[Room, int, int, Rate]] = [
         (room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)
     ]
     jobs += [(room, seed, fast_seconds, 15) for seed in tested[:fast_seeds] for room in ROOMS]
-    folders = {
-        (room, seed, rate): [
-            _observed_folders(bench, CeilingClip(room, seed, camera, length, rate, calibration), models)
-            for camera in range(CAMERAS)
-        ]
-        for room, seed, length, rate in bench.watch.over(jobs, "rooms", len(jobs))
-    }
+    folders = _observed(bench, jobs, calibration, models)
     validation = [parts for seed in VALIDATION_SEEDS for room in ROOMS for parts in folders[room, seed, 1]]
     least = lowest_score(bench.store, list(PAPER), validation)
     chosen = dict[str, Graded]()
@@ -168,12 +155,9 @@ def reproduce(
 
     large, small = found("large", 1), found("small", 1)
     results = [large, small, *(found(room, 15) for room in ROOMS if fast_seeds)]
+    given = {"seeds": seeds, "first_seed": first_seed, "seconds": seconds}
     values: dict[str, Any] = {
-        "seeds": seeds,
-        "first_seed": first_seed,
-        "seconds": seconds,
-        "fast_seeds": fast_seeds,
-        "fast_seconds": fast_seconds,
+        **given | {"fast_seeds": fast_seeds, "fast_seconds": fast_seconds},
         "chosen": {"least_score": least, "rows": {name: asdict(each) for name, each in chosen.items()}},
         "rows": {label: row_values(each) for label, each in zip(LABELS, results, strict=False)},
         "where": where_parts_help(large),
@@ -184,6 +168,32 @@ def reproduce(
     files = {name: cv2.imencode(".jpg", image[:, :, ::-1])[1].tobytes() for name, image in pictures.items()}
     note = f"all settings have the best MOTA on rooms of seeds 900 and 901; lowest score of a detection {least:g}"
     return Outcome(values, tables(values), files=files, notes=[note])
+
+
+def _tested(first: int, seeds: int, fast_seeds: int) -> range:
+    """The rooms that are scored, none of which settings were chosen on."""
+    if fast_seeds < 0:
+        raise RequestError(f"`fast_seeds`: expected 0 or more, got {fast_seeds}")
+    tested = range(first, first + seeds)
+    if first < 0 or set(tested) & set(VALIDATION_SEEDS):
+        raise RequestError(
+            f"`first_seed`: expected rooms that settings are not chosen on ({VALIDATION_SEEDS[0]}, "
+            f"{VALIDATION_SEEDS[1]}), from 0 on, got {first} to {tested[-1]}"
+        )
+    return tested
+
+
+def _observed(
+    bench: Bench, jobs: Sequence[tuple[Room, int, int, Rate]], calibration: Path | None, models: CeilingModels
+) -> dict[tuple[Room, int, Rate], list[list[Path]]]:
+    """The observations of each camera of each room, by room, seed and rate."""
+    return {
+        (room, seed, rate): [
+            _observed_folders(bench, CeilingClip(room, seed, camera, length, rate, calibration), models)
+            for camera in range(CAMERAS)
+        ]
+        for room, seed, length, rate in bench.watch.over(jobs, "rooms", len(jobs))
+    }
 
 
 def _observed_folders(bench: Bench, clip: CeilingClip, models: CeilingModels) -> list[Path]:
