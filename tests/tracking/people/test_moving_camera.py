@@ -28,7 +28,7 @@ def clip(tmp_path_factory):
 
 def track(clip, out, *more):
     words = ["track", "people", str(clip), "--detections", str(clip / "det" / "det.txt"), "--out", str(out)]
-    return main([*words, "--appearance", "none", "--flow.smoothing", "null", *more])
+    return main([*words, "--appearance", "none", "--flow.smoothing=false", *more])
 
 
 def test_tracks_come_back_in_pixels_of_their_own_frames(clip, tmp_path):

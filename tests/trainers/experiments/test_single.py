@@ -107,7 +107,7 @@ def test_of_equal_candidates_the_first_is_taken() -> None:
 
 
 def test_the_table_of_unseen_sequences_has_a_row_a_tracker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    group = single.Group(KcfSettings(scale_step=1.0), {"alone": RegularisedSettings(sizes=1)}, {"one": SMALL})
+    group = single.ClipGroup(KcfSettings(scale_step=1.0), {"alone": RegularisedSettings(sizes=1)}, {"one": SMALL})
     monkeypatch.setattr(single, "GROUPS", {"small": group})
     outcome = single.unseen(Bench(Store(tmp_path)), [clip(1, 8), clip(2, 8)], [0])
     assert [row[0] for row in outcome.tables[0].rows] == ["KCF", "alone", single.OURS]
