@@ -83,8 +83,8 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    clip = plan_goldfish(GoldfishSettings(frames=options.frames, fish=1), seed=3)
-    drawn = [clip.draw_frame(number) for number in range(options.frames)]
+    planned = plan_goldfish(GoldfishSettings(frames=options.frames, fish=1), seed=3)
+    drawn = [planned.draw_frame(number) for number in range(options.frames)]
     clip = Clip([frame.image for frame in drawn], np.stack([frame.states[0] for frame in drawn]))
     print(f"{platform.processor() or platform.machine()}, OpenCV {cv2.__version__}, numpy {np.__version__}; 640x480")
     print(f"{'particles':>9} {'bare':>7} {'image':>7} {'particles':>9} {'frame':>7} {'ratio':>6} {'frames/s':>8}")

@@ -277,8 +277,6 @@ def sphere(
         backgrounds: one picture of the empty scene per video, separated by commas; by default the median of the video.
         truth: CSV with the columns time, x, y, z (seconds, metres) to compare with in the report.
     """
-    import numpy as np
-
     from tsuiseki.tracking.formats.track3d import read_path3d
     from tsuiseki.tracking.sphere.points import sphere_points_run
 
@@ -298,10 +296,7 @@ def sphere(
     if drawing.overlay and chosen.length is None:
         raise RequestError("`overlay`: expected recorded videos, which can be played again; got live cameras")
     with output.run() as run:
-        log = chosen.run(
-            np.random.default_rng(output.seed), run.times, lambda items: run.steps(items, total=chosen.length)
-        )
-        _write(run, drawing, chosen, log, radius or 0.0, true_path)
+        _follow(run, drawing, chosen, radius or 0.0, true_path)
     return run.status
 
 
@@ -311,13 +306,15 @@ def _needed(radius: float | None) -> float:
     return radius
 
 
-def _write(
-    run: Run, drawing: Drawing, chosen: SphereRun, log: SphereLog, radius: float, true_path: Path3D | None
-) -> None:
-    """The files of the result."""
+def _follow(run: Run, drawing: Drawing, chosen: SphereRun, radius: float, true_path: Path3D | None) -> None:
+    """Follow the ball and write the files of the result."""
+    import numpy as np
+
     from tsuiseki.tracking.formats.track3d import write_track3d
     from tsuiseki.tracking.sphere.page import path_figure, sphere_page
 
+    rng = np.random.default_rng(run.output.random_seed)
+    log = chosen.run(rng, run.times, lambda items: run.steps(items, total=chosen.length))
     run.columns = log.columns()
     run.write("track3d.csv", lambda path: write_track3d(path, log.positions))
     plot = path_figure(log.positions, chosen.placed, true_path)

@@ -75,7 +75,7 @@ def gm_phd(model, shown=0.35, merge=10.0, prune=1e-5):
     from stonesoup.updater.kalman import KalmanUpdater
     from stonesoup.updater.pointprocess import PHDUpdater
 
-    class Motion(LinearGaussianTransitionModel):
+    class PlaneMotion(LinearGaussianTransitionModel):
         """Constant velocity with a random acceleration."""
 
         ndim_state = 4
@@ -90,7 +90,7 @@ def gm_phd(model, shown=0.35, merge=10.0, prune=1e-5):
     kalman = KalmanUpdater(sensor)
     density = model["clutter"] / model["side"] ** 2
     updater = PHDUpdater(kalman, density, prob_detection=model["detection"], prob_survival=model["survival"])
-    base = DistanceHypothesiser(KalmanPredictor(Motion()), kalman, Mahalanobis(), missed_distance=5)
+    base = DistanceHypothesiser(KalmanPredictor(PlaneMotion()), kalman, Mahalanobis(), missed_distance=5)
     hypothesiser = GaussianMixtureHypothesiser(base, order_by_detection=True)
     reducer = GaussianMixtureReducer(prune_threshold=prune, pruning=True, merge_threshold=merge, merging=True)
     new, components = births(model, 1), []
