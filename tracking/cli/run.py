@@ -228,12 +228,21 @@ class Run:
             path.replace(self.work / path.name)
         self._written = True
 
-    def save(self, result: Result[Any]) -> None:
-        """Write the files of ``result``, and take what it knows into ``run.json``."""
+    def save(self, result: Result[Any], draw: Callable[[], object] = lambda: None) -> None:
+        """Write the files of ``result``, and take what it knows into ``run.json``.
+
+        Args:
+            result: of the run.
+            draw: makes what the pages of the result show; called when all other files are written.
+        """
         self.columns = result.frames
         self.facts |= result.facts
-        for name, write in result.files.items():
-            self.write(name, partial(self._beside, write))
+        pages = [name for name in result.files if name.endswith(".html")]
+        for name in [name for name in result.files if name not in pages]:
+            self.write(name, partial(self._beside, result.files[name]))
+        draw()
+        for name in pages:
+            self.write(name, partial(self._beside, result.files[name]))
 
     def _beside(self, write: Writer, path: Path) -> object:
         return write(path, self.work)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 
@@ -17,32 +19,21 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
     """
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
     from tsuiseki.tracking.cli.run import count, frames_expected
-    from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.people.page import PeopleReport, people_page
-    from tsuiseki.tracking.people.tracker import run_trackers
-    from tsuiseki.tracking.people.tracking import facts_of, open_people
+    from tsuiseki.tracking.people.tracking import open_people, people_result
     from tsuiseki.tracking.report.overlay import write_overlay
 
-    source, method = video.open(timed=True), linking.method
+    source = video.open(timed=True)
     opened = open_people(source, finding, linking, output.seed)
     with output.run() as run:
         tell_reading(run, opened.inputs.detect)
         found = opened.inputs.found(run.frames(source, record=video.overlay), run.times)
         steps = run.steps(found, total=frames_expected(source))
-        every, log = run_trackers(steps, {method: opened.tracker}, run.times)
-        tracks = every[method]
-        milliseconds = 1000 * run.times.seconds.get("detect", 0.0) / max(len(log.frames), 1)
-        facts, lines = facts_of(opened, milliseconds)
-        run.facts |= facts
+        result, lines = people_result(opened, steps, run.times, {"method": linking.method, "source": video.source})
         for line in lines:
             print(line)
         tell_blank(opened.inputs.detect)
-        run.columns = log.columns(tracks)
-        run.write("tracks.txt", lambda path: write_tracks(path, tracks, opened.class_of))
-        drawn = video.draw(run, source, lambda path, again: write_overlay(path, again, tracks, source.frame_rate))
-        seconds, made = run.times.seconds, {"method": method, "source": video.source}
-        page = people_page(PeopleReport(source.name, tracks, log.frames, source.frame_rate, drawn, seconds, made))
-        run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
-        who, length = count(len(tracks), "person", "people"), count(run.count, "frame", "frames")
+        overlay = partial(write_overlay, tracks=result, frame_rate=source.frame_rate)
+        run.save(result, draw=lambda: video.draw(run, source, overlay))
+        who, length = count(len(result), "person", "people"), count(run.count, "frame", "frames")
         run.done(f"{who} in {length}: {output.out / 'tracks.txt'}")
     return run.status

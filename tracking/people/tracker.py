@@ -25,7 +25,7 @@ What the status of a target says:
 A target is answered from the frame on in which its tracker believes in it. The ``tracks()`` of an online tracker may
 begin earlier, with the detections that made it believe.
 
-A run of people trackers over a video, with what there is to tell about it.
+`run_trackers` feeds a video to one or several of them and logs each frame.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -44,7 +44,7 @@ from tsuiseki.tracking.people.methods import (
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers
 from tsuiseki.tracking.result import Result, StageTimes
-from tsuiseki.tracking.types import Frame, IntArray, Targets, Track
+from tsuiseki.tracking.types import Detections, Frame, IntArray, Targets, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.video.source import Source, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
@@ -110,20 +110,8 @@ def track_people(
     if video.live and video.frames_wanted.last is None:
         raise RequestError(f"{video.name} does not end by itself; give frames, or use follow_people")
     name, times = method if isinstance(method, str) else type(method).__name__, StageTimes()
-    every, log = run_trackers(opened.inputs.found(times=times), {name: opened.tracker}, times)
-    tracks = every[name]
-    facts, _ = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
-    return Result(
-        tracks,
-        source=video.name,
-        frame_rate=video.frame_rate,
-        size=image_size(video),
-        settings={"method": name, "seed": keywords.get("seed", 0)},
-        facts=facts,
-        seconds=times.seconds,
-        frames=log.columns(tracks),
-        files={"tracks.txt": lambda path, _: write_tracks(path, tracks, opened.class_of)},
-    )
+    made = {"method": name, "source": str(source), "seed": keywords.get("seed", 0)}
+    return people_result(opened, opened.inputs.found(times=times), times, made)[0]
 
 
 def follow_people(
@@ -239,6 +227,44 @@ def _opened(
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
     linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
     return open_people(open_source(str(source), parse_frames(frames)), PeopleFinding(**finding), linking, seed)
+
+
+def people_result(
+    opened: OpenedPeople, found: Iterable[tuple[int, Detections]], times: StageTimes, settings: Mapping[str, Any]
+) -> tuple[Result[Track], list[str]]:
+    """The result of a run, and what of its facts is worth a line to the user.
+
+    Args:
+        opened: what runs.
+        found: 0-based frame numbers and the detections there, consecutive.
+        times: of the run.
+        settings: of the run; those named ``method`` and ``source`` are shown on its page.
+    """
+    from tsuiseki.tracking.people.page import people_page
+
+    video, name = opened.inputs.source, settings["method"]
+    every, log = run_trackers(found, {name: opened.tracker}, times)
+    tracks = every[name]
+    facts, lines = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
+
+    def page(path: Path, folder: Path) -> None:
+        path.write_text(people_page(result, folder), encoding="utf-8")
+
+    result = Result(
+        tracks,
+        source=video.name,
+        frame_rate=video.frame_rate,
+        size=image_size(video),
+        settings=settings,
+        facts=facts,
+        seconds=times.seconds,
+        frames=log.columns(tracks),
+        files={
+            "tracks.txt": lambda path, _: write_tracks(path, tracks, opened.class_of),
+            "report.html": page,
+        },
+    )
+    return result, lines
 
 
 def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any], list[str]]:
