@@ -11,13 +11,11 @@ Right detections are not found again either where the detector misses the person
 ill. Of b₋ of such triples, which is right in all likelihood, the later side is there; the share of those b₋ that lie on
 a line themselves is how often the earlier one is, too. Both sides are there for its square of the right detections.
 
-What a detector's scores are worth in this very video, learnt without labels.
-
-A detection of a person is found again before and after, on one line (`found_again`); a false one mostly is not. So the
-share of detections of a score that are says how far it can be trusted, on whatever scale it is: the isotonic fit of
+The same tells what a detector's scores are worth in this video. The share of detections of a score that are found again
+(`found_again`) says how far it can be trusted, on whatever scale it is: the isotonic fit of
 "found again" on the score is the probability that `DetectionCost` takes.
 
-What a video says of its own detections, without labels: the worth of scores, speeds, what is missed.
+`VideoEvidence` gathers all three: the worth of scores, speeds, and what is missed.
 """
 
 from __future__ import annotations

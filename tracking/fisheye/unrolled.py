@@ -5,7 +5,7 @@ everybody stands upright. Rings of tiles show them at several scales, those who 
 a view straight down shows who is right below. What is found there goes back to the picture as boxes turned about their
 centres, unless it is lower or higher than people are.
 
-What a detector of people looks at under a ceiling camera, and which one ships for that.
+`DETECTORS` names the shipped detector for each kind of view.
 """
 
 from __future__ import annotations

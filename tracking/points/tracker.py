@@ -2,7 +2,7 @@
 
 `PointTracker` follows measured points or boxes, `BlobTracker` coloured regions, `MeasurementTracker` a sensor's scans.
 
-One object of a known colour in video, by a particle filter that looks at the image; finite-sets paper, section 6.
+A `BlobTracker` filters the image itself with particles (finite-sets paper, section 6).
 """
 
 from __future__ import annotations

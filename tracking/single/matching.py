@@ -23,7 +23,6 @@ from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray, Status
 
 Measure = Literal["ssd", "sad", "ncc"]
-MEASURES: tuple[Measure, ...] = ("ssd", "sad", "ncc")
 TEMPLATE_SIDE = 32  # pixels of the longer side when matching; matching costs its square times the window's
 REACH = 1.0  # how far from the last place is searched, in sides of the target
 

@@ -149,15 +149,15 @@ def reproduce(
     folders = _observed(bench, [*slow, *fast], calibration, models)
     chosen, least = _chosen(bench, [p for seed in VALIDATION_SEEDS for room in ROOMS for p in folders[room, seed, 1]])
 
-    def found(room: Room, rate: Rate) -> FloorResults:
-        tests = {s: each for (r, s, k), each in folders.items() if (r, k) == (room, rate) and s in tested}
-        return _tracked(bench, tests, chosen, least)
-
-    large, small = found("large", 1), found("small", 1)
-    results = [large, small, *(found(room, 15) for room in ROOMS if fast_seeds)]
+    scored: list[tuple[Room, Rate]] = [("large", 1), ("small", 1), *((room, 15) for room in ROOMS if fast_seeds)]
+    results = [_tracked(bench, _tests(folders, tested, *each), chosen, least) for each in scored]
+    large, small = results[:2]
     values: dict[str, Any] = {
-        **{"seeds": seeds, "first_seed": first_seed, "seconds": seconds},
-        **{"fast_seeds": fast_seeds, "fast_seconds": fast_seconds},
+        "seeds": seeds,
+        "first_seed": first_seed,
+        "seconds": seconds,
+        "fast_seeds": fast_seeds,
+        "fast_seconds": fast_seconds,
         "chosen": {"least_score": least, "rows": {name: asdict(each) for name, each in chosen.items()}},
         "rows": {label: row_values(each) for label, each in zip(LABELS, results, strict=False)},
         "where": where_parts_help(large),
@@ -165,6 +165,13 @@ def reproduce(
     }
     files = _jpegs(switch_pictures(large, seconds, calibration))
     return Outcome(values, tables(values), files=files, notes=[f"{CHOSEN_ON}; lowest score of a detection {least:g}"])
+
+
+def _tests(
+    folders: Mapping[tuple[Room, int, Rate], list[list[Path]]], tested: range, room: Room, rate: Rate
+) -> dict[int, list[list[Path]]]:
+    """What was observed in the rooms of one size and rate that are scored, by seed."""
+    return {s: each for (r, s, k), each in folders.items() if (r, k) == (room, rate) and s in tested}
 
 
 def _chosen(bench: Bench, validation: Clips) -> tuple[dict[str, Graded], float]:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import tsuiseki
-from tsuiseki.tracking.people.tracking import PeopleKeywords
+from tsuiseki.tracking.people.tracking import PeopleKeywords, _opened
 
 SOURCE = Path(__file__).resolve().parents[3] / "tracking" / "front" / "__init__.py"
 
@@ -32,10 +32,10 @@ def test_every_tracker_and_every_function_that_tracks_takes_a_seed() -> None:
     assert len(functions) >= 10
     for each in (*trackers, *functions):
         parameters = inspect.signature(each).parameters
-        if "keywords" in parameters:  # `Unpack[PeopleKeywords]`, which leaves out what is at its default
+        if "keywords" in parameters:  # `Unpack[PeopleKeywords]`, whose defaults stand where the call is opened
             assert "seed" in PeopleKeywords.__annotations__
-        else:
-            assert parameters["seed"].default == 0, each
+            parameters = inspect.signature(_opened).parameters
+        assert parameters["seed"].default == 0, each
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

@@ -1,10 +1,14 @@
 """Matching by templates and histograms finds copies, and what looking everywhere finds."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
 from tests.tracking.single.moving_texture import texture
-from tsuiseki.tracking.single.matching import MEASURES, active_search, colour_bins, match
+from tsuiseki.tracking.single.matching import Measure, active_search, colour_bins, match
+
+MEASURES = get_args(Measure)
 
 
 @pytest.mark.parametrize("measure", MEASURES)

@@ -4,7 +4,7 @@ Particles stand in contiguous *groups* (the particles of one track, one cluster 
 measurement are a pair when the measurement lies within the sensor's gate of the group's bounding box, so the cost
 follows the pairs that matter and not particles times measurements.
 
-Marginal probabilities of a one-to-one association by loopy belief propagation (Williams and Lau, 2014).
+The marginal probabilities of a one-to-one association come from loopy belief propagation (Williams and Lau, 2014).
 """
 
 from __future__ import annotations
