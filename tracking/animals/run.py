@@ -26,6 +26,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
+from tsuiseki.tracking.video.frame_times import NotedTimes
 from tsuiseki.tracking.video.source import open_source
 
 
@@ -126,13 +127,13 @@ def finished(
     return animals, written
 
 
-def in_millimetres(tracks: Sequence[BodyTrack], scale: float, frame_rate: float) -> tuple[list[BodyTrack], list[str]]:
+def in_millimetres(tracks: Sequence[BodyTrack], scale: float, times: NotedTimes) -> tuple[list[BodyTrack], list[str]]:
     """Tracks with columns for millimetres behind those for pixels, and the names of all columns.
 
     Args:
         tracks: of the columns `FIELDS`.
         scale: millimetres of a pixel.
-        frame_rate: frames a second, for the speed.
+        times: of the frames, for the speed.
 
     Raises:
         RequestError: the scale is not above 0.
@@ -144,8 +145,7 @@ def in_millimetres(tracks: Sequence[BodyTrack], scale: float, frame_rate: float)
         metric = scale * track.states[:, [0, 1, 3, 4]]
         speed = np.zeros(len(track))
         if len(track) > 1:
-            seconds = track.frames / frame_rate
-            speed = np.linalg.norm(np.gradient(metric[:, :2], seconds, axis=0), axis=1)
+            speed = np.linalg.norm(np.gradient(metric[:, :2], times.at(track.frames), axis=0), axis=1)
         found.append(replace(track, states=np.concatenate([track.states, metric, speed[:, None]], axis=1)))
     return found, [*FIELDS, "a_mm", "b_mm", "length_mm", "width_mm", "speed_mm_s"]
 
@@ -181,7 +181,7 @@ def animals(
     source = video.open(images=True, replayable=True, timed=True)
     table = skeleton.table()
     if scale is not None:
-        in_millimetres([], scale, source.frame_rate)
+        in_millimetres([], scale, NotedTimes(source.frame_rate))
     with output.run() as run:
         run.facts["frame_rate"] = source.frame_rate
         tracker = None
@@ -202,7 +202,7 @@ def animals(
             found, placed = finished(seen, numbers, animals, source.frame_rate, size, skeleton, table)
         tracks, fields = [one.track for one in found], list(FIELDS)
         if scale is not None:
-            tracks, fields = in_millimetres(tracks, scale, source.frame_rate)
+            tracks, fields = in_millimetres(tracks, scale, run.seconds_of(source))
         run.columns = {"frame": [n + 1 for n in numbers], "animals": [len(poses) for poses in seen]}
         run.write("states.csv", lambda path: write_states(path, tracks, fields))
         if placed is not None:

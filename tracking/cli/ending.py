@@ -83,6 +83,8 @@ def _warnings_in_a_line() -> Iterator[None]:
 
         def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
             if issubclass(category, InputWarning):
+                if str(message) in _NOTES:  # a video is played again to draw on it
+                    return
                 _NOTES.append(str(message))
                 complain(f"note: {message}", DONE)
             else:

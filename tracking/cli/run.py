@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import Output
     from tsuiseki.tracking.result import Result, Writer
     from tsuiseki.tracking.types import Frame
+    from tsuiseki.tracking.video.frame_times import NotedTimes
     from tsuiseki.tracking.video.source import Source
 
 T = TypeVar("T")
@@ -67,6 +68,7 @@ class Run:
         times: seconds of each stage.
         columns: what happened in each frame, for ``run.json``: one list a column.
         facts: what the run found out about its input, or chose by itself; likewise.
+        sources: videos that it read.
         count: finished steps.
         status: exit status, known after the ``with`` block.
     """
@@ -76,6 +78,7 @@ class Run:
         self.times = StageTimes()
         self.columns: Mapping[str, Sequence[Any]] = {}
         self.facts: dict[str, Any] = {}
+        self.sources: list[Source] = []
         self.count = 0
         self.status = DONE
         self._asked = 0
@@ -86,6 +89,7 @@ class Run:
         self._first: int | None = None
         self._last = -1
         self._live = False
+        self._seconds: dict[str, NotedTimes] = {}
         self._recording: Path | None = None
         self._stack = ExitStack()
 
@@ -110,15 +114,40 @@ class Run:
             source: the video.
             record: keep the frames of a live source for `replay`.
         """
-        self._live = source.live
+        self.sources.append(source)
+        frames = self.seconds_of(source).watched(source.frames())
+        if not source.live:
+            return self._read(frames)
+        return self._read(self.unending(frames), source.frame_rate if record else None)
+
+    def seconds_of(self, source: Source) -> NotedTimes:
+        """When the frames of ``source`` were taken, as far as they came by."""
+        from tsuiseki.tracking.video.frame_times import NotedTimes
+
+        return self._seconds.setdefault(source.name, NotedTimes(source.frame_rate))
+
+    def unending(self, items: Iterable[T]) -> Iterator[T]:
+        """``items`` of a live source: an interrupt ends them at once, and what came before is kept."""
+        self._live, iterator = True, iter(items)
+        while not self._asked:
+            try:
+                with self.waiting():
+                    item = next(iterator)
+            except StopIteration:
+                return
+            except KeyboardInterrupt as error:
+                self._asked = signal_of(error)
+                return
+            yield item
+
+    def _read(self, frames: Iterator[Frame], recorded_rate: float | None = None) -> Iterator[Frame]:
         with ExitStack() as stack:
             writer = None
-            if source.live and record:
+            if recorded_rate is not None:
                 from tsuiseki.tracking.video.webm import VideoWriter
 
                 self._recording = self.work / PARTS / "recording.webm"
-                writer = stack.enter_context(VideoWriter(self._recording, source.frame_rate))
-            frames = source.frames()
+                writer = stack.enter_context(VideoWriter(self._recording, recorded_rate))
             while True:
                 try:
                     frame = next(frames, None)
@@ -301,10 +330,27 @@ class Run:
     def _record(self) -> None:
         shutil.rmtree(self.work / PARTS, ignore_errors=True)
         given = self.output.given
+        facts = self.facts | self._facts_of_sources() | ({"notes": noted} if (noted := notes()) else {})
         record = RunRecord(given.command, given.settings, self.output.random_seed, self.times.seconds, self.columns)
         record.partial, record.reason = bool(self._reason), self._reason
-        record.facts = {**self.facts, "notes": noted} if (noted := notes()) else self.facts
+        record.facts = facts
         record.write(self.work)
+
+    def _facts_of_sources(self) -> dict[str, Any]:
+        """Where the times of their frames come from, whether these are even, and where a live one had gaps."""
+        from tsuiseki.tracking.video.frame_times import uneven
+
+        found = {}
+        for source in self.sources:
+            times = list(self.seconds_of(source).noted.values())
+            facts = {} if source.live else uneven(times)
+            gaps = getattr(source, "gaps", [])
+            found[source.name] = {"timed_by": source.timed_by, **facts, **({"gaps": gaps} if gaps else {})}
+            if facts and len(self.sources) == 1 and self.columns.keys() >= {"frame"} and "time" not in self.columns:
+                numbers = [number - 1 for number in self.columns["frame"]]
+                at = self.seconds_of(source).at(numbers).round(4).tolist()
+                self.columns = {**self.columns, "time": at}
+        return {"frame_times": found} if found else {}
 
     def _report(self) -> None:
         if not self._reason:

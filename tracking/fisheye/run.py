@@ -176,7 +176,8 @@ def _written(run: Run, view: CeilingSource, tracks: list[FloorTrack], prefix: st
 
     position = view.placed.camera.position
     run.write(f"{prefix}tracks.txt", lambda path: write_tracks(path, [t.track for t in tracks]))
-    run.write(f"{prefix}world.csv", lambda path: write_world(path, tracks, view.rate))
+    times, faster = run.seconds_of(view.source), 1.0 if view.source.live else view.source.frame_rate / view.rate
+    run.write(f"{prefix}world.csv", lambda path: write_world(path, tracks, lambda frames: times.at(frames) * faster))
     plan, dwell = floor_figure(tracks, view.floor, position[None, :2]), dwell_figure(tracks, view.floor, view.rate)
     run.write(f"{prefix}floor.png", lambda path: plan.savefig(path, dpi=120, facecolor="white"))
     run.write(f"{prefix}dwell.png", lambda path: dwell.savefig(path, dpi=120, facecolor="white"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +19,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.sphere.following import Seen, SphereLog, SphereRun, Start, check_start
 from tsuiseki.tracking.sphere.search import find_ball
-from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen_motion, frame_count
+from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen_motion, frame_times
 from tsuiseki.tracking.sphere.tracker import SphereTracker
 from tsuiseki.tracking.sphere.views import (
     BackgroundLikelihood,
@@ -219,7 +219,7 @@ def chosen_likelihood(
     if backgrounds is None:
         pictures = []
         for source in sources:
-            step = max(1, frame_count(source) // BACKGROUND_FRAMES)
+            step = max(1, len(frame_times(source)) // BACKGROUND_FRAMES)
             pictures.append(median_background([f.image for f in source.frames() if f.index % step == 0]))
         return BackgroundLikelihood(cameras, pictures)
     if len(backgrounds) != len(cameras):
@@ -314,7 +314,12 @@ def _follow(run: Run, drawing: Drawing, chosen: SphereRun, radius: float, true_p
     from tsuiseki.tracking.sphere.page import path_figure, sphere_page
 
     rng = np.random.default_rng(run.output.random_seed)
-    log = chosen.run(rng, run.times, lambda items: run.steps(items, total=chosen.length))
+    run.sources += chosen.sources
+
+    def watched(seen: Iterable[Seen]) -> Iterator[Seen]:
+        return run.steps(seen if chosen.length else run.unending(seen), total=chosen.length)
+
+    log = chosen.run(rng, run.times, watched)
     run.columns = log.columns()
     run.write("track3d.csv", lambda path: write_track3d(path, log.positions))
     plot = path_figure(log.positions, chosen.placed, true_path)

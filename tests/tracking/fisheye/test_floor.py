@@ -41,7 +41,7 @@ def test_the_overlay_leaves_the_frame_alone_and_draws():
 
 
 def test_the_world_file(tmp_path):
-    write_world(tmp_path / "world.csv", [somebody(2, 3), somebody(1, 3)], 2.0)
+    write_world(tmp_path / "world.csv", [somebody(2, 3), somebody(1, 3)], lambda frames: frames / 2.0)
     lines = (tmp_path / "world.csv").read_text().splitlines()
     assert lines[0] == FLOOR_HEADER
     assert lines[1] == "1,0.0000,1.0500,2.0500,31.00,51.00,40.00,20.00,50.00,60.00,20.00,40.00,90.00"
