@@ -281,7 +281,8 @@ class Run:
         if self._asked and not self._live:
             return None
         try:
-            return self.write(name, write)
+            with self.times.measure("draw"):
+                return self.write(name, write)
         except KeyboardInterrupt as error:
             self._asked = signal_of(error)
             self._say(f"interrupted while {name} was drawn", 128 + self._asked)

@@ -64,11 +64,10 @@ def _write(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> No
 
     source, best = demo.source, results[list(results)[-1]]
     rate, captions = source.frame_rate, captions_of(best.people, best.names, THRESHOLD)
-    with run.times.measure("draw the overlay"):
-        overlay = run.draw(
-            OVERLAY_FILE,
-            lambda path: write_overlay(path, source.frames(), best.tracks, rate, captions, trail_seconds=0.0),
-        )
+    overlay = run.draw(
+        OVERLAY_FILE,
+        lambda path: write_overlay(path, source.frames(), best.tracks, rate, captions, trail_seconds=0.0),
+    )
     for method, name in DRONE_METHODS.items():
         write_result(run, results[name], source, THRESHOLD, f"{method}/")
         columns, run.columns = run.columns, {}

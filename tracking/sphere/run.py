@@ -362,6 +362,5 @@ def _overlays(run: Run, drawing: Drawing, chosen: SphereRun, log: SphereLog, rad
         frames = run.watched(source.frames(), f"drawing {camera.name}", source.length)
         write_sphere_overlay(path, frames, rate, log, camera.camera, radius, view)
 
-    with run.times.measure("overlay"):
-        names = [f"overlay{view + 1}.{drawing.overlay_format}" for view in range(len(chosen.sources))]
-        return [run.draw(name, partial(draw, view)) for view, name in enumerate(names)]
+    names = [f"overlay{view + 1}.{drawing.overlay_format}" for view in range(len(chosen.sources))]
+    return [run.draw(name, partial(draw, view)) for view, name in enumerate(names)]

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.tracking.fisheye.page import FloorSection, corners, draw_floor_tracks, dwell_seconds, floor_page
+from tsuiseki.tracking.fisheye.page import (
+    FloorSection,
+    corners,
+    draw_floor_tracks,
+    dwell_figure,
+    dwell_seconds,
+    floor_page,
+)
 from tsuiseki.tracking.formats.track3d import FLOOR_HEADER, write_world
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import FloorTrack
@@ -58,3 +65,13 @@ def test_names_on_the_page_are_escaped():
     page = floor_page([section], {"detect": 0.1}, {"a": "<i>"})
     assert "<b>" not in page
     assert "&lt;i&gt;" in page
+
+
+def test_an_empty_dwell_map_says_so() -> None:
+    (empty,) = dwell_figure([], FLOOR, 10.0).axes
+    assert [text.get_text() for text in empty.texts] == ["nobody was here"]
+    assert not empty.images
+    plan, bar = dwell_figure([somebody()], FLOOR, 10.0).axes
+    assert plan.images
+    assert not plan.texts
+    assert "seconds" in bar.get_ylabel()

@@ -137,7 +137,7 @@ def test_a_run_marks_the_gap_and_answers_an_interrupt_while_it_waits(
     threading.Thread(target=interrupt, daemon=True).start()
     words = ["track", "blobs", servers[0].address, "--colour", "red", "--particles", "50", "--out", str(tmp_path / "o")]
     assert main(words) == 0
-    assert time.monotonic() - asked[0] < 1
+    assert time.monotonic() - asked[0] < 3
     record = json.loads((tmp_path / "o" / "run.json").read_text())
     (facts,) = record["facts"]["frame_times"].values()
     assert facts["timed_by"] == "arrival"
