@@ -111,7 +111,7 @@ class DeepSort(LifecycleTracker):
         tracks = np.setdiff1d(np.arange(len(predicted)), seen)
         free = np.setdiff1d(np.arange(len(detections)), detected)
         overlaps = iou_matrix(predicted[tracks], detections.boxes[free])
-        rows, columns = assign(1 - overlaps, self.settings.position_gate)
+        rows, columns = assign(1 - overlaps, 1 - self._lifecycle.least(1 - self.settings.position_gate))
         return np.concatenate([seen, tracks[rows]]), np.concatenate([detected, free[columns]])
 
     def _updated_appearance(self, parts: Survivors, features: FloatArray) -> FloatArray:

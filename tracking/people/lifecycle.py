@@ -97,6 +97,10 @@ class Lifecycle:
         self._belief = predict_boxes(belief, self._motion, passed)
         return self._belief.boxes
 
+    def least(self, overlap: float) -> float:
+        """The least overlap of a match: less after an interval longer than usual, over which people move further."""
+        return overlap / max(1.0, self.clock.passed[-1])
+
     def skip(self) -> Targets:
         """The confirmed tracks where they are expected in the next frame, which nobody looks at."""
         self.clock.skip()

@@ -6,6 +6,7 @@ time between them.
 
 from __future__ import annotations
 
+import itertools
 import math
 from array import array
 from collections import deque
@@ -51,7 +52,7 @@ def looked_at(counts: IntArray) -> BoolArray | None:
         return np.asarray(looked)
     # Dropped frames of a crowd: nobody where there are many before and after.
     least = np.minimum(counts[rows[:-1]], counts[rows[1:]])
-    dropped = np.concatenate([np.arange(a + 1, b) for a, b in zip(rows[:-1], rows[1:], strict=True)])
+    dropped = np.concatenate([np.arange(a + 1, b) for a, b in itertools.pairwise(rows)])
     dropped = dropped[np.repeat(least >= CROWD, gaps - 1)]
     if len(dropped) < DROPPED * (rows[-1] - rows[0]):
         return None
@@ -217,9 +218,8 @@ class Looks(Clock):
         if self.even:
             return looks
         every = np.arange(len(self._seconds))
-        return (np.maximum.accumulate(np.rint(np.array(self._seconds) * self.rate * TICKS) - every) + every)[
-            looks
-        ].astype(np.int64)
+        ticks = np.rint(np.array(self._seconds) * self.rate * TICKS).astype(np.int64)
+        return np.asarray((np.maximum.accumulate(ticks - every) + every)[looks])
 
     @property
     def tick_rate(self) -> float:

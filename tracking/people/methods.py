@@ -27,6 +27,7 @@ from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.settings import METHODS, NONE, MethodSettings, PeopleMethod
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracker import PeopleTracker, skipped, updated
+from tsuiseki.tracking.people.unused import FirstDetections
 from tsuiseki.tracking.types import FloatArray, IntArray, Targets, Track
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE
 from tsuiseki.tracking.video.source import Source
@@ -215,6 +216,7 @@ class ByClass:
     Attributes:
         wanted: each once.
         trackers: by class.
+        first: what they were given first, by class.
 
     >>> from tsuiseki.tracking.people.sort import Sort
     >>> tracker = ByClass(Sort, [np.array([1, 2])] * 4, [1, 2])
@@ -227,6 +229,7 @@ class ByClass:
     def __init__(self, make: Callable[[], PeopleTracker], classes: Sequence[IntArray], wanted: Sequence[int]) -> None:
         self.wanted = tuple(dict.fromkeys(wanted))
         self._classes = classes
+        self.first = {number: FirstDetections() for number in self.wanted}
         self.trackers = {number: make() for number in self.wanted}
         self._ids: dict[tuple[int, int], int] = {}
         self._frame = 0
@@ -238,7 +241,10 @@ class ByClass:
         if len(found) != len(classes):
             raise ValueError(f"expected {len(classes)} detections in frame {self._frame}, got {len(found)}")
         self._frame += 1
-        return self._joined([updated(t, found.select(classes == n), time) for n, t in self.trackers.items()])
+        every = {number: found.select(classes == number) for number in self.trackers}
+        for number, one in every.items():
+            self.first[number].add(one)
+        return self._joined([updated(tracker, every[number], time) for number, tracker in self.trackers.items()])
 
     def skip(self) -> Targets | None:
         """Nobody looks at the next frame."""

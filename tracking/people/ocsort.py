@@ -116,14 +116,16 @@ class OcSort(LifecycleTracker):
         weight = self.settings.direction_weight
         # The least cost 1 - IoU + λ C_v is the most of IoU - λ C_v, which is never below -λ.
         gains = overlaps - weight * direction_costs(self._history, centres(detections.boxes))
-        return assign_overlaps(np.where(overlaps >= self.settings.min_iou, gains, -np.inf), -weight)
+        near = overlaps >= self._lifecycle.least(self.settings.min_iou)
+        return assign_overlaps(np.where(near, gains, -np.inf), -weight)
 
     def _recover(self, detections: Detections, seen: IntArray, detected: IntArray) -> tuple[IntArray, IntArray]:
         """The matches so far and those with last observations among what they left."""
         last = self._history.boxes
         tracks = np.setdiff1d(np.arange(len(last)), seen)
         free = np.setdiff1d(np.arange(len(detections)), detected)
-        rows, columns = assign_overlaps(iou_matrix(last[tracks], detections.boxes[free]), self.settings.min_iou)
+        least = self._lifecycle.least(self.settings.min_iou)
+        rows, columns = assign_overlaps(iou_matrix(last[tracks], detections.boxes[free]), least)
         return np.concatenate([seen, tracks[rows]]), np.concatenate([detected, free[columns]])
 
 

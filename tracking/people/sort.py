@@ -54,6 +54,7 @@ class Sort(LifecycleTracker):
         """Take the detections of the next frame; its people."""
         found = as_detections(detections)
         predicted = self._lifecycle.predict(time)
-        seen, detected = assign(1 - iou_matrix(predicted, found.boxes), 1 - self.settings.min_iou)
+        least = self._lifecycle.least(self.settings.min_iou)
+        seen, detected = assign(1 - iou_matrix(predicted, found.boxes), 1 - least)
         self._lifecycle.advance(seen, detected, found)
         return self._lifecycle.targets

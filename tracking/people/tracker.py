@@ -40,6 +40,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from tsuiseki.tracking.interchange import DetectionsLike
+from tsuiseki.tracking.people.unused import FirstDetections
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, Targets, Track
 
@@ -79,11 +80,13 @@ class FrameLog:
         frames: 0-based numbers.
         detections: number of detections.
         scores: mean of the detections' scores, NaN where there are none.
+        first: the first detections.
     """
 
     frames: list[int] = field(default_factory=list)
     detections: list[int] = field(default_factory=list)
     scores: list[float] = field(default_factory=list)
+    first: FirstDetections = field(default_factory=FirstDetections)
 
     def add(self, frame: int, found: Detections) -> None:
         """Note a frame and its detections."""
@@ -130,9 +133,12 @@ def run_trackers(
     log = FrameLog()
     for index, found in frames:
         log.add(index, found)
+        seen = looked is None or looked[index : index + 1].any()
+        if seen:
+            log.first.add(found)
         for name, tracker in trackers.items():
             with times.measure(name):
-                if looked is None or looked[index : index + 1].any():
+                if seen:
                     tracker.update(found)
                 else:
                     skipped(tracker)
@@ -150,7 +156,7 @@ def updated(tracker: PeopleTracker, detections: Detections, time: float | None) 
 
 
 def skipped(tracker: PeopleTracker) -> Targets | None:
-    """Tell a tracker that nobody looks at the next frame; one that does not ask takes it for a frame without anybody."""
+    """Tell a tracker that nobody looks at the next frame; one that does not care takes it as empty."""
     skip = getattr(tracker, "skip", None)
     answer: Targets | None = tracker.update(Detections.empty()) if skip is None else skip()
     return answer

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +15,7 @@ from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
@@ -45,6 +46,7 @@ from tsuiseki.tracking.people.methods import (
 )
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers, skipped
+from tsuiseki.tracking.people.unused import FirstDetections
 from tsuiseki.tracking.result import Result, StageTimes
 from tsuiseki.tracking.types import Detections, Frame, IntArray, Targets, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
@@ -116,7 +118,10 @@ def track_people(
         raise RequestError(f"{video.name} does not end by itself; give frames, or use follow_people")
     name, times = method if isinstance(method, str) else type(method).__name__, StageTimes()
     made = {"method": name, "source": str(source), "seed": keywords.get("seed", 0)}
-    return people_result(opened, opened.inputs.found(times=times), times, made)[0]
+    result, _ = people_result(opened, opened.inputs.found(times=times), times, made)
+    if why := result.facts.get("detections_without_track"):
+        warnings.warn(why, InputWarning, stacklevel=2)
+    return result
 
 
 def follow_people(
@@ -258,6 +263,8 @@ def people_result(
     every, log = run_trackers(found, {name: opened.tracker}, times, opened.inputs.looked)
     tracks = every[name]
     facts, lines = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
+    if unused := _lines_on_unused(opened, log.first, tracks):
+        facts["detections_without_track"] = "; ".join(unused)
 
     def page(path: Path, folder: Path) -> None:
         path.write_text(people_page(result, folder), encoding="utf-8")
@@ -276,7 +283,7 @@ def people_result(
             "report.html": page,
         },
     )
-    return result, lines
+    return result, [*lines, *unused]
 
 
 def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any], list[str]]:
@@ -318,9 +325,19 @@ def _lines_on_flow(tracker: FlowTracker) -> list[str]:
     if tracker.duplicates:
         boxes = "1 box" if tracker.duplicates == 1 else f"{tracker.duplicates} boxes"
         lines.append(f"{boxes} left out that lay on another")
-    rejected, given = tracker.rejected
-    if 2 * rejected > given:
-        lines.append(f"{rejected} of {given} detections belong to no track: too rarely found again")
+    return lines
+
+
+def _lines_on_unused(opened: OpenedPeople, first: FirstDetections, tracks: Sequence[Track]) -> list[str]:
+    """Why most detections, of each class, belong to no track."""
+    tracker, lines = _inner(opened.tracker), []
+    groups = {-1: (first, tracker)}
+    if isinstance(tracker, ByClass):
+        groups = {number: (tracker.first[number], _inner(one)) for number, one in tracker.trackers.items()}
+    for number, (given, one) in groups.items():
+        ours = [track for track in tracks if opened.class_of(track.id) == number]
+        line = given.line(sum(int(t.observed.sum()) for t in ours), len(ours), getattr(one, "settings", None))
+        lines += [] if line is None else [line if number < 0 else f"class {number}: {line}"]
     return lines
 
 
