@@ -154,14 +154,24 @@ def read_pixel_corners(outputs: Outputs, size: Size, person: int) -> Boxes:
 def read_nanodet(outputs: Outputs, size: Size, person: int, bins: int = NANODET_BINS) -> Boxes:
     """``(N, C + 4 bins)``: a score a class, then logits of the distance, in strides, from the cell to each side.
 
+    Scores and logits may be outputs of their own, and those of each stride, too: see `nanodet_rows`.
+
     Distances count from the middle of a cell with three strides, and with four, as in NanoDet-Plus, from its corner.
     """
-    rows = outputs[0].astype(np.float64)
+    rows = nanodet_rows(outputs, bins).astype(np.float64)
     cells, strides = grid(size, len(rows))
     middles = (cells + (0.5 if strides.max() == STRIDES[-1] else 0)) * strides
     steps = as_probabilities(rows[:, -4 * bins :].reshape(-1, bins), "softmax") @ np.arange(bins)
     sides = steps.reshape(-1, 4) * strides
     return np.concatenate([middles - sides[:, :2], middles + sides[:, 2:]], axis=1), rows[:, person]
+
+
+def nanodet_rows(outputs: Outputs, bins: int = NANODET_BINS) -> NDArray[Any]:
+    """One output; or of several, which are scores ``(N, C)`` or logits ``(N, 4 bins)`` of a stride, all as one."""
+    if len(outputs) == 1:
+        return outputs[0]
+    finest_first = sorted(outputs, key=lambda x: (-len(x), x.shape[1] == 4 * bins))
+    return np.concatenate([np.concatenate(finest_first[k::2]) for k in (0, 1)], axis=1)
 
 
 def read_fastestdet(outputs: Outputs, size: Size, person: int) -> Boxes:
@@ -309,13 +319,13 @@ LAYOUTS: Mapping[LayoutName, DetectorLayout] = {
     "nanodet": DetectorLayout(
         "(1, N, C+32) scores, then logits of distances",
         read_nanodet,
-        lambda o: o[0][:, : -4 * NANODET_BINS],
+        lambda o: nanodet_rows(o)[:, : -4 * NANODET_BINS],
         _NANODET,
     ),
     "nanodet-g": DetectorLayout(
         "(1, N, C+44) scores, then logits of distances",
         partial(read_nanodet, bins=NANODET_G_BINS),
-        lambda o: o[0][:, : -4 * NANODET_G_BINS],
+        lambda o: nanodet_rows(o, NANODET_G_BINS)[:, : -4 * NANODET_G_BINS],
         _NANODET,
     ),
     "fastestdet": DetectorLayout(

@@ -181,8 +181,10 @@ def open_detector(
     iou_threshold: float = 0.5,
     threads: int = 0,
     options: DetectorOptions | None = None,
+    *,
+    turned: bool = False,
 ) -> Detector | ForeignDetector:
-    """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises.
+    """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises; see both.
 
     A bare word stands for a shipped one, see `shipped_or_file`.
 
@@ -193,7 +195,7 @@ def open_detector(
     try:
         found = Detector(path, score_threshold, iou_threshold, threads)
     except MissingCardError:
-        return ForeignDetector(path, score_threshold, iou_threshold, threads, options)
+        return ForeignDetector(path, score_threshold, iou_threshold, threads, options, turned=turned)
     if options not in (None, DetectorOptions()):
         raise RequestError(f"{path} tells all by itself; leave the detector options out")
     return found

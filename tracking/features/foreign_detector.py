@@ -15,6 +15,7 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.detector_layouts import LAYOUTS, TENSORFLOW, TURNED, Size, paired, with_probabilities
 from tsuiseki.tracking.features.foreign_options import DetectorOptions, ImageInput, LayoutName, ScoreKind
 from tsuiseki.tracking.features.layout_recognition import (
+    COCO,
     background_first,
     class_names,
     class_of_people,
@@ -32,6 +33,7 @@ from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 _MOST_CANDIDATES = 400
 # A picture side for recognising networks that take any size.
 _TRIAL_SIDE = 320
+_KINDS = {"tensor(int64)": "int64", "tensor(int32)": "int32", "tensor(float16)": "float16"}
 # What other inputs may be, and their values for a picture of some height and width: boxes are wanted in its pixels.
 _SIDE_INPUTS: Mapping[str, Callable[[Size], Sequence[int]]] = {
     "scale_factor": lambda _: (1, 1),
@@ -73,6 +75,7 @@ class ForeignDetector:
     ) -> None:
         options, self.turned = options or DetectorOptions(), turned
         self.path, self.score_threshold, self.iou_threshold = Path(path), score_threshold, iou_threshold
+        self._apart = True
         self.session = open_session(path, threads)
         self.metadata: Mapping[str, str] = self.session.get_modelmeta().custom_metadata_map
         names = {plain_name(x.name): x.name for x in self.session.get_outputs()}
@@ -85,10 +88,10 @@ class ForeignDetector:
         self.names = options.classes or class_names(self.metadata)
         trial = self._try()
         self.layout = self._choose_layout(trial, options)
-        self.input = _changed(self.path, LAYOUTS[self.layout].input, options, whole=self.size is None)
-        if self._wanted.dtype == np.uint8 and not self._tensorflow:
-            self.input = replace(self.input, pixels="bytes", mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0))
         self.scores = self._choose_scores(list(trial.values()), options)
+        self.input = _changed(self.path, self._usual_input(trial), options, whole=self.size is None)
+        if self.layout in TURNED and self.input.resize == "stretch":
+            raise RequestError(f"{path}: turned boxes want pictures of one scale; leave `detector_options.resize` out")
         self.person = self._choose_person(list(trial.values()), options)
         self._gave: set[bool] = set()
 
@@ -169,14 +172,14 @@ class ForeignDetector:
     def _run(self, images: Sequence[ImageArray]) -> list[list[NDArray[Any]]]:
         """Outputs of each picture without their batch axis; all in one call where the file takes any batch."""
         several = self._batched and isinstance(self._wanted.shape[0], str) and len(images) > 1
-        if several and len({image.shape for image in images}) == 1:
+        if several and self._apart and len({image.shape for image in images}) == 1:
             whole = self._call(np.stack(images))
-            if _have_batch_axis(whole) and all(len(x) == len(images) for x in whole):
+            if all(len(x) == len(images) for x in whole):
                 return [[x[n] for x in whole] for n in range(len(images))]
-        return [
-            [x[0] for x in found] if _have_batch_axis(found) else found
-            for found in (self._call(image[None]) for image in images)
-        ]
+        each = [self._call(image[None]) for image in images]
+        # Lists of boxes alone, such as torchvision's, have no axis of pictures.
+        self._apart = any(x.ndim >= 3 for x in each[0])
+        return [[x[0] for x in found] for found in each] if self._apart else each
 
     def _call(self, images: NDArray[np.uint8]) -> list[NDArray[Any]]:
         values = self.input.normalise(images, self._wanted.dtype)
@@ -308,6 +311,16 @@ class ForeignDetector:
             "`detector_options.scores`"
         )
 
+    def _usual_input(self, trial: Mapping[str, NDArray[Any]]) -> ImageInput:
+        """What the family wants its pictures to be."""
+        usual = LAYOUTS[self.layout].input
+        # RT-DETR and D-FINE take plain pixels, DETR and its other descendants, with 91 classes, ImageNet's.
+        if self.layout == "detr" and self.scores == "sigmoid" and "pred_boxes" in trial:
+            of_detr = paired(list(trial.values()))[1].shape[1] == max(COCO)
+            usual = usual if of_detr else ImageInput("stretch")
+        own = self._wanted.dtype == np.uint8  # it normalises them itself
+        return replace(usual, pixels="bytes", mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0)) if own else usual
+
     def _choose_person(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> int:
         columns = LAYOUTS[self.layout].classes(trial) or (len(self.names) if self.names else None)
         if self.scores != "softmax" or columns is None:
@@ -361,7 +374,8 @@ def _told_size(metadata: Mapping[str, str]) -> Size | None:
 def _readable(layout: LayoutName, trial: Mapping[str, NDArray[Any]], size: Size) -> bool:
     """Whether the user's choice can be read at all."""
     outputs = list(trial.values())
-    if len(outputs) != LAYOUTS[layout].outputs and layout != "paddle":  # which may count its rows, too
+    # Paddle may count its rows, and NanoDet give the parts of its rows apart.
+    if len(outputs) != LAYOUTS[layout].outputs and layout not in ("paddle", "nanodet", "nanodet-g"):
         return False
     try:
         classes = LAYOUTS[layout].classes(outputs)
@@ -377,11 +391,3 @@ def _finite(outputs: Sequence[NDArray[Any]]) -> bool:
 
 def _shapes(outputs: Mapping[str, NDArray[Any]]) -> str:
     return ", ".join(f"{name} {tuple(x.shape)}" for name, x in outputs.items())
-
-
-def _have_batch_axis(outputs: Sequence[NDArray[Any]]) -> bool:
-    """Whether the outputs of a file begin with an axis of pictures: lists of boxes alone, as torchvision's, do not."""
-    return any(x.ndim >= 3 for x in outputs)
-
-
-_KINDS = {"tensor(int64)": "int64", "tensor(int32)": "int32", "tensor(float16)": "float16"}

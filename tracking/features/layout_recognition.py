@@ -26,6 +26,7 @@ from tsuiseki.tracking.features.detector_layouts import (
     NANODET_BINS,
     NANODET_G_BINS,
     ONE_STRIDE,
+    STRIDES,
     TENSORFLOW,
     TURNED,
     Outputs,
@@ -105,6 +106,8 @@ def possible_layouts(
         found = ["torchvision"]
     elif len(arrays) == 4 and _is_counted(arrays):
         found = ["tensorrt"]
+    elif len(arrays) in (6, 8) and all(x.ndim == 2 for x in arrays):
+        found = [name for name, bins in _NANODET.items() if _is_nanodet_apart(arrays, bins, size)]
     if "scale_factor" in inputs:
         found = [name for name in found if name == "paddle"]
     return [name for name in found if (name in TURNED) == turned]
@@ -186,10 +189,22 @@ def _box_a_cell(rows: NDArray[Any], size: Size) -> list[LayoutName]:
     return found
 
 
+_NANODET: Mapping[LayoutName, int] = {"nanodet": NANODET_BINS, "nanodet-g": NANODET_G_BINS}
+
+
+def _is_nanodet_apart(outputs: Outputs, bins: int, size: Size) -> bool:
+    """Scores and logits of each stride as outputs of their own."""
+    if sum(x.shape[1] == 4 * bins for x in outputs) * 2 != len(outputs):
+        return False
+    scores = [x for x in outputs if x.shape[1] != 4 * bins]
+    cells = cell_count(size, STRIDES if len(scores) == len(STRIDES) else MORE_STRIDES)
+    return all(map(_shares_of_one, scores)) and sum(map(len, scores)) == cells
+
+
 def _nanodet(rows: NDArray[Any]) -> tuple[list[LayoutName], bool]:
     """NanoDet's rows: all classes are probabilities and what follows is not; for sure where no column of it is."""
     found: dict[LayoutName, bool] = {}
-    for name, bins in (("nanodet", NANODET_BINS), ("nanodet-g", NANODET_G_BINS)):
+    for name, bins in _NANODET.items():
         scores, logits = np.split(rows, [max(rows.shape[1] - 4 * bins, 0)], axis=1)
         beyond = (logits < 0).any(axis=0) | (logits > 1).any(axis=0)
         if scores.shape[1] and _shares_of_one(scores) and beyond.any():

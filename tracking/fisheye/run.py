@@ -113,7 +113,9 @@ def _opened(
     detector: Detect | None = None
     if detections is None:
         path, options = finding.detector or shipped(DETECTORS[ceiling.view]), ceiling.detector_options
-        detector = found_by = open_detector(path, finding.score_threshold, threads=finding.threads, options=options)
+        turned = ceiling.view == "image"
+        found_by = open_detector(path, finding.score_threshold, threads=finding.threads, options=options, turned=turned)
+        detector = found_by
         found += [looking(found_by, each.placed.camera, ceiling.view, ceiling.unrolling) for each in views]
     else:
         found += [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]
