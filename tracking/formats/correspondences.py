@@ -85,15 +85,16 @@ def read_ball_points(path: Path) -> FloatArray:
         RequestError: the file or a column is missing, a value is no number, or a frame stands twice.
     """
     table = read_named_rows(path, "a CSV with a ball's pixels", ("frame", "x", "y"))
-    visible = next((name for name in VISIBLE if name in table.names), None)
+    visible = next((name for name in table.names if name.lower() in VISIBLE), None)
     first, shift = (1, 0.0) if visible is None else (0, HALF_PIXEL)
     found: dict[int, tuple[float, float]] = {}
     for line, row in table.rows:
         frame = whole_number(path, line, "frame", row["frame"], first, LAST_FRAME + first) - first
         if frame in found:
             raise RequestError(f"{path}:{line}: expected each frame once, got {row['frame']} again")
-        shown = visible is None or finite_number(path, line, visible, row[visible]) != 0
-        hidden = not shown or not (row["x"] or row["y"])
+        hidden = not (row["x"] or row["y"])
+        if visible is not None and not hidden:
+            hidden = finite_number(path, line, visible, row[visible]) == 0
         place = (np.nan, np.nan) if hidden else tuple(finite_number(path, line, name, row[name]) for name in ("x", "y"))
         found[frame] = (place[0] + shift, place[1] + shift)
     if not any(np.isfinite(place[0]) for place in found.values()):

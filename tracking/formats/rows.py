@@ -213,7 +213,7 @@ class NamedRows:
 
 
 def read_named_rows(path: Path, what: str, columns: Sequence[str] = ()) -> NamedRows:
-    """The rows of a file with a heading, which may be a comment.
+    """The rows of a file with a heading, which may be a comment, or in capitals where ``columns`` are not.
 
     Raises:
         RequestError: see `read_text`; a column is missing, or a row has more cells than the heading.
@@ -224,6 +224,8 @@ def read_named_rows(path: Path, what: str, columns: Sequence[str] = ()) -> Named
         names = _cells([rows.comment], _separator([rows.comment]))[0]
     else:
         names, cells, lines = cells[0] if cells else [], cells[1:], lines[1:]
+    if not set(columns) <= set(names) and set(columns) <= {name.lower() for name in names}:
+        names = [name.lower() for name in names]
     found = []
     for line, row in zip(lines, cells, strict=True):
         if len(row) > len(names) and names:
