@@ -279,5 +279,5 @@ def whole(text: str) -> int | None:
         value = Decimal(text)
     except InvalidOperation:
         return None
-    fits = value.is_finite() and abs(value) <= LARGEST_ID and value == value.to_integral_value()
+    fits = value.is_finite() and -LARGEST_ID <= value <= LARGEST_ID and value == value.to_integral_value()
     return int(value) if fits else None
