@@ -10,11 +10,9 @@ options that several commands share stand in `options`, once.
             for frame in run.steps(run.frames(source), total=frames_expected(source)):
                 with run.times.measure("track"):
                     tracker.update(frame)
-            tracks = tracker.tracks()
-            run.columns = {"frame": ...}                        # into run.json: one list a column
-            run.write("tracks.txt", lambda path: write_tracks(path, tracks))
-            video.draw(run, source, lambda path, frames: write_overlay(path, frames, tracks, ...))
-            run.done(f"{len(tracks)} objects: {output.out / 'tracks.txt'}")
+            result = blob_result(tracker, ...)                  # what the function for Python returns, too
+            run.save(result, lambda: video.draw(run, source, result))
+            run.done(f"{len(result)} objects: {output.out / 'tracks.txt'}")
         return run.status
 
 * `Run.frames` ends where the source breaks off; `Run.steps` ends where it does or where the user interrupts (Ctrl-C,
@@ -32,7 +30,6 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -228,24 +225,25 @@ class Run:
             path.replace(self.work / path.name)
         self._written = True
 
-    def save(self, result: Result[Any], draw: Callable[[], object] = lambda: None) -> None:
+    def save(self, result: Result[Any], draw: Callable[[], object] = lambda: None, folder: str = "") -> None:
         """Write the files of ``result``, and take what it knows into ``run.json``.
 
         Args:
             result: of the run.
             draw: makes what the pages of the result show; called when all other files are written.
+            folder: for the files, inside the output folder; by default that itself.
         """
         self.columns = result.frames
         self.facts |= result.facts
         pages = [name for name in result.files if name.endswith(".html")]
         for name in [name for name in result.files if name not in pages]:
-            self.write(name, partial(self._beside, result.files[name]))
+            self._save(result.files[name], folder, name)
         draw()
         for name in pages:
-            self.write(name, partial(self._beside, result.files[name]))
+            self._save(result.files[name], folder, name)
 
-    def _beside(self, write: Writer, path: Path) -> object:
-        return write(path, self.work)
+    def _save(self, write: Writer, folder: str, name: str) -> None:
+        self.write(f"{folder}/{name}" if folder else name, lambda path: write(path, self.work / folder))
 
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Likewise, where the result is one without it, too; None where it was not made."""
