@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Literal
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
@@ -32,14 +32,14 @@ class Drawing(Shared):
     overlay: bool = False
     overlay_format: Literal["webm", "mp4"] = "webm"
 
-    def draw(self, run: Run, source: Source, result: Result[Any]) -> None:
-        """Write a video of the finished frames with ``result`` drawn in, where that is wanted."""
+    def draw(self, run: Run, source: Source, result: Result[Any], folder: str = "") -> None:
+        """Write a video of the finished frames with ``result`` drawn in, where that is wanted; see `Run.save`."""
         from tsuiseki.tracking.report.overlay import write_drawn
 
         if self.overlay and result.painter is not None:
             frames, rate = run.replay(source), result.frame_rate
             write = partial(write_drawn, frames=frames, frame_rate=rate, draw=result.painter)
-            run.draw(f"overlay.{self.overlay_format}", write)
+            run.draw(str(PurePath(folder, f"overlay.{self.overlay_format}")), write)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,7 +30,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -74,6 +74,7 @@ class Run:
         self.columns: Mapping[str, Sequence[Any]] = {}
         self.facts: dict[str, Any] = {}
         self.count = 0
+        self._before = 0
         self.status = DONE
         self._asked = 0
         self._patient = False
@@ -140,6 +141,7 @@ class Run:
             KeyboardInterrupt: before the first step was finished.
         """
         self._patient, before = True, self.count
+        self._before = before
         watched = progress(items, what, total)
         while not self._asked:
             try:
@@ -172,7 +174,7 @@ class Run:
         Raises:
             KeyboardInterrupt: the user interrupts.
         """
-        return self.watched(self._again(source), "drawing", self.count)
+        return self.watched(self._again(source), "drawing", self.count - self._before)
 
     def watched(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
         """``items`` with progress; an interrupt from now on ends them with KeyboardInterrupt."""
@@ -192,7 +194,7 @@ class Run:
     def _again(self, source: Source) -> Iterator[Frame]:
         from tsuiseki.tracking.video.source import open_source
 
-        first, end = self._first or 0, (self._first or 0) + self.count
+        first, end = self._first or 0, (self._first or 0) + self.count - self._before
         if self._recording is None:
             for frame in source.frames():
                 yield frame
@@ -200,7 +202,7 @@ class Run:
                 if self._first is not None and frame.index + 1 >= end:
                     return
             return
-        for frame in open_source(self._recording, FrameRange(0, self.count - 1)).frames():
+        for frame in open_source(self._recording, FrameRange(0, end - first - 1)).frames():
             yield replace(frame, index=frame.index + first)
 
     def write(self, name: str, write: Callable[[Path], object]) -> Path:
@@ -237,13 +239,13 @@ class Run:
         self.facts |= result.facts
         pages = [name for name in result.files if name.endswith(".html")]
         for name in [name for name in result.files if name not in pages]:
-            self._save(result.files[name], folder, name)
+            self._save(result.files[name], PurePath(folder, name))
         draw()
         for name in pages:
-            self._save(result.files[name], folder, name)
+            self._save(result.files[name], PurePath(folder, name))
 
-    def _save(self, write: Writer, folder: str, name: str) -> None:
-        self.write(f"{folder}/{name}" if folder else name, lambda path: write(path, self.work / folder))
+    def _save(self, write: Writer, place: PurePath) -> None:
+        self.write(str(place), lambda path: write(path, self.work / place.parent))
 
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Likewise, where the result is one without it, too; None where it was not made."""

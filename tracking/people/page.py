@@ -17,7 +17,7 @@ def people_page(result: Result[Track], folder: Path) -> str:
     """The page as HTML, self-contained; it shows the overlay that lies in ``folder``, where one does."""
     frames = result.frames["frame"]
     sections = [
-        section("Tracks", embedded_overlay(folder, "tracks", BOXES_NOTE)),
+        section("Tracks", embedded_overlay(folder, label="tracks", note=BOXES_NOTE)),
         section("Who was followed when", _timeline(result)),
         section("Time", seconds_table(result.seconds, len(frames))),
         section("How it was made", listing({name: str(result.settings[name]) for name in ("method", "source")})),

@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.fisheye import page as floor
 from tsuiseki.tracking.fisheye.tracking import CeilingSource
+from tsuiseki.tracking.report import overlay
 from tsuiseki.tracking.video import source as video
 
 LENS = "2 -100 0\n2 150 60\n120 160\n1 0 0\n240 320\n"
@@ -404,7 +404,7 @@ def test_an_interrupt_in_the_second_camera_keeps_the_first(room, tmp_path, monke
             signal.raise_signal(number)
         return original(*values, **named)
 
-    where, name = (floor, "write_floor_overlay") if when == "drawing" else (CeilingSource, "view")
+    where, name = (overlay, "write_drawn") if when == "drawing" else (CeilingSource, "view")
     original = getattr(where, name)
     monkeypatch.setattr(where, name, begins)
     out = tmp_path / "out"
