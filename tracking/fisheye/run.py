@@ -234,8 +234,9 @@ def opened_ceiling(
     found: list[Detect | list[Detections]] = []
     detector: Detect | None = None
     if detections is None:
-        path = finding.detector or shipped(DETECTORS[options.view])
-        detector = found_by = as_detector(path, finding.score_threshold, finding.threads, options.detector_options)
+        path, turned = finding.detector or shipped(DETECTORS[options.view]), options.view == "image"
+        found_by = as_detector(path, finding.score_threshold, finding.threads, options.detector_options, turned=turned)
+        detector = found_by
         found += [looking(found_by, each.placed.camera, options.view, options.unrolling) for each in views]
     else:
         found += [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]

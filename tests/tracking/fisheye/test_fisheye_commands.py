@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 import tsuiseki
+from tests.tracking.features.tiny_onnx import save_constant
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.fisheye.tracking import CeilingSource
 from tsuiseki.tracking.report import overlay
@@ -115,6 +116,18 @@ def test_rotated_boxes_of_a_network_are_tracked(room, tmp_path):
     assert len(rows) == len((room / "camera1.txt").read_text().splitlines())
     # The model turns a box by half a turn where the feet are at its other end.
     assert set(rows["degrees"].tolist()) <= {45.0, -135.0}
+
+
+def test_a_network_of_turned_boxes_keeps_their_angles(room, tmp_path):
+    rows = np.zeros((300, 7), np.float32)
+    rows[0] = [150, 60, 40, 16, 0.9, 0, np.radians(20)]  # it lies: the longer side is the height of a person
+    metadata = {"task": "obb", "names": "{0: 'person'}"}
+    path = save_constant(tmp_path / "o.onnx", {"output0": rows}, shape=("n", 3, 240, 320), metadata=metadata)
+    more = ["--view", "image", "--detector", str(path), "--save-detections", *rotated(room, tmp_path)[2:]]
+    assert track(room, tmp_path / "out", *more, sources=("camera1",)) == 0
+    found = json.loads((tmp_path / "out" / "detections.json").read_text())
+    assert len(found) == 4
+    np.testing.assert_allclose(found[0]["bbox"], [150, 60, 16, 40, -70], atol=1e-3)
 
 
 def test_scores_too_low_to_start_a_track_are_told(room, tmp_path, capsys):

@@ -91,7 +91,7 @@ def test_an_offset_shifts_one_video_against_the_other(film, track):
         (["--offsets", "0"], {}, "--offsets: expected 2 values"),
         (["--particles", "3"], {}, "--particles: expected at least 10"),
         (["--backgrounds", "a.png,b.png"], {}, "--backgrounds: expected only with the likelihood background"),
-        (["--truth", "nowhere.csv"], {}, "nowhere.csv: expected a CSV file"),
+        (["--truth", "nowhere.csv"], {}, "nowhere.csv, found no such file"),
         (["--motion", "flying"], {}, "--motion: expected one of"),
         (["--preset", "paper"], {}, "--start: expected x, y, z with the preset paper"),
     ],
