@@ -181,8 +181,10 @@ def open_detector(
     iou_threshold: float = 0.5,
     threads: int = 0,
     options: DetectorOptions | None = None,
+    *,
+    turned: bool = False,
 ) -> Detector | ForeignDetector:
-    """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises.
+    """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises; see both.
 
     A bare word stands for a shipped one, see `shipped_or_file`.
 
@@ -193,7 +195,7 @@ def open_detector(
     try:
         found = Detector(path, score_threshold, iou_threshold, threads)
     except MissingCardError:
-        return ForeignDetector(path, score_threshold, iou_threshold, threads, options)
+        return ForeignDetector(path, score_threshold, iou_threshold, threads, options, turned=turned)
     if options not in (None, DetectorOptions()):
         raise RequestError(f"{path} tells all by itself; leave the detector options out")
     return found
@@ -232,7 +234,12 @@ BLANK = np.zeros((128, 64, 3), dtype=np.uint8)
 
 
 def as_detector(
-    given: DetectorLike, score_threshold: float = 0.3, threads: int = 0, options: DetectorOptions | None = None
+    given: DetectorLike,
+    score_threshold: float = 0.3,
+    threads: int = 0,
+    options: DetectorOptions | None = None,
+    *,
+    turned: bool = False,
 ) -> Detect:
     """What finds people in images.
 
@@ -241,12 +248,13 @@ def as_detector(
         score_threshold: of a detector that is read from a file, in [0, 1].
         threads: CPU threads of a network that is read from a file; 0 takes all cores.
         options: what the file of another project does not tell.
+        turned: boxes of such a file may be turned.
 
     Raises:
         RequestError: it is none of them, or the file is no detector.
     """
     if isinstance(given, str | Path):
-        return open_detector(given, score_threshold, threads=threads, options=options)
+        return open_detector(given, score_threshold, threads=threads, options=options, turned=turned)
     if hasattr(given, "detect"):
         return given
     if callable(given):
