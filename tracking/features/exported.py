@@ -241,7 +241,12 @@ BLANK = np.zeros((128, 64, 3), dtype=np.uint8)
 
 
 def as_detector(
-    given: DetectorLike, score_threshold: float = 0.3, threads: int = 0, options: DetectorOptions | None = None
+    given: DetectorLike,
+    score_threshold: float = 0.3,
+    threads: int = 0,
+    options: DetectorOptions | None = None,
+    *,
+    turned: bool = False,
 ) -> Detect:
     """What finds people in images.
 
@@ -250,12 +255,13 @@ def as_detector(
         score_threshold: of a detector that is read from a file, in [0, 1].
         threads: CPU threads of a network that is read from a file; 0 takes all cores.
         options: what the file of another project does not tell.
+        turned: boxes of such a file may be turned.
 
     Raises:
         RequestError: it is none of them, or the file is no detector.
     """
     if isinstance(given, str | Path):
-        return open_detector(given, score_threshold, threads=threads, options=options)
+        return open_detector(given, score_threshold, threads=threads, options=options, turned=turned)
     if hasattr(given, "detect"):
         return given
     if callable(given):

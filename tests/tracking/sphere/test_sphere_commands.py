@@ -262,7 +262,7 @@ def test_live_cameras_refuse_what_needs_a_recording(film, tmp_path, capsys):
     assert "got a live camera" in capsys.readouterr().err
 
 
-def test_a_film_is_followed_as_it_is_tracked(film):
+def test_a_film_is_followed_as_it_is_tracked(film, tmp_path):
     import tsuiseki
 
     start = read_path3d(film / "truth.csv").points[0]
@@ -273,3 +273,5 @@ def test_a_film_is_followed_as_it_is_tracked(film):
     tracked = tsuiseki.track_sphere(films, **asked)
     assert [p.time for p in followed] == [p.time for p in tracked]
     np.testing.assert_array_equal([p.point for p in followed], [p.point for p in tracked])
+    saved = {path.name for path in tracked.save(tmp_path / "saved").iterdir()}
+    assert saved == {"track3d.csv", "path.png", "report.html", "run.json"}
