@@ -30,7 +30,7 @@ from tsuiseki.tracking.people.tracker import PeopleTracker, skipped, updated
 from tsuiseki.tracking.people.unused import FirstDetections
 from tsuiseki.tracking.types import FloatArray, IntArray, Targets, Track
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped
 
 APPEARANCE = ("flow", "deepsort")
@@ -95,12 +95,6 @@ def people_tracker(
     }
     tracker = makers[method]()
     return MotionCompensated(tracker, camera) if isinstance(camera, CameraPath) else tracker
-
-
-def image_size(source: Source) -> tuple[int, int] | None:
-    """Width and height of the images of a source, pixels; None where it does not tell them."""
-    size = getattr(source, "size", None)
-    return size if size and min(size) > 0 else None
 
 
 def camera_for(method: PeopleMethod | PeopleTracker, *, moving: bool) -> CameraPath | StandingCamera | None:

@@ -39,7 +39,6 @@ from tsuiseki.tracking.people.methods import (
     camera_for,
     compares_appearance,
     cost_of_scores,
-    image_size,
     people_affinity,
     people_tracker,
     straddles,
@@ -258,6 +257,7 @@ def people_result(
         settings: of the run; those named ``method`` and ``source`` are shown on its page.
     """
     from tsuiseki.tracking.people.page import people_page
+    from tsuiseki.tracking.report.overlay import Overlay
 
     video, name = opened.inputs.source, settings["method"]
     every, log = run_trackers(found, {name: opened.tracker}, times, opened.inputs.looked)
@@ -266,22 +266,18 @@ def people_result(
     if unused := _lines_on_unused(opened, log.first, tracks):
         facts["detections_without_track"] = "; ".join(unused)
 
-    def page(path: Path, folder: Path) -> None:
-        path.write_text(people_page(result, folder), encoding="utf-8")
-
-    result = Result(
+    result: Result[Track] = Result.of(
+        video,
         tracks,
-        source=video.name,
-        frame_rate=video.frame_rate,
-        size=image_size(video),
         settings=settings,
         facts=facts,
         seconds=times.seconds,
         frames=log.columns(tracks),
         files={
             "tracks.txt": lambda path, _: write_tracks(path, tracks, opened.class_of),
-            "report.html": page,
+            "report.html": lambda path, folder: path.write_text(people_page(result, folder), encoding="utf-8"),
         },
+        painter=Overlay(tracks, video.frame_rate).draw,
     )
     return result, [*lines, *unused]
 
