@@ -10,11 +10,9 @@ options that several commands share stand in `options`, once.
             for frame in run.steps(run.frames(source), total=frames_expected(source)):
                 with run.times.measure("track"):
                     tracker.update(frame)
-            tracks = tracker.tracks()
-            run.columns = {"frame": ...}                        # into run.json: one list a column
-            run.write("tracks.txt", lambda path: write_tracks(path, tracks))
-            video.draw(run, source, lambda path, frames: write_overlay(path, frames, tracks, ...))
-            run.done(f"{len(tracks)} objects: {output.out / 'tracks.txt'}")
+            result = blob_result(tracker, ...)                  # what the function for Python returns, too
+            run.save(result, lambda: video.draw(run, source, result))
+            run.done(f"{len(result)} objects: {output.out / 'tracks.txt'}")
         return run.status
 
 * `Run.frames` ends where the source breaks off; `Run.steps` ends where it does or where the user interrupts (Ctrl-C,
@@ -32,8 +30,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -43,12 +40,12 @@ from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, signal
 from tsuiseki.tracking.output import RunRecord, output_folder
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.weights.catalogue import records_of
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import Output
     from tsuiseki.tracking.result import Result, Writer
     from tsuiseki.tracking.types import Frame
-    from tsuiseki.tracking.video.frame_times import NotedTimes
     from tsuiseki.tracking.video.source import Source
 
 T = TypeVar("T")
@@ -80,6 +77,7 @@ class Run:
         self.facts: dict[str, Any] = {}
         self.sources: list[Source] = []
         self.count = 0
+        self._before = 0
         self.status = DONE
         self._asked = 0
         self._patient = False
@@ -89,7 +87,6 @@ class Run:
         self._first: int | None = None
         self._last = -1
         self._live = False
-        self._seconds: dict[str, NotedTimes] = {}
         self._recording: Path | None = None
         self._stack = ExitStack()
 
@@ -115,16 +112,9 @@ class Run:
             record: keep the frames of a live source for `replay`.
         """
         self.sources.append(source)
-        frames = self.seconds_of(source).watched(source.frames())
         if not source.live:
-            return self._read(frames)
-        return self._read(self.unending(frames), source.frame_rate if record else None)
-
-    def seconds_of(self, source: Source) -> NotedTimes:
-        """When the frames of ``source`` were taken, as far as they came by."""
-        from tsuiseki.tracking.video.frame_times import NotedTimes
-
-        return self._seconds.setdefault(source.name, NotedTimes(source.frame_rate))
+            return self._read(source.frames())
+        return self._read(self.unending(source.frames()), source.frame_rate if record else None)
 
     def unending(self, items: Iterable[T]) -> Iterator[T]:
         """``items`` of a live source: an interrupt ends them at once, and what came before is kept."""
@@ -172,6 +162,7 @@ class Run:
             KeyboardInterrupt: before the first step was finished.
         """
         self._patient, before = True, self.count
+        self._before = before
         watched = progress(items, what, total)
         while not self._asked:
             try:
@@ -204,7 +195,7 @@ class Run:
         Raises:
             KeyboardInterrupt: the user interrupts.
         """
-        return self.watched(self._again(source), "drawing", self.count)
+        return self.watched(self._again(source), "drawing", self.count - self._before)
 
     def watched(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
         """``items`` with progress; an interrupt from now on ends them with KeyboardInterrupt."""
@@ -224,7 +215,7 @@ class Run:
     def _again(self, source: Source) -> Iterator[Frame]:
         from tsuiseki.tracking.video.source import open_source
 
-        first, end = self._first or 0, (self._first or 0) + self.count
+        first, end = self._first or 0, (self._first or 0) + self.count - self._before
         if self._recording is None:
             for frame in source.frames():
                 yield frame
@@ -232,7 +223,7 @@ class Run:
                 if self._first is not None and frame.index + 1 >= end:
                     return
             return
-        for frame in open_source(self._recording, FrameRange(0, self.count - 1)).frames():
+        for frame in open_source(self._recording, FrameRange(0, end - first - 1)).frames():
             yield replace(frame, index=frame.index + first)
 
     def write(self, name: str, write: Callable[[Path], object]) -> Path:
@@ -257,24 +248,25 @@ class Run:
             path.replace(self.work / path.name)
         self._written = True
 
-    def save(self, result: Result[Any], draw: Callable[[], object] = lambda: None) -> None:
+    def save(self, result: Result[Any], draw: Callable[[], object] = lambda: None, folder: str = "") -> None:
         """Write the files of ``result``, and take what it knows into ``run.json``.
 
         Args:
             result: of the run.
             draw: makes what the pages of the result show; called when all other files are written.
+            folder: for the files, inside the output folder; by default that itself.
         """
         self.columns = result.frames
         self.facts |= result.facts
         pages = [name for name in result.files if name.endswith(".html")]
         for name in [name for name in result.files if name not in pages]:
-            self.write(name, partial(self._beside, result.files[name]))
+            self._save(result.files[name], PurePath(folder, name))
         draw()
         for name in pages:
-            self.write(name, partial(self._beside, result.files[name]))
+            self._save(result.files[name], PurePath(folder, name))
 
-    def _beside(self, write: Writer, path: Path) -> object:
-        return write(path, self.work)
+    def _save(self, write: Writer, place: PurePath) -> None:
+        self.write(str(place), lambda path: write(path, self.work / place.parent))
 
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Likewise, where the result is one without it, too; None where it was not made."""
@@ -331,7 +323,9 @@ class Run:
     def _record(self) -> None:
         shutil.rmtree(self.work / PARTS, ignore_errors=True)
         given = self.output.given
-        facts = self.facts | self._facts_of_sources() | ({"notes": noted} if (noted := notes()) else {})
+        facts = self.facts | self._facts_of_sources()
+        for name, found in (("notes", notes()), ("models", records_of(given.settings.values()))):
+            facts |= {name: found} if found else {}
         record = RunRecord(given.command, given.settings, self.output.random_seed, self.times.seconds, self.columns)
         record.partial, record.reason = bool(self._reason), self._reason
         record.facts = facts
@@ -343,13 +337,12 @@ class Run:
 
         found = {}
         for source in self.sources:
-            times = list(self.seconds_of(source).noted.values())
-            facts = {} if source.live else uneven(times)
+            facts = {} if source.live else uneven(list(source.times.noted.values()))
             gaps = getattr(source, "gaps", [])
             found[source.name] = {"timed_by": source.timed_by, **facts, **({"gaps": gaps} if gaps else {})}
-            if facts and len(self.sources) == 1 and self.columns.keys() >= {"frame"} and "time" not in self.columns:
+            if facts and len(self.sources) == 1 and "frame" in self.columns and "time" not in self.columns:
                 numbers = [number - 1 for number in self.columns["frame"]]
-                at = self.seconds_of(source).at(numbers).round(4).tolist()
+                at = source.times.at(numbers, source.frame_rate).round(4).tolist()
                 self.columns = {**self.columns, "time": at}
         return {"frame_times": found} if found else {}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -43,25 +43,22 @@ def container_time(stated: float, before: Sequence[float], frame_rate: float) ->
 
 @dataclass
 class NotedTimes:
-    """Notes the times of the frames of a source.
+    """Times of the frames that a source gave.
 
     Attributes:
-        frame_rate: for frames that did not come by.
         noted: seconds, by 0-based frame number.
     """
 
-    frame_rate: float
     noted: dict[int, float] = field(default_factory=dict)
 
-    def watched(self, frames: Iterable[Frame]) -> Iterator[Frame]:
-        """``frames``, noted as they go by."""
-        for frame in frames:
-            self.noted[frame.index] = frame.time
-            yield frame
+    def note(self, frame: Frame) -> Frame:
+        """The frame itself."""
+        self.noted[frame.index] = frame.time
+        return frame
 
-    def at(self, frames: Sequence[int] | IntArray) -> FloatArray:
-        """``(N,)`` seconds of 0-based ``frames`` ``(N,)``."""
-        return np.array([self.noted.get(n, n / self.frame_rate) for n in np.asarray(frames).tolist()], dtype=np.float64)
+    def at(self, frames: Sequence[int] | IntArray, frame_rate: float) -> FloatArray:
+        """``(N,)`` seconds of 0-based ``frames`` ``(N,)``; ``frame_rate`` times those that were not given."""
+        return np.array([self.noted.get(n, n / frame_rate) for n in np.asarray(frames).tolist()], dtype=np.float64)
 
 
 def uneven(times: Sequence[float] | FloatArray) -> dict[str, Any]:

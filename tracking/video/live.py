@@ -17,7 +17,7 @@ import numpy as np
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.video.frame_times import TimedBy, stated_rate
+from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, stated_rate
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE
 
 Picture: TypeAlias = tuple[float, ImageArray]
@@ -57,6 +57,7 @@ class LiveSource:
     has_images: bool = True
     rate_missing: bool = False
     timed_by: TimedBy = "arrival"
+    times: NotedTimes = field(default_factory=NotedTimes, compare=False)
     ends: bool = False
     patience: Patience = Patience()
     gaps: list[dict[str, Any]] = field(default_factory=list, compare=False)
@@ -84,7 +85,7 @@ class LiveSource:
                 if picture is None:
                     return
                 if index >= self.frames_wanted.first:
-                    yield Frame(index, picture[0] - start, picture[1])
+                    yield self.times.note(Frame(index, picture[0] - start, picture[1]))
                 index += 1
         finally:
             pictures.close()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -18,7 +18,7 @@ from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.coded_size import CodedSizes, Size
-from tsuiseki.tracking.video.frame_times import TimedBy, container_time, stated_rate, uneven
+from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, container_time, stated_rate, uneven
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder
 from tsuiseki.tracking.video.live import LiveSource
 
@@ -32,6 +32,7 @@ class Source(Protocol):
         name: for people to read.
         frame_rate: frames per second.
         timed_by: where the times of frames come from.
+        times: of the frames that it gave so far.
         rate_missing: what should say the rate, such as ``seqinfo.ini``, does not, and 25 are taken.
         length: number of frames of the whole video; None where only playing it tells.
         live: it cannot be played again, and ends when the user says so.
@@ -45,6 +46,8 @@ class Source(Protocol):
     def frame_rate(self) -> float: ...
     @property
     def timed_by(self) -> TimedBy: ...
+    @property
+    def times(self) -> NotedTimes: ...
     @property
     def rate_missing(self) -> bool: ...
     @property
@@ -98,6 +101,12 @@ def _opened(source: str | Path, wanted: FrameRange) -> ImageFolder | VideoFile |
     raise RequestError(f"expected a video file, a folder of images, a webcam number or an address, found no {text}")
 
 
+def image_size(source: Source) -> Size | None:
+    """Width and height of the images of a source, pixels; None where it does not tell them."""
+    size: Size | None = getattr(source, "size", None)
+    return size if size and min(size) > 0 else None
+
+
 @dataclass(frozen=True)
 class VideoFile:
     """A video file that OpenCV can decode."""
@@ -113,6 +122,7 @@ class VideoFile:
     has_images: bool = True
     rate_missing: bool = False
     timed_by: TimedBy = "container"
+    times: NotedTimes = field(default_factory=NotedTimes, compare=False)
 
     @classmethod
     def open(cls, path: Path, wanted: FrameRange) -> VideoFile:
@@ -163,7 +173,8 @@ class VideoFile:
                 first = first if times else stamp
                 times.append(self._time(stamp - first, times))
                 if index in self.frames_wanted:
-                    yield Frame(index, times[-1], _retrieve(capture, f"{self.path}: frame {index + 1}"))
+                    image = _retrieve(capture, f"{self.path}: frame {index + 1}")
+                    yield self.times.note(Frame(index, times[-1], image))
         finally:
             capture.release()
             sizes.close()

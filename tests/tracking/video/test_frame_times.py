@@ -44,9 +44,10 @@ def test_uneven_times_are_found() -> None:
 
 
 def test_what_went_by_is_noted() -> None:
-    noted, image = NotedTimes(10.0), np.zeros((1, 1, 3), np.uint8)
-    assert len(list(noted.watched(Frame(n, time, image) for n, time in ((3, 0.35), (4, 0.5))))) == 2
-    np.testing.assert_allclose(noted.at(np.array([3, 4, 7])), [0.35, 0.5, 0.7])
+    noted, image = NotedTimes(), np.zeros((1, 1, 3), np.uint8)
+    for number, time in ((3, 0.35), (4, 0.5)):
+        assert noted.note(Frame(number, time, image)).index == number
+    np.testing.assert_allclose(noted.at(np.array([3, 4, 7]), 10.0), [0.35, 0.5, 0.7])
 
 
 @pytest.mark.integration
