@@ -15,6 +15,7 @@ import numpy as np
 from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import CostChanges, CostNetwork
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.drone.models import DroneMethod, DroneModels, as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe
 from tsuiseki.tracking.drone.settings import DroneSettings
@@ -47,6 +48,7 @@ def track_drone(
     frames: str | None = None,
     settings: DroneSettings | None = None,
     threads: int = 0,
+    device: Device = "auto",
     seed: int = 0,
 ) -> DroneResult:
     """Everyone in a video from a drone, each with an id and with what they do.
@@ -66,6 +68,7 @@ def track_drone(
         frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
         settings: of flow, alternation and output.
         threads: CPU threads of the networks; 0 takes all.
+        device: what networks that are given as files run on, see `opened_on`.
         seed: draws nothing; the methods here are exact.
 
     Raises:
@@ -81,7 +84,7 @@ def track_drone(
     if opened.live:
         raise RequestError("expected a video that can be played again, got a live source; record it first")
     given: Any = {"detections": detections, "detector": detector}
-    finding = FindingOptions(**given, threads=threads, view="auto")
+    finding = FindingOptions(**given, threads=threads, device=device, view="auto")
     streams = None if actions is None else [Path(path) for path in actions]
     models = DroneModels.choose(opened, method, finding, appearance, streams)
     times = StageTimes()

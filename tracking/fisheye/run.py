@@ -59,13 +59,13 @@ def fisheye(
         hungarian: settings of --method hungarian.
         flow: settings of --method flow.
     """
-    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
+    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.fisheye.page import floor_page
 
     opened = _opened(source, cameras, ceiling, finding, detections)
     done, lines = [], []
     with output.run() as run:
-        tell_reading(run, opened.detector)
+        tell_models(run, opened.detector, opened.describe)
         for each, detect in zip(opened.views, opened.detect, strict=True):
             if run.interrupted:
                 break
@@ -113,11 +113,13 @@ def _opened(
     detector: Detect | None = None
     if detections is None:
         path, options = finding.detector or shipped(DETECTORS[ceiling.view]), ceiling.detector_options
-        detector = found_by = open_detector(path, finding.score_threshold, threads=finding.threads, options=options)
+        detector = found_by = open_detector(
+            path, finding.score_threshold, threads=finding.threads, options=options, device=finding.device
+        )
         found += [looking(found_by, each.placed.camera, ceiling.view, ceiling.unrolling) for each in views]
     else:
         found += [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]
-    describe = None if network is None else open_appearance(network, finding.threads)
+    describe = None if network is None else open_appearance(network, finding.threads, device=finding.device)
     return _Opened(views, found, detector, describe, person)
 
 

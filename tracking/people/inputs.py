@@ -12,6 +12,7 @@ from typing import TypeAlias, get_args
 
 import numpy as np
 
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import (
@@ -218,7 +219,7 @@ def people_detect(
         raise RequestError(f"{source.name} has no images to find people in; give `detections`")
     detector = shipped(default) if finding.detector is None else finding.detector
     threads = finding.threads if threads is None else threads
-    found = as_detector(detector, finding.score_threshold, threads, finding.detector_options)
+    found = as_detector(detector, finding.score_threshold, threads, finding.detector_options, finding.device)
     if wanted == (1, None) or not isinstance(found, Detector | ForeignDetector):
         return found
     return ViewedDetector(found, wanted, frame_rate=source.frame_rate)
@@ -249,6 +250,7 @@ def people_describer(
     appearance: AppearanceLike | None,
     threads: int = 0,
     options: AppearanceOptions | None = None,
+    device: Device = "auto",
 ) -> Describe | None:
     """What describes appearance, where it is compared and there are images.
 
@@ -258,6 +260,7 @@ def people_describer(
         appearance: a file, a network or a function; by default the shipped network; ``"none"`` for none.
         threads: CPU threads of the network.
         options: what a file of another project does not tell.
+        device: of the network.
 
     Raises:
         RequestError: the method does not compare appearance; see `as_describer`.
@@ -270,7 +273,7 @@ def people_describer(
         return None
     if appearance is None and not source.has_images:
         return None
-    return as_describer(shipped("appearance_people") if appearance is None else appearance, threads, options)
+    return as_describer(shipped("appearance_people") if appearance is None else appearance, threads, options, device)
 
 
 def classed_detections(source: Source, finding: PeopleFinding) -> tuple[list[Detections], list[IntArray]]:

@@ -14,10 +14,11 @@ from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
-from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
+from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of, knows_scores
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.inputs import (
@@ -66,6 +67,8 @@ class PeopleKeywords(TypedDict, total=False):
         moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
             ``flow`` sees in them where the camera stands still, and takes the motion of the boxes elsewhere.
         threads: CPU threads of the networks; 0 takes all.
+        device: what networks that are given as files run on: ``cpu``, ``cuda``, or by default ``auto``, see
+            `opened_on`.
         seed: of the tracker's random numbers.
         delay: seconds after which ``flow`` decides on a frame for good; by default it decides at the end. With
             `follow_people` each frame comes so much later.
@@ -80,6 +83,7 @@ class PeopleKeywords(TypedDict, total=False):
     frames: str | None
     moving_camera: bool
     threads: int
+    device: Device
     seed: int
     delay: float | None
     ground: Ground
@@ -180,7 +184,8 @@ def open_people(source: Source, finding: PeopleFinding, linking: Linking, seed: 
     else:
         detect, kinds = classed_detections(source, finding)
     compared = compares_appearance(linking.method)
-    describe = people_describer(source, compared, finding.appearance, threads, finding.appearance_options)
+    looked, more = finding.appearance, finding.appearance_options
+    describe = people_describer(source, compared, looked, threads, more, finding.device)
     camera = camera_for(linking.method, moving=linking.moving_camera)
     ground = ground_of(detect, finding.ground, source)
     inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground)
@@ -275,7 +280,7 @@ def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any],
         milliseconds: that the detector took a frame.
     """
     inputs, tracker = opened.inputs, opened.tracker
-    facts: dict[str, Any] = {}
+    facts: dict[str, Any] = {**devices_of(inputs.detect, inputs.describe)}
     lines: list[str] = []
     if isinstance(tracker, FlowTracker):
         facts["flow"] = tracker.facts()
