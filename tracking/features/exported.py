@@ -28,6 +28,7 @@ from tsuiseki.tracking.onnx import MissingCardError, OnnxModel
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.weights import shipped_or_file
+from tsuiseki.tracking.weights.catalogue import find_model
 
 MOST_CANDIDATES = 400
 
@@ -192,19 +193,24 @@ def open_detector(
     threads: int = 0,
     options: DetectorOptions | None = None,
     device: Device = "auto",
+    *,
+    turned: bool = False,
 ) -> Detector | ForeignDetector:
-    """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises.
+    """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises; see both.
 
-    A bare word stands for a shipped one, see `shipped_or_file`.
+    A bare word stands for a shipped or downloaded one, see `shipped_or_file`.
 
     Raises:
         RequestError: see the three; or ``options`` for a detector of this toolkit, which needs none.
     """
-    path = shipped_or_file("detector", path)
+    entry, path = find_model(str(path), "detector"), shipped_or_file("detector", path)
+    if entry is not None:
+        told = {} if options is None else {name: x for name, x in vars(options).items() if x is not None}
+        options = DetectorOptions(**{**entry.options, **told})
     try:
         found = Detector(path, score_threshold, iou_threshold, threads, device)
     except MissingCardError:
-        return ForeignDetector(path, score_threshold, iou_threshold, threads, options, device)
+        return ForeignDetector(path, score_threshold, iou_threshold, threads, options, device, turned=turned)
     if options not in (None, DetectorOptions()):
         raise RequestError(f"{path} tells all by itself; leave the detector options out")
     return found
@@ -219,9 +225,12 @@ def open_appearance(
 ) -> Appearance | ForeignAppearance:
     """The appearance network at ``path``: one of this toolkit, or any that `ForeignAppearance` can run.
 
+    A bare word stands for a shipped or downloaded one, see `shipped_or_file`.
+
     Raises:
         RequestError: see the two; or ``options`` for a network of this toolkit, which needs none.
     """
+    path = shipped_or_file("appearance", path)
     try:
         found = Appearance(path, threads, batch_size, device)
     except MissingCardError:
@@ -252,6 +261,8 @@ def as_detector(
     threads: int = 0,
     options: DetectorOptions | None = None,
     device: Device = "auto",
+    *,
+    turned: bool = False,
 ) -> Detect:
     """What finds people in images.
 
@@ -261,12 +272,13 @@ def as_detector(
         threads: CPU threads of a network that is read from a file; 0 takes all cores.
         options: what the file of another project does not tell.
         device: of such a network, see `opened_on`.
+        turned: boxes of such a file may be turned.
 
     Raises:
         RequestError: it is none of them, or the file is no detector.
     """
     if isinstance(given, str | Path):
-        return open_detector(given, score_threshold, threads=threads, options=options, device=device)
+        return open_detector(given, score_threshold, threads=threads, options=options, device=device, turned=turned)
     if hasattr(given, "detect"):
         return given
     if callable(given):
