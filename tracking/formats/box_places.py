@@ -19,7 +19,7 @@ FEW, MOST = 0.1, 0.5
 CUT = 0.3
 
 
-def check_boxes(where: str | Path, boxes: FloatArray, size: tuple[int, int] | None = None) -> None:
+def compare_with_picture(where: str | Path, boxes: FloatArray, size: tuple[int, int] | None = None) -> None:
     """Refuse boxes that are no pixels of the picture, and warn of those that may not be.
 
     Args:

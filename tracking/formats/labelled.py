@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.box_places import check_boxes
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.drone_action import (
     DroneActionClip,
     drone_action_labels,
@@ -82,7 +82,7 @@ class LabelledVideo:
         """
         if self.read_people is not None:
             truth = self.read_people()
-            check_boxes(self.name, truth.boxes, self.size)
+            compare_with_picture(self.name, truth.boxes, self.size)
             return truth
         truth, _ = okutama_truth(self.actions(size), protocol)
         if not truth.evaluated.any():

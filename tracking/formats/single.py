@@ -24,7 +24,7 @@ import numpy as np
 from PIL import Image
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.box_places import check_boxes
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
@@ -252,7 +252,7 @@ def _paired(
     if len(used) < len(boxes):
         raise RequestError(f"{name}: expected an image for each of its {len(boxes)} boxes, found {len(used)}")
     used = used[: len(boxes)]
-    check_boxes(name, boxes, _size(used[0]))
+    compare_with_picture(name, boxes, _size(used[0]))
     return SingleSequence(name, used, boxes, attributes, len(images) - len(used))
 
 
@@ -304,7 +304,7 @@ def read_boxes(path: str | Path) -> FloatArray:
     values = np.array(rows)
     boxes = corners_from_xywh(values - [1, 1, 0, 0]) if values.shape[1] == RECTANGLE else polygon_hulls(values)
     _check_first(boxes, path)
-    check_boxes(path, boxes)
+    compare_with_picture(path, boxes)
     return boxes
 
 

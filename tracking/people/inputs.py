@@ -31,7 +31,7 @@ from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detector
 from tsuiseki.tracking.features.views import parse_view
-from tsuiseki.tracking.formats.box_places import check_boxes
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_classed_detections
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
@@ -174,7 +174,9 @@ def given_detections(
                 "detections of another video?"
             )
         rows = [as_detections(entry) for entry in given]
-        check_boxes("`detections`", np.concatenate([np.empty((0, 4)), *(r.boxes for r in rows)]), image_size(source))
+        compare_with_picture(
+            "`detections`", np.concatenate([np.empty((0, 4)), *(r.boxes for r in rows)]), image_size(source)
+        )
         return rows
     # The header of a video file only estimates its length: what is too much shows when the video has ended.
     found, classes = _read(given, source, score_range)
@@ -193,7 +195,7 @@ def _read(
 ) -> tuple[list[Detections], list[IntArray]]:
     """The detections in a file and their classes, compared with the pictures of the source."""
     found, classes = read_classed_detections(path, source.length, score_range)
-    check_boxes(path, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), image_size(source))
+    compare_with_picture(path, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), image_size(source))
     return found, classes
 
 

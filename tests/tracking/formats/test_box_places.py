@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.result_files import match_results
 from tsuiseki.tracking.evaluation.truths import read_truths
-from tsuiseki.tracking.formats.box_places import check_boxes
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.people.inputs import given_detections
@@ -38,12 +38,12 @@ def as_widths(corners: FloatArray) -> FloatArray:
 def test_boxes_of_the_picture_pass_silently() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_boxes("det.txt", boxes_in(*SIZE), SIZE)
-        check_boxes("det.txt", boxes_in(*SIZE))
-        check_boxes("det.txt", np.empty((0, 4)), SIZE)
+        compare_with_picture("det.txt", boxes_in(*SIZE), SIZE)
+        compare_with_picture("det.txt", boxes_in(*SIZE))
+        compare_with_picture("det.txt", np.empty((0, 4)), SIZE)
         # One person before the camera, cut below; a target out of view.
-        check_boxes("det.txt", np.tile([20.0, 40, 400, 500], (30, 1)), SIZE)
-        check_boxes("gt.txt", np.array([[9.0, 9, 20, 20], [np.nan] * 4]), SIZE)
+        compare_with_picture("det.txt", np.tile([20.0, 40, 400, 500], (30, 1)), SIZE)
+        compare_with_picture("gt.txt", np.array([[9.0, 9, 20, 20], [np.nan] * 4]), SIZE)
 
 
 @pytest.mark.parametrize(
@@ -56,12 +56,12 @@ def test_boxes_of_the_picture_pass_silently() -> None:
 )
 def test_boxes_that_are_no_pixels_of_the_picture_are_refused(boxes: FloatArray, said: str) -> None:
     with pytest.raises(RequestError, match=said):
-        check_boxes("det.txt", boxes, SIZE)
+        compare_with_picture("det.txt", boxes, SIZE)
 
 
 def test_boxes_of_a_larger_picture_are_told() -> None:
     with pytest.warns(InputWarning, match=r"\d+ of 60 boxes lie outside the picture of 640x480; they reach 1\d{3},"):
-        check_boxes("det.txt", boxes_in(1920, 1080), SIZE)
+        compare_with_picture("det.txt", boxes_in(1920, 1080), SIZE)
 
 
 ROWS = {
