@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.body_clip import BodyClip, Drawn, camera_grain, check_bodies, paint
-from tsuiseki.datamodules.scenes.clip import ClipSettings
+from tsuiseki.datamodules.scenes.body_clip import MOST_BODIES, BodyClip, Drawn, camera_grain, paint
+from tsuiseki.datamodules.scenes.clip import ClipSettings, check_settings
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.tracking.types import FloatArray
 
@@ -43,7 +43,8 @@ class BouncingBallSettings(ClipSettings):
     balls: int = 1
 
     def __post_init__(self) -> None:
-        check_bodies(("ball", "balls"), self.balls, DIAMETER, self)
+        own = (1 <= self.balls <= MOST_BODIES, f"1 to {MOST_BODIES} balls", self.balls)
+        check_settings("ball", self, 4 * int(DIAMETER), [own])
 
 
 def plan_balls(settings: BouncingBallSettings, seed: int) -> BodyClip:

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from scipy.special import ndtri
 
-from tsuiseki.datamodules.scenes.body_clip import BodyClip, Drawn, camera_grain, check_bodies, paint, within
-from tsuiseki.datamodules.scenes.clip import ClipSettings
+from tsuiseki.datamodules.scenes.body_clip import MOST_BODIES, BodyClip, Drawn, camera_grain, paint
+from tsuiseki.datamodules.scenes.clip import ClipSettings, check_settings
 from tsuiseki.datamodules.scenes.fish_drawing import FishLook, draw_fish, random_look
 from tsuiseki.datamodules.scenes.fish_motion import swim
-from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.datamodules.scenes.render.solids import Float32, overlap
 from tsuiseki.tracking.types import FloatArray
 
 FIELDS = ("a", "b", "theta", "phi")
@@ -46,7 +46,8 @@ class GoldfishSettings(ClipSettings):
     pebbles: int = 6
 
     def __post_init__(self) -> None:
-        check_bodies(("fish", "fish"), self.fish, LENGTH, self)
+        own = (1 <= self.fish <= MOST_BODIES, f"1 to {MOST_BODIES} fish", self.fish)
+        check_settings("goldfish", self, 4 * int(LENGTH), [own])
 
 
 def goldfish_states(settings: GoldfishSettings, rng: np.random.Generator) -> FloatArray:
@@ -86,20 +87,14 @@ def plan_goldfish(settings: GoldfishSettings, seed: int) -> BodyClip:
 def _shade(image: Float32, fish: Drawn) -> None:
     """The fish's blurred shadow on the floor, to its lower right."""
     soft = cv2.GaussianBlur(fish.opacity, (0, 0), SHADOW_BLUR)
-    shadow = Drawn(fish.left + SHADOW[0], fish.top + SHADOW[1], fish.colour, np.asarray(soft, np.float32))
-    part, own = within(image.shape[:2], shadow)
+    part, own = overlap(image.shape, (fish.top + SHADOW[1], fish.left + SHADOW[0]), soft.shape)
     image[part] *= 1 - SHADOWS * soft[own][..., None]
 
 
 def _mirror(image: Float32, look: FishLook, state: FloatArray) -> None:
     """Mirror images of a fish in the four panes, seen only in the strip beyond each."""
     height, width = image.shape[:2]
-    for axis, place, extent in (
-        (0, PANE, width),
-        (0, width - PANE, width),
-        (1, PANE, height),
-        (1, height - PANE, height),
-    ):
+    for axis, place, extent in ((0, PANE, width), (0, width - PANE, width), (1, PANE, height), (1, height - PANE, height)):
         if abs(state[axis] - place) > look.length / 2 + look.tail + 2 * PANE:
             continue
         turned = state.copy()
@@ -107,7 +102,7 @@ def _mirror(image: Float32, look: FishLook, state: FloatArray) -> None:
         turned[2] = np.pi * (1 - axis) - state[2]
         turned[3] = -state[3]
         image_of = draw_fish(look, turned)
-        part, own = within(image.shape[:2], image_of)
+        part, own = image_of.within(image.shape)
         strip = np.arange(extent) < place if place == PANE else np.arange(extent) >= place
         seen = strip[part[1 - axis]]
         seen = seen[None, :] if axis == 0 else seen[:, None]
@@ -142,8 +137,6 @@ class Ripples:
         )
         crest = (a + b) * np.float32(np.sqrt(0.5))
         brightness = 1.0 + RIPPLES * np.clip(1.2 - 2.4 * np.abs(crest), -0.5, 1.2)
-        if not self.glints:
-            return brightness, np.zeros_like(crest)
         slope = (facets + crest) * np.float32(np.sqrt(0.5))
         # The wanted share of a normal distribution of unit deviation lies above this level.
         return brightness, np.clip((slope - ndtri(1.0 - self.glints)) * 5.0, 0.0, 1.0)
@@ -151,14 +144,10 @@ class Ripples:
 
 def make_ripples(width: int, height: int, glints: float, rng: np.random.Generator) -> Ripples:
     """Ripples over an image; ``glints`` is the share of it that they cover."""
-    layers = (
-        _periodic_noise(width, height, 9, 1.0, rng),
-        _periodic_noise(width, height, 14, 1.0, rng),
-        _periodic_noise(width, height, 60, 3.5, rng),
-    )
+    a, b, facets = (_periodic_noise(width, height, *waves, rng) for waves in ((9, 1.0), (14, 1.0), (60, 3.5)))
     angle = rng.uniform(0, 2 * np.pi) + np.array([0.0, np.pi / 2, np.pi])
     drift = 45.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
-    return Ripples(layers, drift, glints)
+    return Ripples((a, b, facets), drift, glints)
 
 
 def gravel(width: int, height: int, stones_of_fish_colour: int, rng: np.random.Generator) -> Float32:
@@ -188,10 +177,7 @@ def gravel(width: int, height: int, stones_of_fish_colour: int, rng: np.random.G
     return np.asarray(soft * (0.82 + 0.18 * np.clip(edge / 60, 0, 1))[..., None], np.float32)
 
 
-def _stone(
-    floor: Float32, place: np.ndarray[tuple[int], np.dtype[np.float64]], radius: float, colour: Float32,
-    rng: np.random.Generator,
-) -> None:  # fmt: skip
+def _stone(floor: Float32, place: FloatArray, radius: float, colour: Float32, rng: np.random.Generator) -> None:
     centre = (int(place[0]), int(place[1]))
     axes = (max(1, int(radius)), max(1, int(radius * rng.uniform(0.6, 1.0))))
     angle = float(rng.uniform(0, 180))

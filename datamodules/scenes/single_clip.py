@@ -17,11 +17,14 @@ from tsuiseki.datamodules.scenes.people.person import (
 )
 from tsuiseki.datamodules.scenes.people.posture import walking
 from tsuiseki.datamodules.scenes.render.shading import Light, random_light
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.datamodules.scenes.render.solids import Float32, overlap
+from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 PHASES = 12
 # Share of people who are dressed like the one before; chance that the camera jumps ten times as far in a frame.
 LOOK_ALIKES, JERK = 0.4, 0.03
+# Standard deviation of the camera's jump between frames, pixels.
+SHAKE = 1.0
 # Factor on the size over the whole clip, drawn between 1/GROWTH and GROWTH.
 GROWTH = 1.5
 # Standard deviation of the change of heading between the poses of a walk, radians.
@@ -39,7 +42,6 @@ class SingleClipSettings:
         person_height: range of the followed person's height, pixels.
         passers: how many other people walk about.
         obstacles: how many upright things stand in front of the people.
-        shake: standard deviation of the camera's jump between frames, pixels.
     """
 
     frames: int = 100
@@ -48,7 +50,6 @@ class SingleClipSettings:
     person_height: tuple[float, float] = (40.0, 90.0)
     passers: int = 4
     obstacles: int = 3
-    shake: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -119,9 +120,9 @@ def _camera(rng: np.random.Generator, path: FloatArray, settings: SingleClipSett
         position = position + 0.08 * (place - position)
         follow[t] = position
     jump = np.where(rng.random(len(path)) < JERK, 10.0, 1.0)[:, None]
-    shakes = np.cumsum(jump * rng.normal(0, settings.shake, path.shape), axis=0)
-    low = 0.25 * np.array([settings.width, settings.height])
-    return np.asarray(follow + np.clip(shakes, -low, low) - np.array([settings.width, settings.height]) / 2)
+    shakes = np.cumsum(jump * rng.normal(0, SHAKE, path.shape), axis=0)
+    size = np.array([settings.width, settings.height])
+    return np.asarray(follow + np.clip(shakes, -0.25 * size, 0.25 * size) - size / 2)
 
 
 def _obstacles(
@@ -161,10 +162,10 @@ def draw_single_clip(rng: np.random.Generator, settings: SingleClipSettings | No
 
 
 def _draw(
-    view: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
+    view: Float32,
     walkers: list[_Walker],
     obstacles: list[tuple[int, int, ImageArray]],
-    corner: np.ndarray[tuple[int, ...], np.dtype[np.int64]],
+    corner: IntArray,
     t: int,
 ) -> tuple[FloatArray, float]:
     """Draws frame ``t``, the lower in front, and returns the followed person's box and visible share."""
@@ -189,13 +190,7 @@ def _draw(
     return box, float(free.sum()) / max(full, 1.0)
 
 
-def _cover(
-    free: np.ndarray[tuple[int, ...], np.dtype[np.float32]], sprite: ImageArray, left: int, top: int, owner: bool
-) -> None:
+def _cover(free: Float32, sprite: ImageArray, left: int, top: int, owner: bool) -> None:
     """Marks the owner's pixels, and clears those that something else hides, in place."""
-    height, width = free.shape
-    x1, y1 = max(left, 0), max(top, 0)
-    x2, y2 = min(left + sprite.shape[1], width), min(top + sprite.shape[0], height)
-    if x1 < x2 and y1 < y2:
-        solid = sprite[y1 - top : y2 - top, x1 - left : x2 - left, 3] > 127
-        free[y1:y2, x1:x2][solid] = 1.0 if owner else 0.0
+    there, own = overlap(free.shape, (top, left), sprite.shape)
+    free[there][sprite[..., 3][own] > 127] = 1.0 if owner else 0.0

@@ -80,7 +80,6 @@ class CarriedBallSettings:
         defocus: standard deviation of the lens's blur, pixels.
         readout: time from the first row's exposure to the last one's, s: a rolling shutter.
         lateness: time by which each camera takes its frames later than it says, s; none for all by default.
-        clear: of the ball from the hand, m: as if on a thread, which is not drawn.
     """
 
     cameras: int = 2
@@ -94,7 +93,6 @@ class CarriedBallSettings:
     defocus: float = 0.0
     readout: float = 0.0
     lateness: tuple[float, ...] = ()
-    clear: float = 0.0
 
     def __post_init__(self) -> None:
         if not 2 <= self.cameras <= len(AZIMUTHS):
@@ -247,7 +245,7 @@ def _bodies(
     )
     skeleton = place(person.build, pose, position, heading)
     forearm = skeleton.fingers[1] - skeleton.wrist[1]
-    grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * (0.88 * settings.radius + settings.clear)
+    grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * (0.88 * settings.radius)
     return pose, (position, heading), grip
 
 

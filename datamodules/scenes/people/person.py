@@ -32,6 +32,7 @@ from tsuiseki.datamodules.scenes.render.solids import (
     Parts,
     Solids,
     Surface,
+    overlap,
     trace,
 )
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -310,14 +311,9 @@ def random_identities(rng: np.random.Generator, count: int, look_alikes: float) 
 
 def paste(canvas: Float32, sprite: ImageArray, left: int, top: int) -> None:
     """Lays a sprite ``(h, w, 4)`` over ``canvas`` ``(H, W, 3)``, in place; what leaves the canvas is cut off."""
-    height, width = canvas.shape[:2]
-    x1, y1 = max(left, 0), max(top, 0)
-    x2, y2 = min(left + sprite.shape[1], width), min(top + sprite.shape[0], height)
-    if x1 >= x2 or y1 >= y2:
-        return
-    part = sprite[y1 - top : y2 - top, x1 - left : x2 - left].astype(np.float32)
-    alpha = part[:, :, 3:] / np.float32(255)
-    canvas[y1:y2, x1:x2] += alpha * (part[:, :, :3] - canvas[y1:y2, x1:x2])
+    there, own = overlap(canvas.shape, (top, left), sprite.shape)
+    part = sprite[own].astype(np.float32)
+    canvas[there] += part[:, :, 3:] / np.float32(255) * (part[:, :, :3] - canvas[there])
 
 
 def random_backdrop(rng: np.random.Generator, height: int, width: int) -> Float32:

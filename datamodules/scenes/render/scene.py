@@ -87,7 +87,6 @@ def compose(
     Soft edges come from the share of a pixel's rays that meet a thing.
     """
     samples = picture.samples
-    height, width = picture.distance.shape
     distance = picture.distance.copy()
     owner = np.full(distance.shape, -1, dtype=np.int16)
     # Only of people it matters how much lies outside the image.
@@ -97,11 +96,11 @@ def compose(
         for t, shown in zip(things, traced, strict=True)
     ]
     for index, layer in enumerate(layers):
-        slices = layer.inside(width, height) if layer else None
-        if layer and slices:
-            closer = layer.distance[slices[1]] < distance[slices[0]]
-            np.copyto(distance[slices[0]], layer.distance[slices[1]], where=closer)
-            np.copyto(owner[slices[0]], np.int16(index), where=closer)
+        if layer:
+            there, own = layer.inside(distance.shape)
+            closer = layer.distance[own] < distance[there]
+            np.copyto(distance[there], layer.distance[own], where=closer)
+            np.copyto(owner[there], np.int16(index), where=closer)
     added = picture.colour * by_pixel((owner < 0).astype(np.float32), samples)[:, :, None]
     sightings: list[Sighting | None] = []
     for index, (thing, layer) in enumerate(zip(things, layers, strict=True)):
@@ -126,12 +125,9 @@ def _draw(
     shown: Any,
 ) -> int:
     """Adds the visible part of a thing to ``colour`` and returns how many subpixels that is."""
-    height, width = owner.shape
-    slices = layer.inside(width, height)
-    if slices is None:
-        return 0
+    there, own = layer.inside(owner.shape)
     seen = np.zeros(layer.distance.shape, dtype=np.bool_)
-    seen[slices[1]] = owner[slices[0]] == index
+    seen[own] = owner[there] == index
     count = int(seen.sum())
     if not count:
         return 0

@@ -294,6 +294,19 @@ class RayCamera(Camera, Protocol):
         ...
 
 
+Window = tuple[slice, ...]
+"""Rows and columns."""
+
+
+def overlap(shape: tuple[int, ...], corner: tuple[int, int], size: tuple[int, ...]) -> tuple[Window, Window]:
+    """What of an image of ``shape`` a part of ``size`` covers from row and column ``corner`` on, and what of the part.
+
+    Both are empty where the part lies outside.
+    """
+    spans = [(a, max(a, 0), max(a, 0, min(a + n, whole))) for a, n, whole in zip(corner, size, shape, strict=False)]
+    return tuple(slice(low, high) for _, low, high in spans), tuple(slice(low - a, high - a) for a, low, high in spans)
+
+
 @dataclass(frozen=True)
 class Layer:
     """One thing as the camera sees it alone, on a window of the grid of subpixels; the window may leave the image.
@@ -315,16 +328,9 @@ class Layer:
         """``(h, w)`` the silhouette."""
         return np.isfinite(self.distance)
 
-    def inside(self, width: int, height: int) -> tuple[tuple[slice, slice], tuple[slice, slice]] | None:
-        """Slices of the grid ``(height, width)`` and of the window where both lie, or None."""
-        h, w = self.distance.shape
-        x1, y1, x2, y2 = max(self.left, 0), max(self.top, 0), min(self.left + w, width), min(self.top + h, height)
-        if x1 >= x2 or y1 >= y2:
-            return None
-        return (slice(y1, y2), slice(x1, x2)), (
-            slice(y1 - self.top, y2 - self.top),
-            slice(x1 - self.left, x2 - self.left),
-        )
+    def inside(self, shape: tuple[int, ...]) -> tuple[Window, Window]:
+        """See `overlap`."""
+        return overlap(shape, (self.top, self.left), self.distance.shape)
 
 
 def extents(solids: Solids, camera: RayCamera) -> FloatArray:
