@@ -17,15 +17,12 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment, check_settings, write_info
 from tsuiseki.datamodules.scenes.render.solids import overlap
-from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
 
 HUES = {"red": 0.0, "orange": 28.0, "yellow": 55.0, "green": 120.0, "cyan": 182.0, "blue": 230.0, "magenta": 300.0}
 # Browns, greys, dull greens: hue in degrees, saturation, value.
-NATURAL = np.array(
-    [[30, 0.35, 0.45], [42, 0.3, 0.6], [85, 0.3, 0.4], [100, 0.4, 0.3], [25, 0.5, 0.3], [210, 0.1, 0.6]]
-)
+NATURAL = np.array([[30, 0.35, 0.45], [42, 0.3, 0.6], [85, 0.3, 0.4], [100, 0.4, 0.3], [25, 0.5, 0.3], [210, 0.1, 0.6]])
 
 
 @dataclass(frozen=True)
@@ -116,8 +113,7 @@ class BlobClip:
 
     def write_truth(self, folder: Path, name: str, truths: list[FloatArray]) -> None:
         """Write ``gt/gt.txt`` and ``seqinfo.ini``."""
-        write_ground_truth(folder / "gt" / "gt.txt", as_ground_truth(np.stack(truths)))
-        write_info(folder, name, self.settings)
+        write_info(folder, name, self.settings, as_ground_truth(np.stack(truths)))
 
 
 def plan_blobs(settings: BlobSceneSettings, seed: int) -> BlobClip:

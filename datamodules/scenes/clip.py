@@ -15,6 +15,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.render.scene import Sighting
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.output import output_folder
@@ -139,8 +140,10 @@ def check_settings(kind: str, settings: ClipSettings, smallest: int, own: Iterab
             raise RequestError(f"{kind} clip: expected {what}, got {got}")
 
 
-def write_info(folder: Path, name: str, settings: ClipSettings) -> None:
-    """Write ``seqinfo.ini`` of the sequence ``name``."""
+def write_info(folder: Path, name: str, settings: ClipSettings, truth: GroundTruth | None = None) -> None:
+    """Write ``seqinfo.ini`` of the sequence ``name``, and ``gt/gt.txt`` of its ``truth``."""
+    if truth is not None:
+        write_ground_truth(folder / "gt" / "gt.txt", truth)
     write_sequence_info(folder, name, settings.frame_rate, settings.frames, settings.width, settings.height)
 
 

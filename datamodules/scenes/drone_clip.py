@@ -26,7 +26,7 @@ from tsuiseki.datamodules.scenes.clip import (
 )
 from tsuiseki.datamodules.scenes.people.activities import AHEAD
 from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, PerformerState, gather
-from tsuiseki.datamodules.scenes.people.person import person_solids
+from tsuiseki.datamodules.scenes.people.person import person_thing
 from tsuiseki.datamodules.scenes.people.posture import place
 from tsuiseki.datamodules.scenes.people.props import CRATE_HEIGHT, in_hand, standing_prop
 from tsuiseki.datamodules.scenes.render.degrade import grains, level_tone, photographed, random_degradation
@@ -37,7 +37,6 @@ from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_l
 from tsuiseki.datamodules.scenes.things.clutter import bush, crate, reach_of
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
-from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, actions_of, write_okutama
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import ActionLabels
@@ -55,7 +54,8 @@ OKUTAMA_LABELS = f"Labels/SingleActionTrackingLabels/3840x2160/{OKUTAMA_NAME}.tx
 # Somebody of whom less than this share shows is labelled as occluded.
 OCCLUDED = 0.4
 Strength = Literal["still", "calm", "violent"]
-STEEPEST = math.radians(89.5)
+# Radians under the horizon at most, and in the direction that the camera looks in.
+STEEPEST, BEARING = math.radians(89.5), math.pi / 2
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,9 @@ class DroneClip:
         """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the performers of the plan from 1."""
         camera, settings, performers = self.cameras[frame], self.settings, self.gathering.performers
         states = [performer.states[frame] for performer in performers]
-        people = [_body(p, m) for p, m in zip(performers, states, strict=True)]
+        people = [
+            person_thing(p.person, m.pose, m.position, m.heading) for p, m in zip(performers, states, strict=True)
+        ]
         others = [held for p, m in zip(performers, states, strict=True) for held in _held(p, m)]
         others += [
             Thing(standing_prop(t.prop, t.position, t.yaw)) for t in self.gathering.things if t.first <= frame < t.last
@@ -196,22 +198,17 @@ class DroneClip:
         mot = settings.layout == "mot"
         write_okutama(folder / (ACTIONS_FILE if mot else OKUTAMA_LABELS), labels, (settings.width, settings.height))
         if mot:
-            write_ground_truth(folder / "gt" / "gt.txt", rows)
-            write_info(folder, name, settings)
+            write_info(folder, name, settings, rows)
 
 
 def plan_drone(settings: DroneSceneSettings, seed: int) -> DroneClip:
     """The way of the camera, the ground and what everybody does, as ``seed`` has it."""
     rng = np.random.default_rng([seed, 7])
     view = _viewpoint(rng, settings)
-    size = settings.width, settings.height
-    motion = MOTIONS[settings.camera]
-    cameras = fly(rng, view, motion, settings.frames, settings.frame_rate, size, settings.altitude)
+    cameras = fly(rng, view, settings)
     arena = _arena(settings, view)
     static, obstacles = _obstacles(rng, settings.clutter, arena)
-    gathering = gather(
-        rng, settings.people, settings.frames, settings.frame_rate, arena, obstacles, settings.look_alikes
-    )
+    gathering = gather(rng, settings, settings.people, arena, obstacles, settings.look_alikes)
     # A generator of its own: the rest of a clip does not depend on the sun.
     light, of_sun = random_light(rng), np.random.default_rng([seed, 8])
     if of_sun.random() < settings.sun:
@@ -230,56 +227,33 @@ class Viewpoint:
     Attributes:
         altitude: metres.
         tilt: radians under the horizon.
-        bearing: direction that the camera looks in, radians.
         focal: pixels.
     """
 
     altitude: float
     tilt: float
-    bearing: float
     focal: float
 
 
-def fly(
-    rng: np.random.Generator,
-    view: Viewpoint,
-    motion: FlightMotion,
-    frames: int,
-    frame_rate: float,
-    size: tuple[int, int],
-    altitudes: tuple[float, float],
-) -> list[PinholeCamera]:
-    """The camera of every frame.
-
-    Args:
-        rng: draws the movements.
-        view: that the camera moves about.
-        motion: how much.
-        frames: how long.
-        frame_rate: frames per second.
-        size: width and height of the image, pixels.
-        altitudes: lowest and highest, metres; the camera keeps within them.
-    """
+def fly(rng: np.random.Generator, view: Viewpoint, settings: DroneSceneSettings) -> list[PinholeCamera]:
+    """The camera of every frame, which moves about ``view`` within the altitudes of the settings."""
+    motion, frames, frame_rate = MOTIONS[settings.camera], settings.frames, settings.frame_rate
     slow = np.stack([_wander(rng, frames, frame_rate, 2.0) for _ in range(6)])
     fast = np.stack([_wander(rng, frames, frame_rate, 0.05) for _ in range(3)])
     turns = np.radians(motion.pan) * slow[:3] + np.radians(motion.tremble) * fast
     turns += np.radians(_jerks(rng, motion, frames, frame_rate))
-    altitude = np.clip(view.altitude * (1 + motion.climb * slow[3]), *altitudes)
+    altitude = np.clip(view.altitude * (1 + motion.climb * slow[3]), *settings.altitude)
     drift = motion.drift * view.altitude * slow[4:6]
+    back = view.altitude / math.tan(view.tilt)
     cameras = []
     for t in range(frames):
         # A tremble rolls the camera less than it turns it.
-        bearing = view.bearing + turns[0, t] / max(math.cos(view.tilt), 0.35)
+        bearing = BEARING + turns[0, t] / max(math.cos(view.tilt), 0.35)
         tilt = float(np.clip(view.tilt + turns[1, t], np.radians(45), STEEPEST))
-        back = view.altitude / math.tan(view.tilt)
-        position = np.array(
-            [
-                drift[0, t] - back * math.cos(view.bearing),
-                drift[1, t] - back * math.sin(view.bearing),
-                altitude[t],
-            ]
-        )
+        behind = drift[:, t] - [back * math.cos(BEARING), back * math.sin(BEARING)]
+        position = np.array([*behind, altitude[t]])
         forward = np.array([math.cos(tilt) * math.cos(bearing), math.cos(tilt) * math.sin(bearing), -math.sin(tilt)])
+        size = settings.width, settings.height
         cameras.append(PinholeCamera.look_at(position, position + forward, view.focal, *size, 0.5 * turns[2, t]))
     return cameras
 
@@ -313,7 +287,7 @@ def _viewpoint(rng: np.random.Generator, settings: DroneSceneSettings) -> Viewpo
     # Near the ground a wider lens keeps everybody in view.
     widest = altitude / math.sin(tilt) / BREADTH
     focal = min(float(rng.uniform(*settings.focal)), max(widest, settings.focal[0]))
-    return Viewpoint(altitude, tilt, math.pi / 2, focal * settings.width)
+    return Viewpoint(altitude, tilt, focal * settings.width)
 
 
 def _arena(settings: DroneSceneSettings, view: Viewpoint) -> FloatArray:
@@ -342,11 +316,6 @@ def _exposed(light: Light, exposure: float) -> Light:
     up = light.direction[2] * light.sun + light.sky
     gain = np.float32(0.8 * exposure / up.mean())
     return Light(light.direction, light.sun * gain, light.sky * gain, light.ground * gain)
-
-
-def _body(performer: Performer, state: PerformerState) -> Thing:
-    look = performer.person.look
-    return Thing(person_solids(performer.person, state.pose, state.position, state.heading), look)
 
 
 def _held(performer: Performer, state: PerformerState) -> list[Thing]:

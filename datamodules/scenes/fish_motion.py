@@ -40,7 +40,7 @@ PLATE, THRUST = 0.03, 0.006
 DRAG, SIDE_DRAG, YAW_DAMPING = 0.009, 0.06, 1.5
 # Radius of gyration of the body with the water that it moves along.
 GYRATION = 20.0
-# Shares of the stretches between turns that are bursts, and glides without a beat; of the fish that turn suddenly at all.
+# Shares of the stretches between turns that are bursts, and glides without a beat; of the fish that turn suddenly.
 BURSTS, GLIDES, LIVELY = 0.3, 0.2, 0.5
 
 

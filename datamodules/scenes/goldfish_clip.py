@@ -94,7 +94,12 @@ def _shade(image: Float32, fish: Drawn) -> None:
 def _mirror(image: Float32, look: FishLook, state: FloatArray) -> None:
     """Mirror images of a fish in the four panes, seen only in the strip beyond each."""
     height, width = image.shape[:2]
-    for axis, place, extent in ((0, PANE, width), (0, width - PANE, width), (1, PANE, height), (1, height - PANE, height)):
+    for axis, place, extent in (
+        (0, PANE, width),
+        (0, width - PANE, width),
+        (1, PANE, height),
+        (1, height - PANE, height),
+    ):
         if abs(state[axis] - place) > look.length / 2 + look.tail + 2 * PANE:
             continue
         turned = state.copy()

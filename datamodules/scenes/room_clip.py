@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -21,7 +21,6 @@ from tsuiseki.datamodules.scenes.clip import (
     people_in_view,
     write_info,
 )
-from tsuiseki.datamodules.scenes.people.person import person_solids
 from tsuiseki.datamodules.scenes.people.walkers import Walker, dressed, wander
 from tsuiseki.datamodules.scenes.render.degrade import (
     automatic_exposure,
@@ -39,7 +38,6 @@ from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, write_camera
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Room = Literal["large", "small"]
@@ -52,8 +50,6 @@ RADIUS, FIELD = 0.475, 1.6
 SHOWN, INSIDE = 0.12, 0.3
 # (lowest, highest) ceiling, metres; the cameras hang 10 cm below. Pieces of furniture in 10 square metres.
 CEILING, FURNITURE = (2.7, 3.3), 1.2
-# Probability of a halt where the way turns; (mean, standard deviation) of speeds, m/s.
-PAUSES, SPEED = 0.35, (1.1, 0.25)
 # Standard deviations of the sensor's noise, grey levels, and of the lens's blur, pixels; rays along a pixel's side.
 NOISE, BLUR, SAMPLES = 3.0, 0.6, 2
 CAMERAS_FILE, PLACES_FILE = "cameras.yaml", "gt/world.csv"
@@ -142,12 +138,8 @@ class RoomClip:
         Ids count the people of the plan from 1, the same for all cameras.
         """
         there = [i for i, walker in enumerate(self.walkers) if walker.is_there(frame)]
-        things, places = [], []
-        for walker in (self.walkers[i] for i in there):
-            t = frame - walker.first
-            places.append(walker.positions[t])
-            solids = person_solids(walker.person, walker.pose(frame), places[-1], float(walker.headings[t]))
-            things.append(Thing(solids, walker.person.look))
+        things = [self.walkers[i].thing(frame) for i in there]
+        places = [self.walkers[i].positions[frame - self.walkers[i].first] for i in there]
         image, sightings = _with_people(view, things, self.light)
         image = photographed(image, self.tone, BLUR, view.grains, np.random.default_rng([self.seed, 1, frame]))
         truth, rows = people_in_view(sightings, (view.camera.width, view.camera.height), SHOWN, INSIDE)
@@ -162,9 +154,14 @@ class RoomClip:
         del name
         for number, of_camera in enumerate(zip(*truths, strict=True)):
             home = folder / f"camera{number + 1}"
-            write_ground_truth(home / "gt" / "gt.txt", ground_truth(of_camera))
-            _write_places(home / PLACES_FILE, of_camera)
-            write_info(home, home.name, self.settings)
+            write_info(home, home.name, self.settings, ground_truth(of_camera))
+            rows = [
+                f"{frame + 1},{number},{x:.4f},{y:.4f}\n"
+                for frame, truth in enumerate(of_camera)
+                if truth.places is not None
+                for number, (x, y) in zip(truth.ids.tolist(), truth.places.tolist(), strict=True)
+            ]
+            (home / PLACES_FILE).write_text("frame,id,x,y\n" + "".join(rows), encoding="utf-8")
         write_cameras(folder / CAMERAS_FILE, cameras_of(self))
 
 
@@ -196,7 +193,7 @@ def plan_room(settings: RoomSettings, seed: int, lens: OmnidirectionalLens | Non
     fitted = ceiling_lens(lens, settings.width, settings.height)
     cameras = [_camera(rng, fitted, size, k, ceiling - 0.1) for k in range(CAMERAS)]
     people = dressed(rng, settings.people, settings.repeated)
-    walkers = wander(rng, people, settings.frames, settings.frame_rate, size, obstacles, PAUSES, SPEED)
+    walkers = wander(rng, people, settings, size, obstacles)
     tone = level_tone(random_degradation(rng, 0.5))
     return RoomClip(settings, seed, cameras, lamps(rng), walkers, furniture, tone)
 
@@ -264,13 +261,3 @@ def cameras_of(clip: RoomClip) -> list[CameraOverFloor]:
     """The clip's cameras as `cameras.yaml` has them."""
     rate = clip.settings.frame_rate
     return [CameraOverFloor(f"camera{k + 1}", camera, rate, floor=clip.floor) for k, camera in enumerate(clip.cameras)]
-
-
-def _write_places(path: Path, truths: Sequence[FrameTruth]) -> None:
-    rows = [
-        f"{frame + 1},{number},{x:.4f},{y:.4f}\n"
-        for frame, truth in enumerate(truths)
-        if truth.places is not None
-        for number, (x, y) in zip(truth.ids.tolist(), truth.places.tolist(), strict=True)
-    ]
-    path.write_text("frame,id,x,y\n" + "".join(rows), encoding="utf-8")

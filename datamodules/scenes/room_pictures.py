@@ -12,7 +12,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import people_in_view
 from tsuiseki.datamodules.scenes.people.activities import calling, drinking, reading, sitting
-from tsuiseki.datamodules.scenes.people.person import Person, person_solids, random_person
+from tsuiseki.datamodules.scenes.people.person import Person, person_thing, random_person
 from tsuiseki.datamodules.scenes.people.posture import Pose, standing, walking
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Thing, compose, empty_picture, shadows
@@ -179,7 +179,7 @@ def _busy(rng: np.random.Generator, person: Person, pose: Pose) -> Pose:
 
 
 def _add(made: _Furnishing, person: Person, pose: Pose, spot: FloatArray, heading: float) -> None:
-    made.people.append(Thing(person_solids(person, pose, spot, heading), person.look))
+    made.people.append(person_thing(person, pose, spot, heading))
     made.taken.append((float(spot[0]), float(spot[1]), APART / 2))
 
 

@@ -16,12 +16,12 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import Moment, write_image
-from tsuiseki.datamodules.scenes.people.person import Person, person_solids, random_person
+from tsuiseki.datamodules.scenes.people.person import Person, person_thing, random_person
 from tsuiseki.datamodules.scenes.people.posture import Pose, place, stride_length, walking
 from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, Float32, Parts, Surface
-from tsuiseki.datamodules.scenes.things.room import Colour, draw_hall, hall_furniture
+from tsuiseki.datamodules.scenes.render.solids import Colour, Float32, Parts, Pattern, Surface, as_colour
+from tsuiseki.datamodules.scenes.things.room import draw_hall, hall_furniture
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
@@ -179,7 +179,7 @@ def plan_sphere(settings: CarriedBallSettings, seed: int) -> SphereClip:
     person = Person(person.build, look, replace(person.manner, stride=1.0))
     hue = rng.uniform(0, 2 * np.pi) + np.array([0, 2.1, 4.2])
     ball = 0.5 + 0.38 * np.cos(hue)
-    colours = (_colour(ball), _colour(np.clip(ball + rng.choice([-0.25, 0.25]), 0.05, 0.95)))
+    colours = (as_colour(ball), as_colour(np.clip(ball + rng.choice([-0.25, 0.25]), 0.05, 0.95)))
     cameras = ball_cameras(settings.cameras)
     rooms = tuple(draw_hall(camera, LIGHT, furniture, settings.samples) for camera in cameras)
     times = np.arange(settings.frames) / settings.frame_rate
@@ -251,9 +251,9 @@ def _bodies(
 
 def _things(clip: SphereClip, time: float) -> list[Thing]:
     pose, (position, heading), grip = _bodies(clip.person, clip.settings, time)
-    body = Thing(person_solids(clip.person, pose, position, heading), clip.person.look)
+    body = person_thing(clip.person, pose, position, heading)
     radius, ball = clip.settings.radius, Parts()
-    paint = Surface(*clip.colours, STRIPES_ACROSS, 0.8 * radius, 0.03)
+    paint = Surface(*clip.colours, Pattern.ACROSS, 0.8 * radius, 0.03)
     ball.cone(grip, grip, (radius, radius), paint, front=np.array([0.0, 1.0, 0.0]))
     return [body, Thing(ball.solids())]
 
@@ -263,10 +263,6 @@ def _board(camera: PinholeCamera) -> Thing:
     forward = camera.rotation[2]
     yaw = float(np.arctan2(forward[1], forward[0]))
     board = Parts()
-    paint = Surface((0.35, 0.30, 0.28), (0.5, 0.45, 0.4), STRIPES_ACROSS, 0.09, 0.1)
+    paint = Surface((0.35, 0.30, 0.28), (0.5, 0.45, 0.4), Pattern.ACROSS, 0.09, 0.1)
     board.box(camera.position + 0.55 * forward, [0.02, 1.0, 1.0], yaw, paint)
     return Thing(board.solids())
-
-
-def _colour(values: FloatArray) -> Colour:
-    return float(values[0]), float(values[1]), float(values[2])

@@ -21,11 +21,10 @@ from tsuiseki.datamodules.scenes.clip import (
     people_in_view,
     write_info,
 )
-from tsuiseki.datamodules.scenes.people.person import person_solids
-from tsuiseki.datamodules.scenes.people.walkers import CrowdSettings, Walker, crowd
+from tsuiseki.datamodules.scenes.people.walkers import Walker, crowd
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, automatic_exposure, degrade
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
-from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, darken, empty_picture
+from tsuiseki.datamodules.scenes.render.scene import Picture, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import Light, random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.things.clutter import (
@@ -37,7 +36,6 @@ from tsuiseki.datamodules.scenes.things.clutter import (
 )
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 CAMERAS = 300
@@ -115,11 +113,7 @@ class StreetClip:
         """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the people of the plan from 1."""
         camera = self.camera
         there = [i for i, walker in enumerate(self.walkers) if walker.is_there(frame)]
-        things = []
-        for walker in (self.walkers[i] for i in there):
-            t = frame - walker.first
-            solids = person_solids(walker.person, walker.pose(frame), walker.positions[t], float(walker.headings[t]))
-            things.append(Thing(solids, walker.person.look))
+        things = [self.walkers[i].thing(frame) for i in there]
         picture, _ = darken(self.background, things, camera, self.light, self.sunlit, 1.0)
         picture, sightings = compose(picture, things, camera, self.light)
         rng = np.random.default_rng([self.seed, 1, frame])
@@ -130,8 +124,7 @@ class StreetClip:
     def write_truth(self, folder: Path, name: str, truths: list[FrameTruth]) -> None:
         """Write ``gt/gt.txt``, with ids without gaps in the order of appearance, and ``seqinfo.ini``."""
         labels = ground_truth(truths)
-        write_ground_truth(folder / "gt" / "gt.txt", replace(labels, ids=by_appearance(labels.ids)))
-        write_info(folder, name, self.settings)
+        write_info(folder, name, self.settings, replace(labels, ids=by_appearance(labels.ids)))
 
 
 def plan_street(settings: StreetSettings, seed: int) -> StreetClip:
@@ -147,14 +140,9 @@ def plan_street(settings: StreetSettings, seed: int) -> StreetClip:
     bare, sunlit = darken(empty_picture(ground, settings.samples), static, camera, light, sunlit, 1.0)
     background, _ = compose(bare, static, camera, light)
     walkers = crowd(
-        rng,
-        CrowdSettings(settings.people, look_alikes=settings.look_alikes),
-        settings.frames,
-        settings.frame_rate,
-        lambda r: np.asarray(spots[int(r.integers(len(spots)))]),
-        lambda r: _out_of_view(r, camera, spots),
-        np.array(obstacles, dtype=np.float64).reshape(-1, 3),
-    )
+        rng, settings, settings.people, settings.look_alikes, lambda r: np.asarray(spots[int(r.integers(len(spots)))]),
+        lambda r: _out_of_view(r, camera, spots), np.array(obstacles, dtype=np.float64).reshape(-1, 3),
+    )  # fmt: skip
     lens = Degradation(
         exposure=automatic_exposure(background.colour) * float(np.exp(rng.normal(0, 0.15))),
         contrast=float(np.exp(rng.normal(0.05, 0.1))),

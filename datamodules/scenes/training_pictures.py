@@ -11,7 +11,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.clip import people_in_view
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dressed, pictured_things, tilt_of
-from tsuiseki.datamodules.scenes.people.person import person_solids, random_person, random_pose
+from tsuiseki.datamodules.scenes.people.person import person_thing, random_person, random_pose
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, by_night, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
 from tsuiseki.datamodules.scenes.render.photographs import Photographs, random_facades
@@ -189,15 +189,17 @@ def random_training_scene(
     if sunny:
         light = hard_sun(of_sun)
     ground, sunlit = draw_ground(random_ground(rng), camera, light)
-    people = _people(rng, spots)
-    if stock.sprites is not None:
-        people = [
-            _rendered(of_people, thing, spot, camera, stock.sprites, settings)
-            for thing, spot in zip(people, spots, strict=True)
-        ]
+    people = []
+    for spot in spots:
+        person = random_person(rng)
+        people.append(person_thing(person, random_pose(rng, person), spot, float(rng.uniform(0, 2 * np.pi))))
+        # Mostly a rendered person is shown in the place of the drawn one.
+        if stock.sprites is not None and of_people.random() < settings.rendered:
+            sprite = dressed(of_people, stock.sprites.near(of_people, tilt_of(camera, spot)))
+            people[-1] = replace(people[-1], cutout=Standing(sprite, spot))
     view = None
     if stock.photographs is not None:
-        ground, view = _photographed(of_photographs, ground, camera, stock.photographs, settings)
+        ground, view = _photographed(of_photographs, ground, camera, stock.photographs, settings.photographs)
     static = _scenery((rng, of_photographs, of_town, of_things), settings, stock, camera, spots, view is not None)
     picture = empty_picture(ground, settings.samples)
     softness = float(rng.uniform(0.5, 2.5)) * (SHARPER if sunny else 1.0)
@@ -277,44 +279,15 @@ def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> 
     return camera, np.where(beside[:, None], np.roll(chosen, 1, axis=0) + step, chosen)
 
 
-def _rendered(
-    rng: np.random.Generator,
-    thing: Thing,
-    spot: FloatArray,
-    camera: PinholeCamera,
-    sprites: SpriteLibrary,
-    settings: TrainingSettings,
-) -> Thing:
-    """Mostly the drawn person with a rendered one shown in his place."""
-    if rng.random() >= settings.rendered:
-        return thing
-    return replace(thing, cutout=Standing(dressed(rng, sprites.near(rng, tilt_of(camera, spot))), spot))
-
-
 def _photographed(
-    rng: np.random.Generator,
-    ground: Float32,
-    camera: PinholeCamera,
-    photographs: Photographs,
-    settings: TrainingSettings,
+    rng: np.random.Generator, ground: Float32, camera: PinholeCamera, photographs: Photographs, often: float
 ) -> tuple[Float32, Float32 | None]:
     """The picture without things, now and then with a photograph in it, and the view if it is one as a whole."""
     kind = rng.random()
-    if kind < 0.3 * settings.photographs:
+    if kind < 0.3 * often:
         view = photographs.view(rng, camera.width, camera.height)
         return (ground, None) if view is None else (view, view)
-    if kind < 1.3 * settings.photographs:
-        ground = photographs.covered(rng, ground, camera)
-    return ground, None
-
-
-def _people(rng: np.random.Generator, spots: FloatArray) -> list[Thing]:
-    things = []
-    for spot in spots:
-        person = random_person(rng)
-        pose, heading = random_pose(rng, person), float(rng.uniform(0, 2 * np.pi))
-        things.append(Thing(person_solids(person, pose, spot, heading), person.look))
-    return things
+    return (photographs.covered(rng, ground, camera) if kind < 1.3 * often else ground), None
 
 
 def _steady(sighting: Sighting | None, thing: Thing, camera: PinholeCamera) -> Sighting | None:

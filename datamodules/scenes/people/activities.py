@@ -20,6 +20,7 @@ from tsuiseki.datamodules.scenes.people.posture import (
     Build,
     Manner,
     Pose,
+    pair,
     standing,
     stride_length,
     walking,
@@ -48,7 +49,9 @@ SIP = (0.6, 1.6, 0.6, 1.4)
 SHAKE_RATE, SHAKE_RISE = 2.2, 0.09
 
 
-def reach(build: Build, pose: Pose, hand: int, target: tuple[float, float, float], swivel: float = 0.4) -> Pose:
+def reach(
+    build: Build, pose: Pose, hand: int, target: FloatArray | tuple[float, float, float], swivel: float = 0.4
+) -> Pose:
     """``pose`` with the palm of ``hand`` at ``target``, or as near to it as the arm is long.
 
     Args:
@@ -94,7 +97,7 @@ def _put(pair: tuple[float, float], hand: int, value: float) -> tuple[float, flo
 def running(build: Build, manner: Manner, phase: float, speed: float) -> Pose:
     """Running at ``phase`` strides: knees high, heels up behind, bent arms that swing, and a flight between steps."""
     effort = min(speed / 3.5, 1.3)
-    legs = [_running_leg(phase + 0.5 * k, effort) for k in (0, 1)]
+    hip, knee, ankle = zip(*(_running_leg(phase + 0.5 * k, effort) for k in (0, 1)), strict=True)
     beat = math.cos(2 * math.pi * phase)
     swing = 0.75 * effort
     return Pose(
@@ -105,9 +108,9 @@ def running(build: Build, manner: Manner, phase: float, speed: float) -> Pose:
         spread=(0.15, 0.15),
         elbow=(1.5, 1.5),
         inward=(0.35, 0.35),
-        hip=(legs[0][0], legs[1][0]),
-        knee=(legs[0][1], legs[1][1]),
-        ankle=(legs[0][2], legs[1][2]),
+        hip=hip,
+        knee=knee,
+        ankle=ankle,
         lift=0.05 * build.height * effort * abs(math.sin(2 * math.pi * phase)),
     )
 
@@ -126,15 +129,14 @@ def sitting(rng: np.random.Generator, on_ground: bool) -> Pose:
     if on_ground:
         bent = rng.uniform(0.15, 1.5, 2)
         # A bent knee stands up: thigh and shank make a triangle over the ground.
-        hip = 1.5 + 0.5 * bent
         return Pose(
             lean=float(rng.uniform(-0.25, 0.25)),
             nod=float(rng.uniform(0.0, 0.3)),
-            shoulder=(float(rng.uniform(0.1, 0.7)), float(rng.uniform(0.1, 0.7))),
+            shoulder=pair(rng.uniform(0.1, 0.7, 2)),
             spread=(0.2, 0.2),
             elbow=(0.5, 0.5),
-            hip=(float(hip[0]), float(hip[1])),
-            knee=(float(bent[0]), float(bent[1])),
+            hip=pair(1.5 + 0.5 * bent),
+            knee=pair(bent),
             straddle=(0.15, 0.15),
         )
     return Pose(
@@ -144,7 +146,7 @@ def sitting(rng: np.random.Generator, on_ground: bool) -> Pose:
         spread=(0.08, 0.08),
         elbow=(0.8, 0.8),
         inward=(0.3, 0.3),
-        hip=(1.5 + float(knees[0]), 1.5 + float(knees[1])),
+        hip=pair(1.5 + knees),
         knee=(1.45, 1.45),
         straddle=(0.12, 0.12),
     )
@@ -152,10 +154,7 @@ def sitting(rng: np.random.Generator, on_ground: bool) -> Pose:
 
 def lying(rng: np.random.Generator, build: Build) -> Pose:
     """Somebody who lies on the back or on the belly, one leg perhaps drawn up."""
-    arms = rng.uniform(0.1, 1.2, 2)
-    spread = (float(arms[0]), float(arms[1]))
-    apart = (float(rng.uniform(0.03, 0.25)), float(rng.uniform(0.03, 0.25)))
-    quarter = math.pi / 2
+    spread, apart, quarter = pair(rng.uniform(0.1, 1.2, 2)), pair(rng.uniform(0.03, 0.25, 2)), math.pi / 2
     if rng.random() < 0.65:
         drawn = float(rng.uniform(0, 1.6)) if rng.random() < 0.4 else 0.0
         # The leg that stays stretched is the lower one, so the body rests on it.
@@ -189,11 +188,8 @@ def drinking(build: Build, pose: Pose, hand: int, seconds: float) -> Pose:
     raised = sip(seconds)
     h = build.height
     low, high = np.array([0.12, -0.02, -0.2]) * h, np.array([0.085, -0.09, 0.1]) * h
-    x, y, z = low + raised * (high - low)
-    return replace(
-        reach(build, pose, hand, (float(x), float(y), float(z)), swivel=0.4 + 0.5 * raised),
-        nod=pose.nod * (1 - raised) - 0.35 * raised,
-    )
+    held = reach(build, pose, hand, low + raised * (high - low), swivel=0.4 + 0.5 * raised)
+    return replace(held, nod=pose.nod * (1 - raised) - 0.35 * raised)
 
 
 def sip(seconds: float) -> float:
@@ -238,11 +234,6 @@ def pulling(build: Build, pose: Pose, hand: int) -> Pose:
     """An arm stretched back and down to what is pulled behind; the trunk leans into it."""
     h = build.height
     return replace(reach(build, pose, hand, (-0.2 * h, 0.03 * h, -0.3 * h), swivel=0.2), lean=pose.lean + 0.12)
-
-
-def strolling(build: Build, manner: Manner, phase: float, speed: float) -> Pose:
-    """`gait.walking` with both arms free."""
-    return walking(build, replace(manner, carry=(0.0, 0.0)), phase, speed)
 
 
 @dataclass(frozen=True)
@@ -344,7 +335,7 @@ def pose_of(
     if activity.posture == RUNNING:
         return running(build, person.manner, phase, speed)
     if activity.posture == WALKING:
-        pose = strolling(build, person.manner, phase, speed)
+        pose = walking(build, replace(person.manner, carry=(0.0, 0.0)), phase, speed)
     else:
         # Nobody keeps quite still.
         pose = replace(rest, look=rest.look + 0.2 * math.sin(0.9 * seconds + 7 * phase), sway=rest.sway)

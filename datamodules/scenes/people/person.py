@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import Colour, Outfit, look_alike, random_build, random_look
+from tsuiseki.datamodules.scenes.people.look import Outfit, look_alike, random_build, random_look
 from tsuiseki.datamodules.scenes.people.posture import (
     Build,
     Manner,
@@ -20,16 +20,18 @@ from tsuiseki.datamodules.scenes.people.posture import (
     standing,
     walking,
 )
+from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.shading import NOISE, NOISE_SIZE, Light, random_light, shade
 from tsuiseki.datamodules.scenes.render.solids import (
     HEAD,
     NO_DETAIL,
     PELVIS,
-    PLAIN,
     TRUNK,
+    Colour,
     Float32,
     Layer,
     Parts,
+    Pattern,
     Solids,
     Surface,
     overlap,
@@ -76,7 +78,7 @@ class _Flesh:
         flat: float,
         colour: Colour,
         second: Colour | None = None,
-        pattern: int = PLAIN,
+        pattern: int = Pattern.PLAIN,
         period: float = 0.1,
         relief: float = 0.14,
         detail: int = NO_DETAIL,
@@ -99,6 +101,11 @@ def person_solids(person: Person, pose: Pose, position: FloatArray, heading: flo
     _skirt(flesh, person, skeleton)
     _bag(flesh, person, skeleton)
     return flesh.parts.solids()
+
+
+def person_thing(person: Person, pose: Pose, position: FloatArray, heading: float) -> Thing:
+    """`person_solids` with what the person wears."""
+    return Thing(person_solids(person, pose, position, heading), person.look)
 
 
 def _trunk(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
@@ -169,7 +176,7 @@ def _leg(flesh: _Flesh, person: Person, s: PersonSkeleton, k: int) -> None:
     g = build.girth
     bare = look.lower_style in ("shorts", "skirt")
     cloth = _lower(look)
-    skin = (look.skin, look.skin, PLAIN, 0.1)
+    skin = (look.skin, look.skin, Pattern.PLAIN, 0.1)
     thigh = skin if look.lower_style == "skirt" else cloth
     flesh.add(s.hip[k], s.knee[k], (0.056 * g, 0.036 * g), front, 1.0, *thigh)
     shin = (0.034 * g, 0.022 * g) if bare else (0.036 * g, 0.029 * g)

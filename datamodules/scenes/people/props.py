@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE, Colour
+from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE
 from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
-from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, UP, Parts, Solids, Surface
+from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Parts, Pattern, Solids, Surface
 from tsuiseki.tracking.types import FloatArray
 
 Kind = Literal["book", "phone", "bottle", "cart", "suitcase", "crate", "bench"]
@@ -118,7 +118,7 @@ def _cart(parts: Parts, prop: Prop, base: FloatArray, along: FloatArray, yaw: fl
 def _suitcase(parts: Parts, prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> None:
     """A suitcase on wheels with its handle drawn out forward."""
     size = prop.size
-    shell = Surface(prop.colour, prop.second, STRIPES_ACROSS, 0.12, 0.05)
+    shell = Surface(prop.colour, prop.second, Pattern.ACROSS, 0.12, 0.05)
     parts.box(base + 0.36 * size * UP, np.array([0.14, 0.23, 0.32]) * size, yaw, shell)
     grip = base + (SUITCASE_BEHIND - 0.35) * along + 0.78 * UP
     parts.cone(base + 0.65 * size * UP, grip, (0.02, 0.02), Surface((0.2, 0.2, 0.2), relief=0.03))

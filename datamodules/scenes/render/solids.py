@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from enum import IntEnum
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -19,11 +20,18 @@ from tsuiseki.tracking.types import BoolArray, FloatArray
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 
-PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, SPECKLE, CLOUDS, BRICKS, WINDOWS, LEAVES = range(9)
 NO_DETAIL, HEAD, TRUNK, PELVIS = range(4)
 UP, FORWARD = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 
+Pattern = IntEnum("Pattern", "PLAIN ACROSS ALONG CHECKS SPECKLE CLOUDS BRICKS WINDOWS LEAVES", start=0)
+"""What a surface shows of its second colour; ACROSS and ALONG are stripes."""
 Colour: TypeAlias = tuple[float, float, float]
+
+
+def as_colour(values: FloatArray) -> Colour:
+    """Three numbers as a `Colour`."""
+    red, green, blue = values.tolist()
+    return red, green, blue
 
 
 @dataclass(frozen=True)
@@ -39,7 +47,7 @@ class Solids:
         scale: ``(K, 3)`` metres per local unit.
         colour: ``(K, 3)`` reflectance in linear light, [0, 1].
         second: ``(K, 3)`` the pattern's other colour.
-        pattern: ``(K,)`` one of PLAIN, STRIPES_ACROSS, ...
+        pattern: ``(K,)`` a `Pattern`
         period: ``(K,)`` of the pattern, metres.
         relief: ``(K,)`` strength of the random variation of brightness.
         detail: ``(K,)`` NO_DETAIL, or what `paint` adds to the pattern.
@@ -78,7 +86,7 @@ class Surface(NamedTuple):
 
     colour: Colour
     second: Colour | None = None
-    pattern: int = PLAIN
+    pattern: int = Pattern.PLAIN
     period: float = 0.1
     relief: float = 0.1
     detail: int = NO_DETAIL

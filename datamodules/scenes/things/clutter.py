@@ -8,24 +8,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.people.look import DARK, LIGHT, MIDDLE, any_colour, colour_of
 from tsuiseki.datamodules.scenes.render.scene import Thing
-from tsuiseki.datamodules.scenes.render.solids import (
-    BRICKS,
-    CHECKS,
-    CLOUDS,
-    LEAVES,
-    PLAIN,
-    SPECKLE,
-    STRIPES_ACROSS,
-    STRIPES_ALONG,
-    UP,
-    WINDOWS,
-    Parts,
-    RayCamera,
-    Solids,
-    Surface,
-    above,
-    extents,
-)
+from tsuiseki.datamodules.scenes.render.solids import UP, Parts, Pattern, RayCamera, Solids, Surface, above, extents
 from tsuiseki.datamodules.scenes.things.town import front
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray
@@ -35,7 +18,7 @@ def pole(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A lamp post, a sign post, a bollard; some carry a sign or a lamp."""
     height, radius = rng.uniform(0.8, 7.0), rng.uniform(0.03, 0.12)
     colour = colour_of(rng, DARK + MIDDLE + LIGHT[:2])
-    pattern = STRIPES_ACROSS if rng.random() < 0.15 else PLAIN
+    pattern = Pattern.ACROSS if rng.random() < 0.15 else Pattern.PLAIN
     surface = Surface(colour, any_colour(rng), pattern, float(rng.uniform(0.2, 0.8)), 0.05)
     parts, top = Parts(), above(position, height)
     parts.cone(above(position), top, (radius, radius * rng.uniform(0.5, 1.0)), surface)
@@ -51,14 +34,14 @@ def _panel(rng: np.random.Generator, parts: Parts, position: FloatArray, yaw: fl
     half = np.array([rng.uniform(0.15, 0.5), 0.02, rng.uniform(0.15, 0.45)])
     z = max(height - half[2] - rng.uniform(0, 0.3) * height, half[2])
     first, second = any_colour(rng), any_colour(rng)
-    pattern = int(rng.choice([PLAIN, STRIPES_ACROSS, SPECKLE]))
+    pattern = int(rng.choice([Pattern.PLAIN, Pattern.ACROSS, Pattern.SPECKLE]))
     parts.box(above(position, z), half, yaw, Surface(first, second, pattern, float(rng.uniform(0.1, 0.5)), 0.04))
 
 
 def crate(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A box, a bin, a cabinet, a stack of two."""
     half = rng.uniform([0.15, 0.15, 0.15], [0.7, 0.7, 0.9])
-    patterns = [PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, CLOUDS, WINDOWS]
+    patterns = [Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.CHECKS, Pattern.CLOUDS, Pattern.WINDOWS]
     first, second, pattern = any_colour(rng), any_colour(rng), int(rng.choice(patterns))
     parts = Parts()
     parts.box(above(position, half[2]), half, yaw, Surface(first, second, pattern, float(rng.uniform(0.1, 0.6)), 0.06))
@@ -111,12 +94,14 @@ def bush(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     second = (green[0] * 0.35, green[1] * 0.4, green[2] * 0.35)
     if tree:
         low, size = rng.uniform(1.5, 3.0), rng.uniform(0.7, 1.6)
-        bark = Surface((0.27, 0.21, 0.16), (0.15, 0.12, 0.1), SPECKLE, 0.3, 0.2)
+        bark = Surface((0.27, 0.21, 0.16), (0.15, 0.12, 0.1), Pattern.SPECKLE, 0.3, 0.2)
         parts.cone(above(position), above(position, low + size), (rng.uniform(0.07, 0.2), 0.06), bark)
     for _ in range(int(rng.integers(4, 10))):
         middle = above(position, low + size * rng.uniform(0.3, 1.3)) + rng.normal(0, 0.45 * size, 3) * [1, 1, 0.3]
         radius = size * rng.uniform(0.3, 0.65)
-        leaves = Surface(green, second, LEAVES, float(rng.uniform(0.6, 2.5)), 0.02, phase=float(rng.uniform(0, 100)))
+        leaves = Surface(
+            green, second, Pattern.LEAVES, float(rng.uniform(0.6, 2.5)), 0.02, phase=float(rng.uniform(0, 100))
+        )
         parts.cone(middle, middle + rng.normal(0, 0.3 * size, 3), (radius, radius * 0.8), leaves)
     return parts.solids()
 
@@ -130,7 +115,9 @@ def column(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids
         radius = rng.uniform(0.05, 0.32, 2)
         lean = rng.normal(0, 0.05, 3) * [1, 1, 0]
         first, second = any_colour(rng), any_colour(rng)
-        surface = Surface(first, second, int(rng.choice([PLAIN, PLAIN, STRIPES_ACROSS, SPECKLE])), 0.2, 0.1)
+        surface = Surface(
+            first, second, int(rng.choice([Pattern.PLAIN, Pattern.PLAIN, Pattern.ACROSS, Pattern.SPECKLE])), 0.2, 0.1
+        )
         end = above(position, z + step) + lean * k
         rows.append((above(position, z), end, (float(radius[0]), float(radius[1])), surface))
         z += step
@@ -163,8 +150,8 @@ def building(rng: np.random.Generator, position: FloatArray, yaw: float) -> Soli
     wall = colour_of(rng, MIDDLE + LIGHT[:3] + ((0.55, 0.38, 0.28), (0.62, 0.48, 0.36)))
     glass = tuple(float(v) for v in np.array([0.16, 0.18, 0.22]) * rng.uniform(0.5, 2.2))
     rows = float(rng.uniform(1.2, 3.2))
-    front = Surface(wall, glass, WINDOWS, rows, 0.03, phase=float(rng.uniform(0, 1)))  # type: ignore[arg-type]
-    pattern = BRICKS if rng.random() < 0.6 else PLAIN
+    front = Surface(wall, glass, Pattern.WINDOWS, rows, 0.03, phase=float(rng.uniform(0, 1)))  # type: ignore[arg-type]
+    pattern = Pattern.BRICKS if rng.random() < 0.6 else Pattern.PLAIN
     grout = (0.8 * wall[0] + 0.1, 0.8 * wall[1] + 0.1, 0.8 * wall[2] + 0.1)
     base = Surface(wall, grout, pattern, float(rng.uniform(0.1, 0.3)), 0.03)
     plinth, parts = rng.uniform(0.3, 1.0), Parts()

@@ -11,25 +11,20 @@ from numpy.typing import NDArray
 from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, empty_picture, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light, noise_at, pattern_value
 from tsuiseki.datamodules.scenes.render.solids import (
-    BRICKS,
-    CHECKS,
-    CLOUDS,
-    PLAIN,
-    SPECKLE,
-    STRIPES_ACROSS,
-    STRIPES_ALONG,
+    Colour,
     Float32,
+    Pattern,
     RayCamera,
     Surface,
+    as_colour,
     boxes,
     ray_grid,
 )
 from tsuiseki.tracking.types import FloatArray
 
-Colour = tuple[float, float, float]
 Corner = tuple[float, float, float]
-FLOORS = (PLAIN, CHECKS, STRIPES_ACROSS, STRIPES_ALONG, CLOUDS, SPECKLE)
-WALLS = (PLAIN, PLAIN, CLOUDS, STRIPES_ALONG, BRICKS)
+FLOORS = (Pattern.PLAIN, Pattern.CHECKS, Pattern.ACROSS, Pattern.ALONG, Pattern.CLOUDS, Pattern.SPECKLE)
+WALLS = (Pattern.PLAIN, Pattern.PLAIN, Pattern.CLOUDS, Pattern.ALONG, Pattern.BRICKS)
 # Rows of the picture that are drawn at a time, so that memory stays small.
 BAND = 64
 
@@ -58,12 +53,12 @@ HALL = Shell(
     (-6.5, -6.5, 0.0),
     (6.5, 6.5, 3.4),
     (
-        Side((0.62, 0.66, 0.70), (0.76, 0.74, 0.70), STRIPES_ALONG, 0.9),
-        Side((0.72, 0.70, 0.64), (0.58, 0.60, 0.62), CLOUDS, 1.6),
-        Side((0.66, 0.70, 0.62), (0.56, 0.58, 0.52), STRIPES_ACROSS, 1.1),
-        Side((0.70, 0.62, 0.54), (0.50, 0.42, 0.36), BRICKS, 0.35),
-        Side((0.60, 0.52, 0.42), (0.48, 0.40, 0.32), CHECKS, 1.2),
-        Side((0.85, 0.85, 0.84), (0.80, 0.80, 0.80), PLAIN, 1.0),
+        Side((0.62, 0.66, 0.70), (0.76, 0.74, 0.70), Pattern.ALONG, 0.9),
+        Side((0.72, 0.70, 0.64), (0.58, 0.60, 0.62), Pattern.CLOUDS, 1.6),
+        Side((0.66, 0.70, 0.62), (0.56, 0.58, 0.52), Pattern.ACROSS, 1.1),
+        Side((0.70, 0.62, 0.54), (0.50, 0.42, 0.36), Pattern.BRICKS, 0.35),
+        Side((0.60, 0.52, 0.42), (0.48, 0.40, 0.32), Pattern.CHECKS, 1.2),
+        Side((0.85, 0.85, 0.84), (0.80, 0.80, 0.80), Pattern.PLAIN, 1.0),
     ),
     0.25,
 )
@@ -79,19 +74,16 @@ def random_shell(rng: np.random.Generator, size: FloatArray) -> Shell:
         sides.append(Side(first, _beside(rng, first), int(rng.choice(WALLS)), float(rng.uniform(0.4, 1.5))))
     first = _muted(rng, 0.2, 0.75)
     floor = Side(first, _beside(rng, first), int(rng.choice(FLOORS)), float(rng.uniform(0.3, 1.6)))
-    ceiling = Side((0.85, 0.85, 0.84), (0.8, 0.8, 0.8), PLAIN, 1.0)
+    ceiling = Side((0.85, 0.85, 0.84), (0.8, 0.8, 0.8), Pattern.PLAIN, 1.0)
     return Shell((0.0, 0.0, 0.0), tuple(size.tolist()), (*sides, floor, ceiling), float(rng.uniform(0.05, 0.3)))
 
 
 def _muted(rng: np.random.Generator, low: float, high: float) -> Colour:
-    grey = rng.uniform(low, high)
-    colour = np.clip(grey + rng.normal(0, 0.05, 3), 0.03, 0.95)
-    return float(colour[0]), float(colour[1]), float(colour[2])
+    return as_colour(np.clip(rng.uniform(low, high) + rng.normal(0, 0.05, 3), 0.03, 0.95))
 
 
 def _beside(rng: np.random.Generator, colour: Colour) -> Colour:
-    other = np.clip(np.array(colour) * rng.uniform(0.6, 1.3) + rng.normal(0, 0.03, 3), 0.03, 0.95)
-    return float(other[0]), float(other[1]), float(other[2])
+    return as_colour(np.clip(np.array(colour) * rng.uniform(0.6, 1.3) + rng.normal(0, 0.03, 3), 0.03, 0.95))
 
 
 def random_furniture(rng: np.random.Generator, size: FloatArray, pieces: int) -> tuple[list[Thing], FloatArray]:
@@ -109,8 +101,8 @@ def random_furniture(rng: np.random.Generator, size: FloatArray, pieces: int) ->
             spot[0] = off if side == 0 else size[0] - off
         else:
             spot[1] = off if side == 2 else size[1] - off
-        first = _muted(rng, 0.1, 0.9) if rng.random() < 0.6 else tuple(rng.uniform(0.1, 0.85, 3).tolist())
-        pattern = int(rng.choice([PLAIN, PLAIN, CLOUDS, STRIPES_ALONG, CHECKS]))
+        first = _muted(rng, 0.1, 0.9) if rng.random() < 0.6 else as_colour(rng.uniform(0.1, 0.85, 3))
+        pattern = int(rng.choice([Pattern.PLAIN, Pattern.PLAIN, Pattern.CLOUDS, Pattern.ALONG, Pattern.CHECKS]))
         second, period = _beside(rng, first), float(rng.uniform(0.1, 0.5))
         surface = Surface(first, second, pattern, period, 0.05, phase=float(rng.random()))
         centre = np.array([[spot[0], spot[1], half[2]]])
@@ -127,11 +119,10 @@ def hall_furniture(rng: np.random.Generator, pieces: int = 7) -> list[Thing]:
     centre = np.stack([reach * np.cos(angle), reach * np.sin(angle), size[:, 2]], axis=1)
     surfaces = []
     for _ in range(pieces):
-        first, second = rng.uniform(0.2, 0.85, (2, 3))
-        pattern = int(rng.choice([PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, CLOUDS]))
-        colours = [(float(c[0]), float(c[1]), float(c[2])) for c in (first, second)]
+        first, second = (as_colour(colour) for colour in rng.uniform(0.2, 0.85, (2, 3)))
+        pattern = int(rng.choice([Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.CHECKS, Pattern.CLOUDS]))
         period, phase = float(rng.uniform(0.2, 0.6)), float(rng.random())
-        surfaces.append(Surface(colours[0], colours[1], pattern, period, 0.05, phase=phase))
+        surfaces.append(Surface(first, second, pattern, period, 0.05, phase=phase))
     return [Thing(boxes(centre, size, angle + np.pi / 2, surfaces))]
 
 
@@ -206,7 +197,7 @@ def _albedo(shell: Shell, points: Float32, face: NDArray[np.int64]) -> Float32:
         x, y, z = points[:, at]
         u, v = (x, y) if code >= 4 else (y, z) if code < 2 else (x, z)
         ones = np.ones(len(u), dtype=np.float32)
-        plain = surface.pattern == PLAIN
+        plain = surface.pattern == Pattern.PLAIN
         mix = 0 * ones if plain else pattern_value(surface.pattern, u, v, surface.period * ones, 0.3 * ones)
         base = np.square(np.array([surface.first, surface.second], dtype=np.float32))
         grain = 1 + np.float32(shell.grain) * (noise_at(u * 60, v * 60) + noise_at(u * 13 + 91, v * 13) - 1)

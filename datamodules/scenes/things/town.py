@@ -9,22 +9,8 @@ import itertools
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE, Colour, any_colour, colour_of
-from tsuiseki.datamodules.scenes.render.solids import (
-    BRICKS,
-    CHECKS,
-    CLOUDS,
-    LEAVES,
-    PLAIN,
-    SPECKLE,
-    STRIPES_ACROSS,
-    STRIPES_ALONG,
-    UP,
-    Parts,
-    Solids,
-    Surface,
-    above,
-)
+from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE, any_colour, colour_of
+from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Parts, Pattern, Solids, Surface, above
 from tsuiseki.tracking.types import FloatArray
 
 _LAMPS: tuple[Colour, ...] = ((0.98, 0.15, 0.10), (0.98, 0.65, 0.10), (0.15, 0.95, 0.45))
@@ -89,7 +75,7 @@ def road_sign(rng: np.random.Generator, position: FloatArray, yaw: float) -> Sol
         else:
             high = size * float(rng.uniform(0.5, 1.5))
             middle = above(position, top - high)
-            pattern = int(rng.choice([PLAIN, STRIPES_ACROSS, STRIPES_ALONG, SPECKLE]))
+            pattern = int(rng.choice([Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.SPECKLE]))
             plate = Surface(outer, inner, pattern, float(rng.uniform(0.1, 0.5)), 0.05)
             parts.box(middle, (size, 0.015, high), yaw, plate)
             size = high
@@ -121,7 +107,7 @@ def meter(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     high = float(rng.uniform(0.1, 0.35))
     if rng.random() < 0.5:
         half = (float(rng.uniform(0.08, 0.3)), float(rng.uniform(0.08, 0.2)), high)
-        head = Surface(any_colour(rng), any_colour(rng), STRIPES_ACROSS, 0.2, 0.05)
+        head = Surface(any_colour(rng), any_colour(rng), Pattern.ACROSS, 0.2, 0.05)
         parts.box(above(position, low + high), half, yaw, head)
     else:
         size = float(rng.uniform(0.08, 0.16))
@@ -173,7 +159,7 @@ def parasol(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solid
     post = Surface(colour_of(rng, LIGHT[:2] + DARK[:2]), relief=0.05)
     parts.cone(above(position), above(position, height), (0.03, 0.03), post)
     first, second = any_colour(rng), any_colour(rng)
-    cloth = Surface(first, second, int(rng.choice([PLAIN, STRIPES_ALONG])), 0.2, 0.1)
+    cloth = Surface(first, second, int(rng.choice([Pattern.PLAIN, Pattern.ALONG])), 0.2, 0.1)
     if rng.random() < 0.7:
         low = height * float(rng.uniform(0.2, 0.5))
         row = (above(position, low), above(position, height), (float(rng.uniform(0.1, 0.25)), 0.05))
@@ -189,7 +175,7 @@ def torso(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     del yaw
     low, parts = float(rng.uniform(0.6, 1.0)), Parts()
     cloth, second = any_colour(rng), any_colour(rng)
-    pattern = int(rng.choice([PLAIN, PLAIN, STRIPES_ACROSS, CHECKS]))
+    pattern = int(rng.choice([Pattern.PLAIN, Pattern.PLAIN, Pattern.ACROSS, Pattern.CHECKS]))
     surfaces = [Surface(cloth, second, pattern, float(rng.uniform(0.05, 0.15)), 0.15) for _ in range(2)]
     waist, neck = above(position, low + 0.25), above(position, low + 0.62)
     upper = (0.13, float(rng.uniform(0.1, 0.16)))
@@ -205,7 +191,9 @@ def torso(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
 def board(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A poster in a frame, a banner, a board on the pavement, a pillar for notices."""
     colour, second, parts = any_colour(rng), any_colour(rng), Parts()
-    pattern = int(rng.choice([PLAIN, STRIPES_ACROSS, STRIPES_ALONG, SPECKLE, CLOUDS, CHECKS]))
+    pattern = int(
+        rng.choice([Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.SPECKLE, Pattern.CLOUDS, Pattern.CHECKS])
+    )
     notices = Surface(colour, second, pattern, float(rng.uniform(0.2, 1.2)), 0.05)
     if rng.random() < 0.2:
         radius, height = float(rng.uniform(0.3, 0.7)), float(rng.uniform(1.8, 3.2))
@@ -231,7 +219,7 @@ def planter(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solid
     dark = (0.4 * green[0], 0.4 * green[1], 0.4 * green[2])
     low, height = 2 * tub, float(rng.uniform(0.6, 1.8))
     for k in range(3):
-        leaves = Surface(green, dark, LEAVES, float(rng.uniform(0.4, 1.5)), 0.05)
+        leaves = Surface(green, dark, Pattern.LEAVES, float(rng.uniform(0.4, 1.5)), 0.05)
         radius = float(rng.uniform(0.15, 0.4)) * (1 - 0.25 * k)
         start, end = above(position, low + k * height / 3), above(position, low + (k + 1) * height / 3)
         parts.cone(start, end, (radius, 0.8 * radius), leaves)
@@ -254,7 +242,7 @@ def front(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     storey, parts = float(rng.uniform(2.6, 3.6)), Parts()
     red, green, blue = wall = colour_of(rng, MIDDLE + LIGHT + ((0.55, 0.38, 0.28),))
     high = storey * storeys / 2
-    pattern = BRICKS if rng.random() < 0.4 else PLAIN
+    pattern = Pattern.BRICKS if rng.random() < 0.4 else Pattern.PLAIN
     grout = (0.8 * red + 0.1, 0.8 * green + 0.1, 0.8 * blue + 0.1)
     parts.box(above(position, high), (wide / 2, _WALL / 2, high), yaw, Surface(wall, grout, pattern, 0.2, 0.05))
     lit = rng.random() < 0.35
@@ -277,7 +265,7 @@ def front(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
                 parts.add(torso(rng, place - 0.12 * _across(yaw)[:2], yaw))
                 parts.add(torso(rng, place + 0.12 * _across(yaw)[:2], yaw))
         if shops:
-            sign = Surface(any_colour(rng), any_colour(rng), STRIPES_ALONG, 0.4, 0.05)
+            sign = Surface(any_colour(rng), any_colour(rng), Pattern.ALONG, 0.4, 0.05)
             parts.box(above(position, 0.85 * storey), (0.95 * wide / 2, _WALL, 0.2), yaw, sign)
     return parts.solids()
 
