@@ -45,6 +45,10 @@ from tsuiseki.tracking.types.labels import ActionLabels
 INSIDE = 0.1
 # Metres that the view is broad at least, where the lens allows it.
 BREADTH = 12.0
+# Share of the time between two frames for which the shutter is open, and motion blurs.
+SHUTTER = 0.5
+# Standard deviations of the lens's blur, pixels, and of the sensor's noise, grey levels of 255.
+BLUR, NOISE = 0.6, 3.0
 # Most copies of a frame that motion blur averages.
 LONGEST_SMEAR = 24
 Layout = Literal["mot", "okutama"]
@@ -101,9 +105,6 @@ class DroneSceneSettings(ClipSettings):
         look_alikes: probability of being dressed much like somebody else.
         sun: probability of a clip in a hard sun.
         clutter: bushes and boxes that stand about.
-        shutter: share of the time between two frames for which the shutter is open, and motion blurs.
-        blur: standard deviation of the lens's blur, pixels.
-        noise: standard deviation, grey levels of 255.
         samples: rays along each side of a pixel.
         layout: ``mot`` is MOTChallenge's with ``gt/actions.txt``; ``okutama`` is Okutama-Action's.
     """
@@ -120,24 +121,20 @@ class DroneSceneSettings(ClipSettings):
     look_alikes: float = 0.3
     sun: float = 0.0
     clutter: int = 4
-    shutter: float = 0.5
-    blur: float = 0.6
-    noise: float = 3.0
     samples: int = 2
     layout: Layout = "mot"
 
     def __post_init__(self) -> None:
-        shares = (self.look_alikes, self.sun, self.shutter)
+        shares = (self.look_alikes, self.sun)
         own = (
             (self.people >= 1, "at least one person", self.people),
             (self.camera in MOTIONS, f"a camera of {', '.join(MOTIONS)}", self.camera),
             (3 <= self.altitude[0] <= self.altitude[1], "altitude as (lowest, highest) from 3 m", self.altitude),
             (45 <= self.tilt[0] <= self.tilt[1] <= 90, "tilt as (flattest, steepest) within 45-90", self.tilt),
             (0 < self.focal[0] <= self.focal[1], "focal as (shortest, longest)", self.focal),
-            (all(0 <= share <= 1 for share in shares), "look_alikes, sun and shutter in [0, 1]", shares),
-            (self.noise >= 0, "no negative noise", self.noise),
+            (all(0 <= share <= 1 for share in shares), "look_alikes and sun in [0, 1]", shares),
             (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
-            (min(self.clutter, self.blur) >= 0, "no negative clutter or blur", (self.clutter, self.blur)),
+            (self.clutter >= 0, "no negative clutter", self.clutter),
         )
         check_settings("drone", self, 64, own)
 
@@ -182,9 +179,9 @@ class DroneClip:
         ]
         image = look_down(self.ground, camera)
         sightings = draw_things(image, people + others + self.static, camera, self.light, settings.samples)
-        image = _smeared(image, _image_motion(self.cameras, frame) * settings.shutter)
+        image = _smeared(image, _image_motion(self.cameras, frame) * SHUTTER)
         rng = np.random.default_rng([self.seed, 1, frame])
-        image = photographed(image, self.tone, settings.blur, self.grains, rng)
+        image = photographed(image, self.tone, BLUR, self.grains, rng)
         truth, rows = people_in_view(sightings[: len(people)], (camera.width, camera.height), 1e-9, INSIDE)
         return image, replace(truth, actions=tuple(states[i].activity.actions for i in rows))
 
@@ -216,7 +213,7 @@ def plan_drone(settings: DroneSceneSettings, seed: int) -> DroneClip:
     light = _exposed(light, float(np.exp(rng.normal(0, 0.2))))
     ground = map_ground(random_ground(rng), cameras, light)
     tone = level_tone(random_degradation(rng, 0.6))
-    noises = grains(rng, settings.noise, settings.width, settings.height)
+    noises = grains(rng, NOISE, settings.width, settings.height)
     return DroneClip(settings, seed, cameras, light, ground, gathering, static, tone, noises)
 
 

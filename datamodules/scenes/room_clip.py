@@ -30,7 +30,7 @@ from tsuiseki.datamodules.scenes.render.degrade import (
     random_degradation,
 )
 from tsuiseki.datamodules.scenes.render.insertion import draw_clusters, encoded
-from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Picture, Sighting, Thing, shadows
+from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Picture, Sighting, Thing, both_shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, extents
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_furniture, random_shell
@@ -227,8 +227,7 @@ def lamps(rng: np.random.Generator) -> Light:
 
 def _with_people(view: RoomView, things: list[Thing], light: Light) -> tuple[ImageArray, list[Sighting | None]]:
     image, camera = view.photograph.copy(), view.camera
-    sun = shadows(things, camera, light.direction, 2.0)
-    under = shadows(things, camera, np.array([0, 0, 1], dtype=np.float32), 4.0)
+    sun, under = both_shadows(things, camera, light, 2.0)
 
     def below(rows: slice, columns: slice) -> Picture:
         part = _part_of(view.empty, rows, columns)

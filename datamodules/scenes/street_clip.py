@@ -46,8 +46,10 @@ LARGEST = 0.05
 ROOM = 5.0
 # Share of a person's box that lies inside the image, at least, for a row of the truth.
 INSIDE = 0.1
-# (lowest, highest) camera, metres, and the lens's blur, standard deviation in pixels.
-CAMERA_HEIGHT, BLUR = (2.5, 9.0), 0.5
+# (lowest, highest) camera, metres, and slow change of the brightness, share.
+CAMERA_HEIGHT, EXPOSURE_DRIFT = (2.5, 9.0), 0.06
+# Standard deviations of the lens's blur, pixels, and of the sensor's noise, grey levels of 255.
+BLUR, NOISE = 0.5, 3.0
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,6 @@ class StreetSettings(ClipSettings):
         occluders: things that may hide people: poles, boxes, bushes, parked cars.
         person_height: (least, greatest) of a person where people walk, pixels.
         look_alikes: probability of being dressed much like somebody else around.
-        exposure_drift: slow change of the brightness, share.
-        noise: standard deviation, grey levels of 255.
         samples: rays along each side of a pixel.
     """
 
@@ -69,8 +69,6 @@ class StreetSettings(ClipSettings):
     occluders: int = 7
     person_height: tuple[float, float] = (30.0, 170.0)
     look_alikes: float = 0.15
-    exposure_drift: float = 0.06
-    noise: float = 3.0
     samples: int = 2
 
     def __post_init__(self) -> None:
@@ -79,9 +77,7 @@ class StreetSettings(ClipSettings):
             (self.occluders >= 0, "occluders >= 0", self.occluders),
             (0 < self.person_height[0] < self.person_height[1], "person_height as (low, high)", self.person_height),
             (0 <= self.look_alikes <= 1, "look_alikes in [0, 1]", self.look_alikes),
-            (self.noise >= 0, "no negative noise", self.noise),
             (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
-            (self.exposure_drift >= 0, "no negative exposure_drift", self.exposure_drift),
         )
         check_settings("street", self, 32, own)
 
@@ -149,11 +145,11 @@ def plan_street(settings: StreetSettings, seed: int) -> StreetClip:
         haze=float(max(rng.normal(-0.05, 0.08), 0)),
         saturation=float(rng.uniform(0.7, 1.15)),
         blur=BLUR,
-        noise=settings.noise,
+        noise=NOISE,
     )
     seconds = np.arange(settings.frames) / settings.frame_rate
     waves = zip(rng.uniform(0.02, 0.3, 3), rng.uniform(0, 2 * np.pi, 3), strict=True)
-    drift = np.exp(settings.exposure_drift * sum(np.sin(2 * np.pi * f * seconds + p) for f, p in waves))
+    drift = np.exp(EXPOSURE_DRIFT * sum(np.sin(2 * np.pi * f * seconds + p) for f, p in waves))
     return StreetClip(settings, seed, camera, light, background, sunlit, walkers, lens, np.asarray(drift))
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.render.scene import Thing, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light, noise_at
 from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, ray_grid
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -264,16 +263,9 @@ def _cut(ground: GroundMap, level: int, camera: PinholeCamera, rows: slice | Non
     top, bottom = (0, camera.height) if rows is None else (rows.start, rows.stop)
     shift = np.array([[1, 0, -0.5], [0, 1, -0.5 - top], [0, 0, 1.0]])
     matrix = shift @ ground_to_pixels(camera) @ to_metres
-    return np.asarray(
-        cv2.warpPerspective(
-            ground.levels[level],
-            matrix,
-            (camera.width, bottom - top),
-            flags=cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        ),
-        dtype=np.uint8,
-    )
+    size = camera.width, bottom - top
+    cut = cv2.warpPerspective(ground.levels[level], matrix, size, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(cut, dtype=np.uint8)
 
 
 def _footprints(camera: PinholeCamera) -> FloatArray:
@@ -286,15 +278,6 @@ def _footprints(camera: PinholeCamera) -> FloatArray:
     return np.asarray(distance / camera.focal[0] / np.sqrt(down)).reshape(rows, columns)
 
 
-def dark_ground(things: list[Thing], camera: PinholeCamera, light: Light, softness: float) -> Float32:
-    """``(H, W)`` factor in [0, 1] that the shadows of ``things`` leave of the light on the ground of a frame."""
-    up = light.direction[2] * light.sun
-    share = np.float32((up / np.maximum(up + light.sky, 1e-6)).mean())
-    sun = shadows(things, camera, light.direction, softness)
-    under = shadows(things, camera, np.array([0, 0, 1], dtype=np.float32), 2.0 + softness)
-    return np.asarray((1 - share * sun) * (1 - np.float32(0.3) * under))
-
-
 def ground_homography(before: PinholeCamera, after: PinholeCamera) -> FloatArray:
     """``(3, 3)``: takes pixels of the ground in the image of ``before`` to those of ``after``."""
     matrix = ground_to_pixels(after) @ np.linalg.inv(ground_to_pixels(before))
@@ -303,12 +286,4 @@ def ground_homography(before: PinholeCamera, after: PinholeCamera) -> FloatArray
 
 def ground_to_pixels(camera: PinholeCamera) -> FloatArray:
     """``(3, 3)``: takes homogeneous metres x, y, 1 of the ground to homogeneous pixels."""
-    intrinsics = np.array(
-        [
-            [camera.focal[0], 0, camera.principal_point[0]],
-            [0, camera.focal[1], camera.principal_point[1]],
-            [0, 0, 1],
-        ]
-    )
-    moved = np.column_stack([np.eye(3)[:, :2], -camera.position])
-    return np.asarray(intrinsics @ camera.rotation @ moved)
+    return camera.matrix[:, [0, 1, 3]]

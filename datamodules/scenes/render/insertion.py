@@ -10,8 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.render.ground import dark_ground
-from tsuiseki.datamodules.scenes.render.scene import Picture, Sighting, Thing, compose, empty_picture
+from tsuiseki.datamodules.scenes.render.scene import (
+    OCCLUSION,
+    Picture,
+    Sighting,
+    Thing,
+    both_shadows,
+    compose,
+    empty_picture,
+)
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, extents
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -106,7 +113,10 @@ def encoded(colour: Float32, exposure: float = 1.0) -> ImageArray:
 
 
 def _darken(image: ImageArray, things: list[Thing], camera: PinholeCamera, light: Light) -> None:
-    kept = np.sqrt(dark_ground(things, camera, light, SOFTNESS))
+    up = light.direction[2] * light.sun
+    share = np.float32((up / np.maximum(up + light.sky, 1e-6)).mean())
+    sun, under = both_shadows(things, camera, light, SOFTNESS)
+    kept = np.sqrt((1 - share * sun) * (1 - np.float32(OCCLUSION) * under))
     rows = np.flatnonzero(kept.min(axis=1) < 0.999)
     if len(rows):
         part = slice(int(rows[0]), int(rows[-1]) + 1)

@@ -38,6 +38,14 @@ class Thing:
     look: Outfit | None = None
     cutout: StandIn | None = None
 
+    def trace(self, camera: RayCamera, samples: int) -> tuple[Layer, Any] | None:
+        """See `StandIn.trace`."""
+        if self.cutout:
+            return self.cutout.trace(camera, samples)
+        # Only of people it matters how much lies outside the image.
+        layer = trace(self.solids, camera, samples, 0.0 if self.look is None else 1.0)
+        return layer and (layer, None)
+
 
 @dataclass(frozen=True)
 class Sighting:
@@ -89,48 +97,34 @@ def compose(
     samples = picture.samples
     distance = picture.distance.copy()
     owner = np.full(distance.shape, -1, dtype=np.int16)
-    # Only of people it matters how much lies outside the image.
-    traced = [t.cutout.trace(camera, samples) if t.cutout else None for t in things]
-    layers = [
-        (shown[0] if shown else None) if t.cutout else trace(t.solids, camera, samples, 0.0 if t.look is None else 1.0)
-        for t, shown in zip(things, traced, strict=True)
-    ]
-    for index, layer in enumerate(layers):
-        if layer:
-            there, own = layer.inside(distance.shape)
-            closer = layer.distance[own] < distance[there]
-            np.copyto(distance[there], layer.distance[own], where=closer)
+    traced = [thing.trace(camera, samples) for thing in things]
+    for index, found in enumerate(traced):
+        if found:
+            there, own = found[0].inside(distance.shape)
+            closer = found[0].distance[own] < distance[there]
+            np.copyto(distance[there], found[0].distance[own], where=closer)
             np.copyto(owner[there], np.int16(index), where=closer)
     added = picture.colour * by_pixel((owner < 0).astype(np.float32), samples)[:, :, None]
     sightings: list[Sighting | None] = []
-    for index, (thing, layer) in enumerate(zip(things, layers, strict=True)):
-        if layer is None:
+    for index, (thing, found) in enumerate(zip(things, traced, strict=True)):
+        if found is None:
             sightings.append(None)
             continue
-        shown = traced[index]
-        count = _draw(added, owner, index, thing, layer, camera, samples, light, shown[1] if shown else None)
-        sightings.append(Sighting(silhouette_box(layer, samples), count / max(int(layer.mask.sum()), 1)))
+        there, own = found[0].inside(owner.shape)
+        seen = np.zeros(found[0].distance.shape, dtype=np.bool_)
+        seen[own] = owner[there] == index
+        if seen.any():
+            _draw(added, thing, *found, seen, camera, samples, light)
+        share = int(seen.sum()) / max(int(found[0].mask.sum()), 1)
+        sightings.append(Sighting(silhouette_box(found[0], samples), share))
     return Picture(added, distance, samples), sightings
 
 
 def _draw(
-    colour: Float32,
-    owner: Owner,
-    index: int,
-    thing: Thing,
-    layer: Layer,
-    camera: RayCamera,
-    samples: int,
+    colour: Float32, thing: Thing, layer: Layer, shown: Any, seen: BoolArray, camera: RayCamera, samples: int,
     light: Light,
-    shown: Any,
-) -> int:
-    """Adds the visible part of a thing to ``colour`` and returns how many subpixels that is."""
-    there, own = layer.inside(owner.shape)
-    seen = np.zeros(layer.distance.shape, dtype=np.bool_)
-    seen[own] = owner[there] == index
-    count = int(seen.sum())
-    if not count:
-        return 0
+) -> None:  # fmt: skip
+    """Adds the ``seen`` part of the layer of a thing to ``colour``."""
     weight = np.full(seen.shape, 1 / samples**2, dtype=np.float32)
     if thing.look is None:
         seen, weight = _fewer(layer, seen, samples)
@@ -147,7 +141,6 @@ def _draw(
     for channel in range(3):
         sums = np.bincount(cell, values[:, channel], minlength=shape[0] * shape[1])
         colour[top : top + shape[0], left : left + shape[1], channel] += sums.reshape(shape)
-    return count
 
 
 def _fewer(layer: Layer, seen: BoolArray, samples: int) -> tuple[BoolArray, Float32]:
@@ -172,8 +165,8 @@ def _fewer(layer: Layer, seen: BoolArray, samples: int) -> tuple[BoolArray, Floa
 
 
 def by_pixel(fine: Float32, samples: int) -> Float32:
-    """Means over the subpixels of each pixel, ``(H * samples, W * samples)`` to ``(H, W)``."""
-    height, width = fine.shape
+    """Means over the subpixels of each pixel, ``(H * samples, W * samples, ...)`` to ``(H, W, ...)``."""
+    height, width = fine.shape[:2]
     return np.asarray(cv2.resize(fine, (width // samples, height // samples), interpolation=cv2.INTER_AREA))
 
 
@@ -192,12 +185,17 @@ def darken(
         sunlit: ``(H, W)`` share of the light that comes straight from the sun.
         softness: standard deviation of the blur of the shadows, pixels.
     """
-    sun = shadows(things, camera, light.direction, softness)
-    under = shadows(things, camera, np.array([0, 0, 1], dtype=np.float32), 2.0 + softness)
+    sun, under = both_shadows(things, camera, light, softness)
     kept = (1 - sun * sunlit) * (1 - np.float32(OCCLUSION) * under)
     open_ground = picture.open_ground
     shade_factor = 1 - open_ground * (1 - kept)
     return replace(picture, colour=picture.colour * shade_factor[:, :, None]), sunlit * (1 - sun) * open_ground
+
+
+def both_shadows(things: list[Thing], camera: RayCamera, light: Light, softness: float) -> tuple[Float32, Float32]:
+    """`shadows` of the sun, and softer ones straight below, where a thing keeps some of the sky's light away."""
+    below = np.array([0, 0, 1], dtype=np.float32)
+    return shadows(things, camera, light.direction, softness), shadows(things, camera, below, 2.0 + softness)
 
 
 def shadows(things: list[Thing], camera: RayCamera, direction: Float32, softness: float) -> Float32:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, empty_picture, shadows
+from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, by_pixel, compose, empty_picture, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light, noise_at, pattern_value
 from tsuiseki.datamodules.scenes.render.solids import (
     Colour,
@@ -129,10 +128,9 @@ def hall_furniture(rng: np.random.Generator, pieces: int = 7) -> list[Thing]:
 def draw_hall(camera: RayCamera, light: Light, furniture: list[Thing], samples: int) -> tuple[Picture, Float32]:
     """`HALL` as `draw_shell` draws a room."""
     rays = ray_grid(camera, samples, 0, 0, camera.width * samples, camera.height * samples)
-    albedo, ambient, facing, floor = _lit(HALL, camera.position.astype(np.float32), rays.reshape(3, -1), light)
-    colour = _by_pixel(albedo * (ambient + facing), rays.shape[1:], samples)
-    return _furnished(colour, _by_pixel(albedo * facing * floor, rays.shape[1:], samples), camera, light, furniture,
-                      samples)  # fmt: skip
+    albedo, ambient, facing, floor = _lit(HALL, camera, rays, light)
+    colour, direct = by_pixel(albedo * (ambient + facing), samples), by_pixel(albedo * facing * floor, samples)
+    return _furnished(colour, direct, camera, light, furniture, samples)
 
 
 def draw_shell(
@@ -143,9 +141,9 @@ def draw_shell(
     for top in range(0, camera.height, BAND):
         bottom = min(top + BAND, camera.height)
         rays = ray_grid(camera, samples, 0, top * samples, camera.width * samples, bottom * samples)
-        albedo, ambient, facing, floor = _lit(shell, camera.position.astype(np.float32), rays.reshape(3, -1), light)
+        albedo, ambient, facing, floor = _lit(shell, camera, rays, light)
         lamps = albedo * facing
-        bands.append([_by_pixel(v, rays.shape[1:], samples) for v in (albedo * ambient + lamps, lamps * floor)])
+        bands.append([by_pixel(v, samples) for v in (albedo * ambient + lamps, lamps * floor)])
     colour, direct = (np.concatenate(part) for part in zip(*bands, strict=True))
     return _furnished(colour, direct, camera, light, furniture, samples)
 
@@ -159,18 +157,12 @@ def _furnished(
     return picture, direct * (picture.open_ground * (1 - shade))[:, :, None]
 
 
-def _by_pixel(fine: Float32, shape: tuple[int, ...], samples: int) -> Float32:
-    """Means over each pixel's subpixels of values ``(N, 3)`` on a grid of ``shape``."""
-    image = fine.astype(np.float32).reshape(*shape, 3)
-    size = shape[1] // samples, shape[0] // samples
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+def _lit(shell: Shell, camera: RayCamera, grid: Float32, light: Light) -> tuple[Float32, ...]:
+    """What the rays of a grid ``(3, h, w)`` meet: reflectance, black for NaN, light from all about, light of lamps.
 
-
-def _lit(shell: Shell, origin: Float32, rays: Float32, light: Light) -> tuple[Float32, Float32, Float32, Float32]:
-    """What rays ``(3, N)`` meet: reflectance, black for NaN, light from all about, light of lamps, each ``(N, 3)``.
-
-    Last is ``(N, 1)`` whether it is the floor.
+    Each is ``(h, w, 3)``; last is ``(h, w, 1)`` whether it is the floor.
     """
+    origin, rays = camera.position.astype(np.float32), grid.reshape(3, -1)
     planes = np.array([end for ends in zip(shell.low, shell.high, strict=True) for end in ends], dtype=np.float32)
     axis = [0, 0, 1, 1, 2, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -184,7 +176,8 @@ def _lit(shell: Shell, origin: Float32, rays: Float32, light: Light) -> tuple[Fl
     normals = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float32)
     ambient = 0.5 * (1 + normals[:, 2:]) * light.sky + 0.5 * (1 - normals[:, 2:]) * light.ground
     facing = np.maximum(normals @ light.direction, 0)[:, None] * light.sun
-    return albedo, ambient[face], facing[face], (face == 4)[:, None].astype(np.float32)
+    met = albedo, ambient[face], facing[face], (face == 4)[:, None].astype(np.float32)
+    return tuple(each.reshape(*grid.shape[1:], -1) for each in met)
 
 
 def _albedo(shell: Shell, points: Float32, face: NDArray[np.int64]) -> Float32:
