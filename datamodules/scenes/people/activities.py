@@ -19,6 +19,7 @@ from tsuiseki.datamodules.scenes.people.posture import (
     UPPER_ARM,
     Build,
     Manner,
+    Pair,
     Pose,
     pair,
     standing,
@@ -26,20 +27,7 @@ from tsuiseki.datamodules.scenes.people.posture import (
     walking,
 )
 from tsuiseki.datamodules.scenes.people.props import CART_AHEAD, CRATE_AHEAD, HANDLE_HEIGHT, SUITCASE_BEHIND, Kind, Prop
-from tsuiseki.tracking.formats.acting_tracks import (
-    CALLING,
-    CARRYING,
-    DRINKING,
-    HANDSHAKING,
-    HUGGING,
-    LYING,
-    PUSHING,
-    READING,
-    RUNNING,
-    SITTING,
-    STANDING,
-    WALKING,
-)
+from tsuiseki.tracking.formats import acting_tracks as act
 from tsuiseki.tracking.types import FloatArray
 
 LEFT, RIGHT = 0, 1
@@ -90,8 +78,8 @@ def _angles(direction: FloatArray) -> tuple[float, float]:
     return math.atan2(x, -z), math.asin(float(np.clip(y, -1, 1)))
 
 
-def _put(pair: tuple[float, float], hand: int, value: float) -> tuple[float, float]:
-    return (value, pair[1]) if hand == LEFT else (pair[0], value)
+def _put(both: Pair, hand: int, value: float) -> Pair:
+    return (value, both[1]) if hand == LEFT else (both[0], value)
 
 
 def running(build: Build, manner: Manner, phase: float, speed: float) -> Pose:
@@ -260,66 +248,60 @@ class Activity:
     @property
     def moving(self) -> bool:
         """Whether one gets somewhere by it."""
-        return self.posture in (WALKING, RUNNING)
+        return self.posture in (act.WALKING, act.RUNNING)
 
 
-WALK, STAND = Activity(WALKING), Activity(STANDING)
-SIT, LIE = Activity(SITTING, seconds=(4, 10)), Activity(LYING, seconds=(4, 10))
+WALK, STAND = Activity(act.WALKING), Activity(act.STANDING)
+SIT, LIE = Activity(act.SITTING, seconds=(4, 10)), Activity(act.LYING, seconds=(4, 10))
 ACTIVITIES = (
     WALK,
     STAND,
     SIT,
     LIE,
-    Activity(RUNNING, weight=1.5),
-    Activity(STANDING, READING, weight=0.5),
-    Activity(SITTING, READING, (4, 10), 0.6),
-    Activity(STANDING, DRINKING, weight=0.5),
-    Activity(SITTING, DRINKING, (4, 8), 0.3),
-    Activity(WALKING, DRINKING, weight=0.3),
-    Activity(STANDING, CALLING, weight=0.5),
-    Activity(WALKING, CALLING, weight=0.5),
-    Activity(WALKING, PUSHING, (5, 12), 1.2),
-    Activity(WALKING, CARRYING, (5, 12), 0.9),
-    Activity(STANDING, CARRYING, (2, 4), 0.2),
-    Activity(STANDING, HANDSHAKING, (2.5, 5), 1.2),
-    Activity(STANDING, HUGGING, (2.5, 5), 1.2),
+    Activity(act.RUNNING, weight=1.5),
+    Activity(act.STANDING, act.READING, weight=0.5),
+    Activity(act.SITTING, act.READING, (4, 10), 0.6),
+    Activity(act.STANDING, act.DRINKING, weight=0.5),
+    Activity(act.SITTING, act.DRINKING, (4, 8), 0.3),
+    Activity(act.WALKING, act.DRINKING, weight=0.3),
+    Activity(act.STANDING, act.CALLING, weight=0.5),
+    Activity(act.WALKING, act.CALLING, weight=0.5),
+    Activity(act.WALKING, act.PUSHING, (5, 12), 1.2),
+    Activity(act.WALKING, act.CARRYING, (5, 12), 0.9),
+    Activity(act.STANDING, act.CARRYING, (2, 4), 0.2),
+    Activity(act.STANDING, act.HANDSHAKING, (2.5, 5), 1.2),
+    Activity(act.STANDING, act.HUGGING, (2.5, 5), 1.2),
 )
 # What each action is done with; what stands on the ground must be fetched first.
-HELD: dict[str, tuple[Kind, ...]] = {READING: ("book",), DRINKING: ("bottle",), CALLING: ("phone",)}
-FETCHED: dict[str, tuple[Kind, ...]] = {PUSHING: ("cart", "suitcase"), CARRYING: ("crate",)}
+HELD: dict[str, tuple[Kind, ...]] = {act.READING: ("book",), act.DRINKING: ("bottle",), act.CALLING: ("phone",)}
+FETCHED: dict[str, tuple[Kind, ...]] = {act.PUSHING: ("cart", "suitcase"), act.CARRYING: ("crate",)}
 # Metres between two people.
-APART = {HANDSHAKING: 0.95, HUGGING: 0.42}
+APART = {act.HANDSHAKING: 0.95, act.HUGGING: 0.42}
 # Metres from the person's middle to that of what was fetched, forward.
 AHEAD: dict[Kind, float] = {"cart": CART_AHEAD, "suitcase": -SUITCASE_BEHIND, "crate": CRATE_AHEAD}
 
 
 def resting_pose(rng: np.random.Generator, activity: Activity, person: Person, on_bench: bool) -> Pose:
     """The posture under an activity, as this person takes it this time."""
-    if activity.posture == SITTING:
+    if activity.posture == act.SITTING:
         return sitting(rng, not on_bench)
-    if activity.posture == LYING:
+    if activity.posture == act.LYING:
         return lying(rng, person.build)
     return standing(rng, person.manner)
 
 
 def stride_frequency(activity: Activity, person: Person, speed: float) -> float:
     """Strides a second at ``speed`` m/s."""
-    if activity.posture == RUNNING:
+    if activity.posture == act.RUNNING:
         return 1.25 + 0.06 * speed
     return speed / stride_length(person.build, person.manner, speed)
 
 
 def pose_of(
-    activity: Activity,
-    person: Person,
-    rest: Pose,
-    seconds: float,
-    phase: float,
-    speed: float,
-    hand: int,
+    activity: Activity, person: Person, rest: Pose, seconds: float, phase: float, speed: float, hand: int,
     prop: Prop | None,
-) -> Pose:
-    """The pose after ``seconds`` of an activity.
+) -> Pose:  # fmt: skip
+    """The pose of ``person`` after ``seconds`` of an activity.
 
     Args:
         activity: what is done.
@@ -332,26 +314,26 @@ def pose_of(
         prop: what it is done with.
     """
     build = person.build
-    if activity.posture == RUNNING:
+    if activity.posture == act.RUNNING:
         return running(build, person.manner, phase, speed)
-    if activity.posture == WALKING:
+    if activity.posture == act.WALKING:
         pose = walking(build, replace(person.manner, carry=(0.0, 0.0)), phase, speed)
     else:
         # Nobody keeps quite still.
         pose = replace(rest, look=rest.look + 0.2 * math.sin(0.9 * seconds + 7 * phase), sway=rest.sway)
-    if activity.act == READING:
+    if activity.act == act.READING:
         return reading(build, pose)
-    if activity.act == DRINKING:
+    if activity.act == act.DRINKING:
         return drinking(build, pose, hand, seconds)
-    if activity.act == CALLING:
+    if activity.act == act.CALLING:
         return calling(build, pose, hand)
-    if activity.act == HANDSHAKING:
-        return shaking_hands(build, pose, seconds, APART[HANDSHAKING])
-    if activity.act == HUGGING:
+    if activity.act == act.HANDSHAKING:
+        return shaking_hands(build, pose, seconds, APART[act.HANDSHAKING])
+    if activity.act == act.HUGGING:
         return hugging(build, pose, seconds)
-    if activity.act == CARRYING:
+    if activity.act == act.CARRYING:
         return holding_before(build, replace(pose, lean=pose.lean - 0.08), 0.36, 0.5, 1.0)
-    if activity.act == PUSHING and prop is not None:
+    if activity.act == act.PUSHING and prop is not None:
         if prop.kind == "suitcase":
             return pulling(build, pose, hand)
         return holding_before(build, replace(pose, lean=pose.lean + 0.15), 0.42, 0.45, HANDLE_HEIGHT)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,6 +14,7 @@ from tsuiseki.datamodules.scenes.people.look import Outfit, look_alike, random_b
 from tsuiseki.datamodules.scenes.people.posture import (
     Build,
     Manner,
+    Pair,
     PersonSkeleton,
     Pose,
     place,
@@ -24,9 +26,9 @@ from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.shading import NOISE, NOISE_SIZE, Light, random_light, shade
 from tsuiseki.datamodules.scenes.render.solids import (
     HEAD,
-    NO_DETAIL,
     PELVIS,
     TRUNK,
+    UP,
     Colour,
     Float32,
     Layer,
@@ -35,6 +37,7 @@ from tsuiseki.datamodules.scenes.render.solids import (
     Solids,
     Surface,
     overlap,
+    tight,
     trace,
 )
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -70,22 +73,11 @@ class _Flesh:
         self.height, self.phase, self.parts, self.count = height, phase, Parts(), 0
 
     def add(
-        self,
-        start: FloatArray,
-        end: FloatArray,
-        radius: tuple[float, float],
-        front: FloatArray,
-        flat: float,
-        colour: Colour,
-        second: Colour | None = None,
-        pattern: int = Pattern.PLAIN,
-        period: float = 0.1,
-        relief: float = 0.14,
-        detail: int = NO_DETAIL,
+        self, start: FloatArray, end: FloatArray, radius: Pair, front: FloatArray, flat: float, *cloth: Any, **more: Any
     ) -> None:
-        """One more, with the surface of the rest."""
+        """One more with a `Surface` of its own phase."""
         self.count += 1
-        surface = Surface(colour, second, pattern, period, relief, detail, self.phase + 1.7 * self.count)
+        surface = Surface(*cloth, **{"relief": 0.14, "phase": self.phase + 1.7 * self.count, **more})
         self.parts.cone(start, end, (radius[0] * self.height, radius[1] * self.height), surface, flat, front)
 
 
@@ -182,14 +174,10 @@ def _leg(flesh: _Flesh, person: Person, s: PersonSkeleton, k: int) -> None:
     shin = (0.034 * g, 0.022 * g) if bare else (0.036 * g, 0.029 * g)
     flesh.add(s.knee[k], s.ankle[k], shin, front, 1.0, *(skin if bare else cloth))
     toe = s.toe[k]
+    step = (toe - s.ankle[k]) / np.linalg.norm(toe - s.ankle[k])
     heel = s.ankle[k] + (s.ankle[k] - toe) * 0.2
-    heel = heel - 0.018 * build.height * np.cross(_unit(toe - s.ankle[k]), s.pelvis_axes[:, 1]) * -1.0
-    up = np.array([0.0, 0.0, 1.0])
-    flesh.add(heel, toe, (0.026, 0.021), up, 0.9, look.shoes, relief=0.08)
-
-
-def _unit(vector: FloatArray) -> FloatArray:
-    return np.asarray(vector / np.linalg.norm(vector))
+    heel = heel - 0.018 * build.height * np.cross(step, s.pelvis_axes[:, 1]) * -1.0
+    flesh.add(heel, toe, (0.026, 0.021), UP, 0.9, look.shoes, relief=0.08)
 
 
 def _skirt(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
@@ -249,9 +237,8 @@ def draw_alone(
 ) -> Float32:
     """``(h, w, 4)`` linear colour times coverage and coverage of a layer, by pixels, tight about it."""
     mask = layer.mask
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    x1, y1 = (columns[0] + layer.left) // samples, (rows[0] + layer.top) // samples
-    x2, y2 = (columns[-1] + layer.left) // samples + 1, (rows[-1] + layer.top) // samples + 1
+    box = tight(mask) + np.array([layer.left, layer.top] * 2)
+    (x1, y1), (x2, y2) = box[:2] // samples, (box[2:] - 1) // samples + 1
     fine = np.zeros(((y2 - y1) * samples, (x2 - x1) * samples, 4), dtype=np.float32)
     at = np.nonzero(mask)
     colours = shade(layer, mask, solids, camera, samples, light, person.look)

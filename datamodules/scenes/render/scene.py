@@ -10,7 +10,16 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.people.look import Outfit
 from tsuiseki.datamodules.scenes.render.shading import Light, shade
-from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Solids, silhouette_box, trace
+from tsuiseki.datamodules.scenes.render.solids import (
+    CORNERS,
+    Float32,
+    Int32,
+    Layer,
+    RayCamera,
+    Solids,
+    silhouette_box,
+    trace,
+)
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
 Owner: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int16]]
@@ -213,22 +222,18 @@ def shadows(things: list[Thing], camera: RayCamera, direction: Float32, softness
     return np.asarray(blurred, dtype=np.float32) / np.float32(255)
 
 
-def _shadow_polygons(
-    solids: Solids, camera: RayCamera, direction: Float32
-) -> list[np.ndarray[tuple[int, ...], np.dtype[np.int32]]]:
+def _shadow_polygons(solids: Solids, camera: RayCamera, direction: Float32) -> list[Int32]:
     sun = direction.astype(np.float64)
     across = np.cross(sun, [0.0, 0.0, 1.0] if sun[2] < 0.99 else [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
     upward = np.cross(across, sun)
     angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     ring = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * upward
-    axes = np.linalg.inv(solids.to_local.astype(np.float64))
-    ends = solids.start[:, None] + np.stack([0 * axes[:, :, 2], axes[:, :, 2] * solids.length[:, None]], axis=1)
+    axes, ends = solids.ends()
     mean_scale = np.where(solids.box[:, None], 0.0, solids.scale[:, 1:2] * 0.5 + 0.5)
     points = ends[:, :, None] + ring * (solids.radius * mean_scale)[:, :, None, None]
     points = points.reshape(len(solids), 16, 3)
-    corner = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
-    corners = solids.start[:, None] + np.einsum("kij,cj->kci", axes, np.concatenate([corner, corner]))
+    corners = solids.start[:, None] + np.einsum("kij,cj->kci", axes, np.concatenate([CORNERS, CORNERS]))
     points = np.where(solids.box[:, None, None], corners, points)
     points[:, :, 2] = np.maximum(points[:, :, 2], 0)
     cast = points - points[:, :, 2:] / sun[2] * sun

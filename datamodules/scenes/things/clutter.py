@@ -8,7 +8,18 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.people.look import DARK, LIGHT, MIDDLE, any_colour, colour_of
 from tsuiseki.datamodules.scenes.render.scene import Thing
-from tsuiseki.datamodules.scenes.render.solids import UP, Parts, Pattern, RayCamera, Solids, Surface, above, extents
+from tsuiseki.datamodules.scenes.render.solids import (
+    UP,
+    Parts,
+    Pattern,
+    RayCamera,
+    Solids,
+    Surface,
+    above,
+    across,
+    along,
+    extents,
+)
 from tsuiseki.datamodules.scenes.things.town import front
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray
@@ -53,14 +64,13 @@ def crate(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
 
 def bench(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A seat, a back and two feet; without the back a table."""
-    width, along = rng.uniform(0.6, 1.2), np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    across = np.array([-along[1], along[0], 0.0])
+    width = rng.uniform(0.6, 1.2)
     wood, feet = (Surface(colour_of(rng, palette), relief=0.08) for palette in (MIDDLE + DARK, DARK))
     base, parts = above(position), Parts()
     parts.box(base + 0.45 * UP, [width, 0.22, 0.03], yaw, wood)
-    parts.box(base + 0.65 * UP - 0.2 * across, [width, 0.02, 0.2], yaw, wood)
+    parts.box(base + 0.65 * UP - 0.2 * across(yaw), [width, 0.02, 0.2], yaw, wood)
     for s in (-1, 1):
-        parts.box(base + 0.22 * UP + s * 0.8 * width * along, [0.04, 0.2, 0.22], yaw, feet)
+        parts.box(base + 0.22 * UP + s * 0.8 * width * along(yaw), [0.04, 0.2, 0.22], yaw, feet)
     return parts.solids()
 
 
@@ -69,10 +79,8 @@ def car(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     van = rng.random() < 0.25
     length, width, body = rng.uniform(1.7, 2.3), rng.uniform(0.8, 0.95), rng.uniform(0.28, 0.4)
     cabin = rng.uniform(0.45, 0.7) if van else rng.uniform(0.25, 0.33)
-    along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    across = np.array([-along[1], along[0], 0.0])
     paint, base, parts = Surface(any_colour(rng), relief=0.03), above(position), Parts()
-    back, top, reach = -0.1 * length * along, 0.25 + 2 * body, 0.95 if van else 0.55
+    back, top, reach = -0.1 * length * along(yaw), 0.25 + 2 * body, 0.95 if van else 0.55
     parts.box(base + (0.25 + body) * UP, [length, width, body], yaw, paint)
     windows = [reach * length, 0.92 * width, 0.6 * cabin]
     parts.box(base + (top + 0.6 * cabin) * UP + back, windows, yaw, Surface((0.08, 0.09, 0.11), relief=0.05))
@@ -80,8 +88,8 @@ def car(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     parts.box(base + (top + 1.6 * cabin) * UP + back, roof, yaw, paint)
     for s in (-1, 1):
         for t in (-1, 1):
-            hub = base + s * 0.62 * length * along + t * 0.9 * width * across + 0.3 * UP
-            parts.cone(hub, hub + 0.08 * t * across, (0.3, 0.28), Surface((0.07, 0.07, 0.07), relief=0.05))
+            hub = base + s * 0.62 * length * along(yaw) + t * 0.9 * width * across(yaw) + 0.3 * UP
+            parts.cone(hub, hub + 0.08 * t * across(yaw), (0.3, 0.28), Surface((0.07, 0.07, 0.07), relief=0.05))
     return parts.solids()
 
 
