@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,6 +47,13 @@ class Drawn:
     def within(self, shape: tuple[int, ...]) -> tuple[Window, Window]:
         """See `solids.overlap`."""
         return overlap(shape, (self.top, self.left), self.opacity.shape)
+
+
+def around(a: float, b: float, reach: int) -> tuple[int, int, Float32, Float32]:
+    """Left column and top row of what lies within ``reach`` pixels of a place, and the places x, y of it from there."""
+    left, top = math.floor(a) - reach, math.floor(b) - reach
+    x = np.arange(left, left + 2 * reach + 1, dtype=np.float32) + np.float32(0.5 - a)
+    return left, top, x, np.arange(top, top + 2 * reach + 1, dtype=np.float32)[:, None] + np.float32(0.5 - b)
 
 
 def paint(image: Float32, body: Drawn) -> None:

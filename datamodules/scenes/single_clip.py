@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.people.person import (
     Person,
     paste,
@@ -32,13 +34,10 @@ TURNING = 0.15
 
 
 @dataclass(frozen=True)
-class SingleClipSettings:
+class SingleClipSettings(ClipSettings):
     """What a clip shows.
 
     Attributes:
-        frames: its length.
-        width: of the images, pixels.
-        height: likewise.
         person_height: range of the followed person's height, pixels.
         passers: how many other people walk about.
         obstacles: how many upright things stand in front of the people.
@@ -84,12 +83,12 @@ def _walk_cycle(rng: np.random.Generator, person: Person, height: float, light: 
     return cycle
 
 
-def _path(rng: np.random.Generator, frames: int, start: FloatArray, speed: float) -> FloatArray:
+def _path(rng: np.random.Generator, frames: int, speed: float) -> FloatArray:
     """Positions ``(T, 2)`` of a walk whose direction wanders."""
     directions = rng.uniform(0, 2 * math.pi) + np.cumsum(rng.normal(0, 0.12, frames))
     steps = speed * np.stack([np.cos(directions), 0.4 * np.sin(directions)], axis=1)
     steps[0] = 0
-    return np.asarray(start + np.cumsum(steps, axis=0))
+    return np.asarray(np.cumsum(steps, axis=0))
 
 
 def _walkers(rng: np.random.Generator, settings: SingleClipSettings) -> list[_Walker]:
@@ -98,27 +97,22 @@ def _walkers(rng: np.random.Generator, settings: SingleClipSettings) -> list[_Wa
     height, light = float(rng.uniform(*settings.person_height)), random_light(rng)
     growth = np.exp(rng.uniform(-1, 1) * np.log(GROWTH))
     sizes = growth ** np.linspace(0, 1, settings.frames)
-    speed = 0.035 * height
-    own = _path(rng, settings.frames, np.zeros(2), speed)
-    walkers = []
-    for k, person in enumerate(people):
-        path = own
-        if k:
-            path = _path(rng, settings.frames, np.zeros(2), speed * float(rng.uniform(0.3, 1.5)))
+    speed, tall = 0.035 * height, height
+    path = own = _path(rng, settings.frames, speed)
+    walkers: list[_Walker] = []
+    for person in people:
+        if walkers:
+            path = _path(rng, settings.frames, speed * float(rng.uniform(0.3, 1.5)))
             meeting = int(rng.integers(settings.frames))
             path = path - path[meeting] + own[meeting] + rng.normal(0, 0.15 * height, 2)
-        own_height = height * (1.0 if k == 0 else float(rng.uniform(0.85, 1.15)))
-        walkers.append(_Walker(_walk_cycle(rng, person, own_height, light, settings.frames), path, sizes))
+            tall = height * float(rng.uniform(0.85, 1.15))
+        walkers.append(_Walker(_walk_cycle(rng, person, tall, light, settings.frames), path, sizes))
     return walkers
 
 
 def _camera(rng: np.random.Generator, path: FloatArray, settings: SingleClipSettings) -> FloatArray:
     """Top left corners ``(T, 2)`` of the view: behind the person, with shakes and jerks."""
-    follow = np.zeros_like(path)
-    position = path[0]
-    for t, place in enumerate(path):
-        position = position + 0.08 * (place - position)
-        follow[t] = position
+    follow = np.stack(list(itertools.accumulate(path, lambda behind, place: behind + 0.08 * (place - behind))))
     jump = np.where(rng.random(len(path)) < JERK, 10.0, 1.0)[:, None]
     shakes = np.cumsum(jump * rng.normal(0, SHAKE, path.shape), axis=0)
     size = np.array([settings.width, settings.height])

@@ -7,7 +7,7 @@ differs from the empty room (figure 5 of the paper).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import ClassVar
@@ -50,21 +50,6 @@ LIGHT = Light(
 
 
 @dataclass(frozen=True)
-class Cover:
-    """A board held before one camera.
-
-    Attributes:
-        camera: 0-based.
-        first: first covered frame, 0-based.
-        last: last covered frame.
-    """
-
-    camera: int
-    first: int
-    last: int
-
-
-@dataclass(frozen=True)
 class CarriedBallSettings:
     """What is shot.
 
@@ -75,7 +60,7 @@ class CarriedBallSettings:
         radius: of the ball, m.
         noise: standard deviation, grey levels of 255.
         samples: rays along each side of a pixel.
-        covers: boards before cameras.
+        covers: (camera, first frame, last frame), all from 0, of boards before cameras.
         exposure: time for which light falls on a pixel, s: what moves is smeared.
         defocus: standard deviation of the lens's blur, pixels.
         readout: time from the first row's exposure to the last one's, s: a rolling shutter.
@@ -88,7 +73,7 @@ class CarriedBallSettings:
     radius: float = 0.10
     noise: float = 3.0
     samples: int = 3
-    covers: tuple[Cover, ...] = field(default_factory=tuple)
+    covers: tuple[tuple[int, int, int], ...] = ()
     exposure: float = 0.0
     defocus: float = 0.0
     readout: float = 0.0
@@ -141,7 +126,7 @@ class SphereClip:
         for index, time in enumerate(self.times):
             images = []
             for k in range(len(self.cameras)):
-                if any(c.camera == k and c.first <= index <= c.last for c in self.settings.covers):
+                if any(c == k and first <= index <= last for c, first, last in self.settings.covers):
                     images.append(covered_image(self, k, rng))
                 else:
                     images.append(expose(_shot(self, k, float(time) + late[k]), self.settings.noise, rng))
@@ -236,13 +221,8 @@ def _bodies(
     phase = SPEED * time / stride_length(person.build, person.manner, SPEED)
     pose = walking(person.build, person.manner, phase, SPEED)
     raised = 0.75 + 0.28 * np.sin(2 * np.pi * time / 4.6)
-    pose = replace(
-        pose,
-        shoulder=(pose.shoulder[0], raised),
-        spread=(pose.spread[0], 0.30),
-        elbow=(pose.elbow[0], 0.55),
-        inward=(0.0, 0.0),
-    )
+    arms = {"shoulder": (pose.shoulder[0], raised), "spread": (pose.spread[0], 0.30), "elbow": (pose.elbow[0], 0.55)}
+    pose = replace(pose, **arms, inward=(0.0, 0.0))
     skeleton = place(person.build, pose, position, heading)
     forearm = skeleton.fingers[1] - skeleton.wrist[1]
     grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * (0.88 * settings.radius)

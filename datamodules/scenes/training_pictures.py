@@ -234,26 +234,29 @@ def _scenery(
     reach, facades = float(np.linalg.norm(spots, axis=1).max(initial=12.0)), []
     if stock.photographs is not None and not in_view and of_photographs.random() < settings.facades:
         facades = random_facades(of_photographs, stock.photographs, int(of_photographs.integers(1, 7)), spots, reach)
-    count = int(rng.integers(settings.clutter[0], settings.clutter[1] + 1)) // (4 if in_view else 1)
+    count = _count(rng, settings.clutter) // (4 if in_view else 1)
     static = clutter_around(rng, camera, count, spots, LARGEST)
     if not in_view:
         static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
     static += facades
     if settings.town[1]:
-        count = int(of_town.integers(settings.town[0], settings.town[1] + 1))
-        static += clutter_around(of_town, camera, count, spots, LARGEST, random_town_thing)
+        static += clutter_around(of_town, camera, _count(of_town, settings.town), spots, LARGEST, random_town_thing)
         static += fronts_behind(of_town, 0 if in_view else int(of_town.integers(0, 4)), spots, reach)
     if settings.things[1]:
         if stock.photographs is None or not stock.photographs.paths["things"]:
             raise RequestError("training scenes: expected photographs of things, got none")
-        count = int(of_things.integers(settings.things[0], settings.things[1] + 1))
+        count = _count(of_things, settings.things)
         static += pictured_things(of_things, stock.photographs, camera, count, spots, LARGEST)
     return static
 
 
+def _count(rng: np.random.Generator, bounds: tuple[int, int]) -> int:
+    return int(rng.integers(bounds[0], bounds[1] + 1))
+
+
 def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> tuple[PinholeCamera, FloatArray]:
     """A camera and ``(N, 2)`` places on the ground where a person has a wanted size in its image."""
-    count = int(rng.integers(settings.people[0], settings.people[1] + 1))
+    count = _count(rng, settings.people)
     for _ in range(CAMERAS):
         camera = random_camera(rng, settings.width, settings.height, settings.camera_height)
         feet = rng.uniform([-0.03, 0.05], [1.03, 1.2], (400, 2)) * [settings.width, settings.height]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -22,7 +22,6 @@ from tsuiseki.datamodules.scenes.render.solids import (
 )
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
-Owner: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int16]]
 # Share of all light that reaches the ground under a thing less than beside it.
 OCCLUSION = 0.3
 

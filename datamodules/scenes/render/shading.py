@@ -140,20 +140,17 @@ def paint(local: Float32, which: Int32, solids: Solids, look: Outfit | None) -> 
             mix = pattern_value(int(code), u[at], v[at], period[at], phase[at])
             colour[:, at] += mix * (second[:, at] - colour[:, at])
     if look is not None:
-        _paint_details(colour, metres, which, solids, look)
+        head, trunk, pelvis = (np.flatnonzero(solids.detail[which] == code) for code in (HEAD, TRUNK, PELVIS))
+        _paint_head(colour, head, look, metres[:, head], solids.period[which[head]])
+        _paint_trunk(colour, trunk, look, metres[:, trunk])
+        if look.phase % 3 < 1:
+            # A belt.
+            colour[:, pelvis[np.abs(metres[0, pelvis] - 0.075) < 0.02]] *= np.float32(0.4)
     phase = solids.phase[which]
     a, b, c = metres * np.float32(23.0)
     folds = np.sin(a + np.float32(1.3) * b + phase) * np.sin(np.float32(0.6) * c - b + 2 * phase)
     folds += np.sin(np.float32(1.9) * c + a - phase) * np.float32(0.5)
     return np.asarray(np.clip(colour * (1 + solids.relief[which] * folds), 0, 1))
-
-
-def _paint_details(colour: Float32, metres: Float32, which: Int32, solids: Solids, look: Outfit) -> None:
-    detail = solids.detail[which]
-    head, trunk, pelvis = (np.flatnonzero(detail == code) for code in (HEAD, TRUNK, PELVIS))
-    _paint_head(colour, head, look, metres[:, head], solids.period[which[head]])
-    _paint_trunk(colour, trunk, look, metres[:, trunk])
-    _paint_pelvis(colour, pelvis, look, metres[:, pelvis])
 
 
 def _flat_coordinates(metres: Float32, local: Float32, which: Int32, solids: Solids) -> tuple[Float32, Float32]:
@@ -232,9 +229,3 @@ def _paint_trunk(colour: Float32, rows: IntArray, look: Outfit, metres: Float32)
         colour[:, rows[front & (np.abs(np.abs(x) - 0.095) < 0.016)]] = strap
     elif look.bag == "cross":
         colour[:, rows[np.abs(x * look.side * 0.75 + 0.66 * (z - 0.12)) < 0.02]] = strap
-
-
-def _paint_pelvis(colour: Float32, rows: IntArray, look: Outfit, metres: Float32) -> None:
-    """A belt."""
-    if look.phase % 3 < 1:
-        colour[:, rows[np.abs(metres[0] - 0.075) < 0.02]] *= np.float32(0.4)

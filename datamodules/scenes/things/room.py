@@ -29,22 +29,12 @@ BAND = 64
 
 
 @dataclass(frozen=True)
-class Side:
-    """Colours (sRGB), pattern and its period in metres of one side of the room."""
-
-    first: Colour
-    second: Colour
-    pattern: int
-    period: float
-
-
-@dataclass(frozen=True)
 class Shell:
     """The room's box between two corners, metres, with surfaces x-, x+, y-, y+, floor, ceiling, and their grain."""
 
     low: Corner
     high: Corner
-    surfaces: tuple[Side, ...]
+    surfaces: tuple[Surface, ...]
     grain: float
 
 
@@ -52,12 +42,12 @@ HALL = Shell(
     (-6.5, -6.5, 0.0),
     (6.5, 6.5, 3.4),
     (
-        Side((0.62, 0.66, 0.70), (0.76, 0.74, 0.70), Pattern.ALONG, 0.9),
-        Side((0.72, 0.70, 0.64), (0.58, 0.60, 0.62), Pattern.CLOUDS, 1.6),
-        Side((0.66, 0.70, 0.62), (0.56, 0.58, 0.52), Pattern.ACROSS, 1.1),
-        Side((0.70, 0.62, 0.54), (0.50, 0.42, 0.36), Pattern.BRICKS, 0.35),
-        Side((0.60, 0.52, 0.42), (0.48, 0.40, 0.32), Pattern.CHECKS, 1.2),
-        Side((0.85, 0.85, 0.84), (0.80, 0.80, 0.80), Pattern.PLAIN, 1.0),
+        Surface((0.62, 0.66, 0.70), (0.76, 0.74, 0.70), Pattern.ALONG, 0.9),
+        Surface((0.72, 0.70, 0.64), (0.58, 0.60, 0.62), Pattern.CLOUDS, 1.6),
+        Surface((0.66, 0.70, 0.62), (0.56, 0.58, 0.52), Pattern.ACROSS, 1.1),
+        Surface((0.70, 0.62, 0.54), (0.50, 0.42, 0.36), Pattern.BRICKS, 0.35),
+        Surface((0.60, 0.52, 0.42), (0.48, 0.40, 0.32), Pattern.CHECKS, 1.2),
+        Surface((0.85, 0.85, 0.84), (0.80, 0.80, 0.80), Pattern.PLAIN, 1.0),
     ),
     0.25,
 )
@@ -70,10 +60,10 @@ def random_shell(rng: np.random.Generator, size: FloatArray) -> Shell:
     sides = []
     for _ in range(4):
         first = wall if rng.random() < 0.7 else _muted(rng, 0.25, 0.85)
-        sides.append(Side(first, _beside(rng, first), int(rng.choice(WALLS)), float(rng.uniform(0.4, 1.5))))
+        sides.append(Surface(first, _beside(rng, first), int(rng.choice(WALLS)), float(rng.uniform(0.4, 1.5))))
     first = _muted(rng, 0.2, 0.75)
-    floor = Side(first, _beside(rng, first), int(rng.choice(FLOORS)), float(rng.uniform(0.3, 1.6)))
-    ceiling = Side((0.85, 0.85, 0.84), (0.8, 0.8, 0.8), Pattern.PLAIN, 1.0)
+    floor = Surface(first, _beside(rng, first), int(rng.choice(FLOORS)), float(rng.uniform(0.3, 1.6)))
+    ceiling = Surface((0.85, 0.85, 0.84), (0.8, 0.8, 0.8), Pattern.PLAIN, 1.0)
     return Shell((0.0, 0.0, 0.0), tuple(size.tolist()), (*sides, floor, ceiling), float(rng.uniform(0.05, 0.3)))
 
 
@@ -192,7 +182,7 @@ def _albedo(shell: Shell, points: Float32, face: NDArray[np.int64]) -> Float32:
         ones = np.ones(len(u), dtype=np.float32)
         plain = surface.pattern == Pattern.PLAIN
         mix = 0 * ones if plain else pattern_value(surface.pattern, u, v, surface.period * ones, 0.3 * ones)
-        base = np.square(np.array([surface.first, surface.second], dtype=np.float32))
+        base = np.square(np.array(surface[:2], dtype=np.float32))
         grain = 1 + np.float32(shell.grain) * (noise_at(u * 60, v * 60) + noise_at(u * 13 + 91, v * 13) - 1)
         colour[at] = (base[0] + mix[:, None] * (base[1] - base[0])) * grain[:, None]
     return colour
