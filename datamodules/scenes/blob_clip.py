@@ -15,7 +15,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment, check_settings, write_info
+from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment
 from tsuiseki.datamodules.scenes.render.solids import overlap
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -62,7 +62,7 @@ class BlobSceneSettings(ClipSettings):
             (self.objects >= 1, "at least one object", self.objects),
             (min(self.clutter, self.flashes) >= 0, "no negative clutter or flashes", (self.clutter, self.flashes)),
         )
-        check_settings("blob", self, math.ceil(4 * self.size[1]), own)
+        self.expect("blob", math.ceil(4 * self.size[1]), *own)
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class BlobClip:
 
     def write_truth(self, folder: Path, name: str, truths: list[FloatArray]) -> None:
         """Write ``gt/gt.txt`` and ``seqinfo.ini``."""
-        write_info(folder, name, self.settings, as_ground_truth(np.stack(truths)))
+        self.settings.write_info(folder, name, as_ground_truth(np.stack(truths)))
 
 
 def plan_blobs(settings: BlobSceneSettings, seed: int) -> BlobClip:

@@ -11,7 +11,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment, write_info
+from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment
 from tsuiseki.datamodules.scenes.render.solids import Float32, Window, overlap
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.formats.silhouettes import FOLDER
@@ -122,7 +122,7 @@ class BodyClip:
         numbers = np.arange(len(truths))
         tracks = [exact_track(k + 1, numbers, way) for k, way in enumerate(np.stack(truths, axis=1))]
         write_states(folder / "states.csv", tracks, self.fields)
-        write_info(folder, name, self.settings)
+        self.settings.write_info(folder, name)
 
 
 def camera_grain(settings: ClipSettings, level: float, rng: np.random.Generator) -> tuple[Float32, IntArray]:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.body_clip import MOST_BODIES, BodyClip, Drawn, around, camera_grain, paint
-from tsuiseki.datamodules.scenes.clip import ClipSettings, check_settings
+from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.tracking.types import FloatArray
 
@@ -43,8 +43,8 @@ class BouncingBallSettings(ClipSettings):
     balls: int = 1
 
     def __post_init__(self) -> None:
-        own = (1 <= self.balls <= MOST_BODIES, f"1 to {MOST_BODIES} balls", self.balls)
-        check_settings("ball", self, 4 * int(DIAMETER), [own])
+        few = 1 <= self.balls <= MOST_BODIES
+        self.expect("ball", 4 * int(DIAMETER), (few, f"1 to {MOST_BODIES} balls", self.balls))
 
 
 def plan_balls(settings: BouncingBallSettings, seed: int) -> BodyClip:

@@ -19,10 +19,8 @@ from tsuiseki.datamodules.scenes.clip import (
     FrameTruth,
     Moment,
     by_appearance,
-    check_settings,
     ground_truth,
     people_in_view,
-    write_info,
 )
 from tsuiseki.datamodules.scenes.people.activities import AHEAD
 from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, PerformerState, gather
@@ -136,7 +134,7 @@ class DroneSceneSettings(ClipSettings):
             (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
             (self.clutter >= 0, "no negative clutter", self.clutter),
         )
-        check_settings("drone", self, 64, own)
+        self.expect("drone", 64, *own)
 
 
 @dataclass(frozen=True)
@@ -195,7 +193,7 @@ class DroneClip:
         mot = settings.layout == "mot"
         write_okutama(folder / (ACTIONS_FILE if mot else OKUTAMA_LABELS), labels, (settings.width, settings.height))
         if mot:
-            write_info(folder, name, settings, rows)
+            settings.write_info(folder, name, rows)
 
 
 def plan_drone(settings: DroneSceneSettings, seed: int) -> DroneClip:

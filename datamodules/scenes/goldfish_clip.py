@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from tsuiseki.datamodules.scenes.body_clip import MOST_BODIES, BodyClip, Drawn, camera_grain, paint
-from tsuiseki.datamodules.scenes.clip import ClipSettings, check_settings
+from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.fish_drawing import FishLook, draw_fish, random_look
 from tsuiseki.datamodules.scenes.fish_motion import swim
 from tsuiseki.datamodules.scenes.render.solids import Float32, overlap
@@ -45,8 +45,8 @@ class GoldfishSettings(ClipSettings):
     size_spread: float = 0.06
 
     def __post_init__(self) -> None:
-        own = (1 <= self.fish <= MOST_BODIES, f"1 to {MOST_BODIES} fish", self.fish)
-        check_settings("goldfish", self, 4 * int(LENGTH), [own])
+        few = 1 <= self.fish <= MOST_BODIES
+        self.expect("goldfish", 4 * int(LENGTH), (few, f"1 to {MOST_BODIES} fish", self.fish))
 
 
 def goldfish_states(settings: GoldfishSettings, rng: np.random.Generator) -> FloatArray:

@@ -11,16 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.clip import (
-    IMAGES,
-    ClipSettings,
-    FrameTruth,
-    Moment,
-    check_settings,
-    ground_truth,
-    people_in_view,
-    write_info,
-)
+from tsuiseki.datamodules.scenes.clip import IMAGES, ClipSettings, FrameTruth, Moment, ground_truth, people_in_view
 from tsuiseki.datamodules.scenes.people.walkers import Walker, dressed, wander
 from tsuiseki.datamodules.scenes.render.degrade import (
     automatic_exposure,
@@ -79,7 +70,7 @@ class RoomSettings(ClipSettings):
             (min(self.size) >= 2, "a floor of at least 2 by 2 m", self.size),
             (0 <= self.repeated <= 1, "repeated in [0, 1]", self.repeated),
         )
-        check_settings("room", self, 64, own)
+        self.expect("room", 64, *own)
 
 
 @dataclass(frozen=True)
@@ -154,7 +145,7 @@ class RoomClip:
         del name
         for number, of_camera in enumerate(zip(*truths, strict=True)):
             home = folder / f"camera{number + 1}"
-            write_info(home, home.name, self.settings, ground_truth(of_camera))
+            self.settings.write_info(home, home.name, ground_truth(of_camera))
             rows = [
                 f"{frame + 1},{number},{x:.4f},{y:.4f}\n"
                 for frame, truth in enumerate(of_camera)

@@ -221,8 +221,8 @@ def _bodies(
     phase = SPEED * time / stride_length(person.build, person.manner, SPEED)
     pose = walking(person.build, person.manner, phase, SPEED)
     raised = 0.75 + 0.28 * np.sin(2 * np.pi * time / 4.6)
-    arms = {"shoulder": (pose.shoulder[0], raised), "spread": (pose.spread[0], 0.30), "elbow": (pose.elbow[0], 0.55)}
-    pose = replace(pose, **arms, inward=(0.0, 0.0))
+    pose = replace(pose, shoulder=(pose.shoulder[0], raised), elbow=(pose.elbow[0], 0.55))
+    pose = replace(pose, spread=(pose.spread[0], 0.30), inward=(0.0, 0.0))
     skeleton = place(person.build, pose, position, heading)
     forearm = skeleton.fingers[1] - skeleton.wrist[1]
     grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * (0.88 * settings.radius)

@@ -16,10 +16,8 @@ from tsuiseki.datamodules.scenes.clip import (
     FrameTruth,
     Moment,
     by_appearance,
-    check_settings,
     ground_truth,
     people_in_view,
-    write_info,
 )
 from tsuiseki.datamodules.scenes.people.walkers import Walker, crowd
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, automatic_exposure, degrade
@@ -79,7 +77,7 @@ class StreetSettings(ClipSettings):
             (0 <= self.look_alikes <= 1, "look_alikes in [0, 1]", self.look_alikes),
             (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
         )
-        check_settings("street", self, 32, own)
+        self.expect("street", 32, *own)
 
 
 @dataclass(frozen=True)
@@ -120,7 +118,7 @@ class StreetClip:
     def write_truth(self, folder: Path, name: str, truths: list[FrameTruth]) -> None:
         """Write ``gt/gt.txt``, with ids without gaps in the order of appearance, and ``seqinfo.ini``."""
         labels = ground_truth(truths)
-        write_info(folder, name, self.settings, replace(labels, ids=by_appearance(labels.ids)))
+        self.settings.write_info(folder, name, replace(labels, ids=by_appearance(labels.ids)))
 
 
 def plan_street(settings: StreetSettings, seed: int) -> StreetClip:

@@ -113,8 +113,8 @@ def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
     normal = sprite.normal[:, ::-1].copy()
     normal[..., 1] *= -1
     feet, head = (np.array([width, 0.0]) + np.array([-1.0, 1.0]) * place for place in (sprite.feet, sprite.head))
-    albedo, label = np.ascontiguousarray(albedo[:, ::-1]), np.ascontiguousarray(sprite.label[:, ::-1])
-    return Sprite(albedo, normal, label, feet, head, sprite.height, sprite.tilt, width - sprite.steady[::-1])
+    albedo, labels = np.ascontiguousarray(albedo[:, ::-1]), np.ascontiguousarray(sprite.label[:, ::-1])
+    return Sprite(albedo, normal, labels, feet, head, sprite.height, sprite.tilt, width - sprite.steady[::-1])
 
 
 def tilt_of(camera: RayCamera, spot: FloatArray) -> float:
@@ -136,7 +136,7 @@ def _warped(sprite: Sprite, affine: FloatArray, size: tuple[int, int]) -> Sprite
         cv2.warpAffine(part, centred, size, flags=cv2.INTER_NEAREST)
         for part in (sprite.albedo, sprite.normal.astype(np.int16), sprite.label)
     )
-    return replace(sprite, albedo=albedo, normal=normal.astype(np.int8), label=label)
+    return replace(sprite, albedo=albedo.astype(np.uint8), normal=normal.astype(np.int8), label=label.astype(np.uint8))
 
 
 # Metres: about a person's height and less, up to that of a sign on its post.

@@ -173,8 +173,8 @@ def place(build: Build, pose: Pose, position: FloatArray, heading: float) -> Per
     ankle, toe = paired[-2:]
     rest = min(ankle[:, 2].min() - ANKLE_HEIGHT * height, toe[:, 2].min() - 0.016 * height)
     root = np.array([position[0], position[1], pose.lift - rest])
-    joints = [root, chest + root, head + root, *(joint + root for joint in paired)]
-    return PersonSkeleton(*joints, *(pelvis_axes, trunk_axes, head_axes))
+    joints = [joint + root for joint in (chest, head, *paired)]
+    return PersonSkeleton(*[root, *joints, pelvis_axes, trunk_axes, head_axes])
 
 
 def _limbs(

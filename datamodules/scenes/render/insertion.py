@@ -134,20 +134,18 @@ def clusters(rects: FloatArray, width: int, height: int) -> list[tuple[tuple[int
     with np.errstate(invalid="ignore"):
         seen = (rects[:, :2] < size).all(axis=1) & (rects[:, 2:] > 0).all(axis=1)
     groups = [(_inside(rects[i], width, height), [int(i)]) for i in np.flatnonzero(seen)]
-    merged = True
-    while merged:
-        merged = False
-        result: list[tuple[FloatArray, list[int]]] = []
+    before = 0
+    while len(groups) != before:
+        before, apart = len(groups), list[tuple[FloatArray, list[int]]]()
         for window, members in groups:
-            for k, (other, theirs) in enumerate(result):
+            for k, (other, theirs) in enumerate(apart):
                 if (window[:2] < other[2:]).all() and (other[:2] < window[2:]).all():
                     both = np.concatenate([np.minimum(window[:2], other[:2]), np.maximum(window[2:], other[2:])])
-                    result[k] = (both, theirs + members)
-                    merged = True
+                    apart[k] = (both, theirs + members)
                     break
             else:
-                result.append((window, members))
-        groups = result
+                apart.append((window, members))
+        groups = apart
     return [((int(w[0]), int(w[1]), int(w[2]), int(w[3])), np.array(m)) for w, m in groups]
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.shading import Light
@@ -93,10 +95,10 @@ class Photographs:
         return np.asarray(np.square(resized.astype(np.float32) / np.float32(255)))
 
 
-def shrunk(image: ImageArray, factor: float) -> ImageArray:
+def shrunk(image: NDArray[Any], factor: float) -> ImageArray:
     """``image`` at ``factor`` of its size where that is below 1."""
     if factor >= 1:
-        return image
+        return np.asarray(image, np.uint8)
     return np.asarray(cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8)
 
 
@@ -105,7 +107,7 @@ def _read(path: Path) -> ImageArray:
     image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
     if image is None:
         raise RequestError(f"expected a photograph at {path}, got something that cannot be decoded; remove it")
-    return shrunk(np.asarray(image, np.uint8), 1400 / max(image.shape[:2]))
+    return shrunk(image, 1400 / max(image.shape[:2]))
 
 
 @lru_cache(maxsize=600)

@@ -52,7 +52,7 @@ class Thing:
             return self.cutout.trace(camera, samples)
         # Only of people it matters how much lies outside the image.
         layer = trace(self.solids, camera, samples, 0.0 if self.look is None else 1.0)
-        return layer and (layer, None)
+        return None if layer is None else (layer, None)
 
 
 @dataclass(frozen=True)
