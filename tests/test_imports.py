@@ -26,7 +26,7 @@ ALLOWED = {
 }  # fmt: skip
 # Inside `tracking` a module imports only what stands before it here.
 LAYERS = ("errors", "weights", "types", "geometry", "output", "options", "processes", "onnx",
-          "preprocessing", "interchange", "formats", "result", "video", "cameras", "features", "filters", "association",
+          "preprocessing", "interchange", "formats", "video", "result", "cameras", "features", "filters", "association",
           "evaluation", "report", "cli", "single", "people", "drone", "fisheye", "animals", "bodies", "points",
           "sphere", "calibrate", "demo", "front")  # fmt: skip
 TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (

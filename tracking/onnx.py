@@ -24,7 +24,7 @@ from tsuiseki.tracking.errors import RequestError
 Kind = Literal["detector", "appearance", "action", "affinity", "association", "objectness"]
 METADATA_KEY = "tsuiseki"
 FORMAT_VERSION = 1
-_FLOATS = {"tensor(float)": "float32", "tensor(float16)": "float16"}
+_PIXELS = {"tensor(float)": "float32", "tensor(float16)": "float16", "tensor(uint8)": "uint8"}
 
 
 class MissingCardError(RequestError):
@@ -93,7 +93,7 @@ class WantedInput:
     Attributes:
         name: of the input.
         shape: ``(N, 3, H, W)`` or ``(3, H, W)``; text where an axis is open.
-        dtype: float32 or float16.
+        dtype: float32, float16, or uint8 of a network that normalises its pictures itself.
     """
 
     name: str
@@ -163,16 +163,24 @@ def _reason(error: Exception) -> str:
     return " ".join(str(error).split())[:160]
 
 
-def image_input(session: onnxruntime.InferenceSession, path: Path) -> WantedInput:
+def image_input(session: onnxruntime.InferenceSession, path: Path, *, floats: bool = False) -> WantedInput:
     """The picture that a network of others takes.
 
+    Args:
+        session: of the network.
+        path: of its file, for messages.
+        floats: refuse bytes.
+
     Raises:
-        RequestError: its input is no float picture with the channels before the rows.
+        RequestError: its input is no one picture with the channels before the rows.
     """
-    first = session.get_inputs()[0]
-    shape = tuple(first.shape)
-    shown = "x".join(str(x) for x in shape)
-    if first.type not in _FLOATS:
+    pictures = [x for x in session.get_inputs() if len(x.shape) in (3, 4) and x.type in _PIXELS]
+    if len(pictures) > 1:
+        named = " and ".join(f"{x.name} {_shown(x.shape)}" for x in pictures)
+        raise RequestError(f"{path}: expected one picture as input, got {named}; export a network of one picture")
+    first = pictures[0] if pictures else session.get_inputs()[0]
+    shape, shown = tuple(first.shape), _shown(first.shape)
+    if first.type not in _PIXELS or (floats and _PIXELS[first.type] == "uint8"):
         kind = first.type.removeprefix("tensor(").removesuffix(")")
         raise RequestError(f"{path}: expected a float32 or float16 input, got {kind}; export it with floats in")
     if len(shape) not in (3, 4):
@@ -185,7 +193,11 @@ def image_input(session: onnxruntime.InferenceSession, path: Path) -> WantedInpu
         raise RequestError(f"{path}: expected pictures of 3 channels, got {first.name} {shown}")
     if len(shape) == 4 and isinstance(shape[0], int) and shape[0] != 1:
         raise RequestError(f"{path}: expected a batch of 1 or any, got {shape[0]}; export it with batch 1")
-    return WantedInput(first.name, shape, np.dtype(_FLOATS[first.type]))
+    return WantedInput(first.name, shape, np.dtype(_PIXELS[first.type]))
+
+
+def _shown(shape: Sequence[object]) -> str:
+    return "x".join(str(x) for x in shape)
 
 
 def byte_image_input(session: onnxruntime.InferenceSession, path: Path) -> WantedInput:
@@ -198,10 +210,9 @@ def byte_image_input(session: onnxruntime.InferenceSession, path: Path) -> Wante
     shape, kind = tuple(first.shape), first.type.removeprefix("tensor(").removesuffix(")")
     one_or_any = len(shape) == 4 and not (isinstance(shape[0], int) and shape[0] != 1)
     if kind != "uint8" or not one_or_any or shape[3] != 3:
-        shown = "x".join(str(x) for x in shape)
         raise RequestError(
             f"{path}: expected pictures (N, H, W, 3) of uint8, N 1 or any, as input of a file of TensorFlow's, got "
-            f"{first.name} {shown} {kind}; convert it again from `image_tensor`"
+            f"{first.name} {_shown(shape)} {kind}; convert it again from `image_tensor`"
         )
     return WantedInput(first.name, shape, np.dtype(np.uint8))
 

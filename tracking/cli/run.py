@@ -10,11 +10,9 @@ options that several commands share stand in `options`, once.
             for frame in run.steps(run.frames(source), total=frames_expected(source)):
                 with run.times.measure("track"):
                     tracker.update(frame)
-            tracks = tracker.tracks()
-            run.columns = {"frame": ...}                        # into run.json: one list a column
-            run.write("tracks.txt", lambda path: write_tracks(path, tracks))
-            video.draw(run, source, lambda path, frames: write_overlay(path, frames, tracks, ...))
-            run.done(f"{len(tracks)} objects: {output.out / 'tracks.txt'}")
+            result = blob_result(tracker, ...)                  # what the function for Python returns, too
+            run.save(result, lambda: video.draw(run, source, result))
+            run.done(f"{len(result)} objects: {output.out / 'tracks.txt'}")
         return run.status
 
 * `Run.frames` ends where the source breaks off; `Run.steps` ends where it does or where the user interrupts (Ctrl-C,
@@ -32,8 +30,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -43,6 +40,7 @@ from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, signal
 from tsuiseki.tracking.output import RunRecord, output_folder
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.weights.catalogue import records_of
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import Output
@@ -77,6 +75,7 @@ class Run:
         self.columns: Mapping[str, Sequence[Any]] = {}
         self.facts: dict[str, Any] = {}
         self.count = 0
+        self._before = 0
         self.status = DONE
         self._asked = 0
         self._patient = False
@@ -143,6 +142,7 @@ class Run:
             KeyboardInterrupt: before the first step was finished.
         """
         self._patient, before = True, self.count
+        self._before = before
         watched = progress(items, what, total)
         while not self._asked:
             try:
@@ -175,7 +175,7 @@ class Run:
         Raises:
             KeyboardInterrupt: the user interrupts.
         """
-        return self.watched(self._again(source), "drawing", self.count)
+        return self.watched(self._again(source), "drawing", self.count - self._before)
 
     def watched(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
         """``items`` with progress; an interrupt from now on ends them with KeyboardInterrupt."""
@@ -195,7 +195,7 @@ class Run:
     def _again(self, source: Source) -> Iterator[Frame]:
         from tsuiseki.tracking.video.source import open_source
 
-        first, end = self._first or 0, (self._first or 0) + self.count
+        first, end = self._first or 0, (self._first or 0) + self.count - self._before
         if self._recording is None:
             for frame in source.frames():
                 yield frame
@@ -203,7 +203,7 @@ class Run:
                 if self._first is not None and frame.index + 1 >= end:
                     return
             return
-        for frame in open_source(self._recording, FrameRange(0, self.count - 1)).frames():
+        for frame in open_source(self._recording, FrameRange(0, end - first - 1)).frames():
             yield replace(frame, index=frame.index + first)
 
     def write(self, name: str, write: Callable[[Path], object]) -> Path:
@@ -228,24 +228,25 @@ class Run:
             path.replace(self.work / path.name)
         self._written = True
 
-    def save(self, result: Result[Any], draw: Callable[[], object] = lambda: None) -> None:
+    def save(self, result: Result[Any], draw: Callable[[], object] = lambda: None, folder: str = "") -> None:
         """Write the files of ``result``, and take what it knows into ``run.json``.
 
         Args:
             result: of the run.
             draw: makes what the pages of the result show; called when all other files are written.
+            folder: for the files, inside the output folder; by default that itself.
         """
         self.columns = result.frames
         self.facts |= result.facts
         pages = [name for name in result.files if name.endswith(".html")]
         for name in [name for name in result.files if name not in pages]:
-            self.write(name, partial(self._beside, result.files[name]))
+            self._save(result.files[name], PurePath(folder, name))
         draw()
         for name in pages:
-            self.write(name, partial(self._beside, result.files[name]))
+            self._save(result.files[name], PurePath(folder, name))
 
-    def _beside(self, write: Writer, path: Path) -> object:
-        return write(path, self.work)
+    def _save(self, write: Writer, place: PurePath) -> None:
+        self.write(str(place), lambda path: write(path, self.work / place.parent))
 
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Likewise, where the result is one without it, too; None where it was not made."""
@@ -304,6 +305,8 @@ class Run:
         record = RunRecord(given.command, given.settings, self.output.random_seed, self.times.seconds, self.columns)
         record.partial, record.reason = bool(self._reason), self._reason
         record.facts = {**self.facts, "notes": noted} if (noted := notes()) else self.facts
+        if downloaded := records_of(given.settings.values()):
+            record.facts = {**record.facts, "models": downloaded}
         record.write(self.work)
 
     def _report(self) -> None:

@@ -27,6 +27,7 @@ from tsuiseki.tracking.onnx import MissingCardError, OnnxModel
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.weights import shipped_or_file
+from tsuiseki.tracking.weights.catalogue import find_model
 
 MOST_CANDIDATES = 400
 
@@ -181,19 +182,24 @@ def open_detector(
     iou_threshold: float = 0.5,
     threads: int = 0,
     options: DetectorOptions | None = None,
+    *,
+    turned: bool = False,
 ) -> Detector | ForeignDetector:
-    """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises.
+    """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises; see both.
 
-    A bare word stands for a shipped one, see `shipped_or_file`.
+    A bare word stands for a shipped or downloaded one, see `shipped_or_file`.
 
     Raises:
         RequestError: see the three; or ``options`` for a detector of this toolkit, which needs none.
     """
-    path = shipped_or_file("detector", path)
+    entry, path = find_model(str(path), "detector"), shipped_or_file("detector", path)
+    if entry is not None:
+        told = {} if options is None else {name: x for name, x in vars(options).items() if x is not None}
+        options = DetectorOptions(**{**entry.options, **told})
     try:
         found = Detector(path, score_threshold, iou_threshold, threads)
     except MissingCardError:
-        return ForeignDetector(path, score_threshold, iou_threshold, threads, options)
+        return ForeignDetector(path, score_threshold, iou_threshold, threads, options, turned=turned)
     if options not in (None, DetectorOptions()):
         raise RequestError(f"{path} tells all by itself; leave the detector options out")
     return found
@@ -204,9 +210,12 @@ def open_appearance(
 ) -> Appearance | ForeignAppearance:
     """The appearance network at ``path``: one of this toolkit, or any that `ForeignAppearance` can run.
 
+    A bare word stands for a shipped or downloaded one, see `shipped_or_file`.
+
     Raises:
         RequestError: see the two; or ``options`` for a network of this toolkit, which needs none.
     """
+    path = shipped_or_file("appearance", path)
     try:
         found = Appearance(path, threads, batch_size)
     except MissingCardError:
@@ -232,7 +241,12 @@ BLANK = np.zeros((128, 64, 3), dtype=np.uint8)
 
 
 def as_detector(
-    given: DetectorLike, score_threshold: float = 0.3, threads: int = 0, options: DetectorOptions | None = None
+    given: DetectorLike,
+    score_threshold: float = 0.3,
+    threads: int = 0,
+    options: DetectorOptions | None = None,
+    *,
+    turned: bool = False,
 ) -> Detect:
     """What finds people in images.
 
@@ -241,12 +255,13 @@ def as_detector(
         score_threshold: of a detector that is read from a file, in [0, 1].
         threads: CPU threads of a network that is read from a file; 0 takes all cores.
         options: what the file of another project does not tell.
+        turned: boxes of such a file may be turned.
 
     Raises:
         RequestError: it is none of them, or the file is no detector.
     """
     if isinstance(given, str | Path):
-        return open_detector(given, score_threshold, threads=threads, options=options)
+        return open_detector(given, score_threshold, threads=threads, options=options, turned=turned)
     if hasattr(given, "detect"):
         return given
     if callable(given):

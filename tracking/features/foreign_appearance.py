@@ -34,7 +34,10 @@ class ForeignAppearance:
         options = options or AppearanceOptions()
         self.path = Path(path)
         self.session = open_session(path, threads)
-        self._wanted = image_input(self.session, self.path)
+        if len(self.session.get_inputs()) != 1:
+            names = ", ".join(x.name for x in self.session.get_inputs())
+            raise RequestError(f"{self.path}: expected one input, the crops, got {names}; export it with crops alone")
+        self._wanted = image_input(self.session, self.path, floats=True)
         height, width = (x if isinstance(x, int) else None for x in self._wanted.shape[-2:])
         self.height, self.width = height or options.height, width or options.width
         if not self.height or not self.width:
@@ -47,9 +50,6 @@ class ForeignAppearance:
                 f"{self.path}: expected crops (N, 3, H, W) in and one output of features, got "
                 f"{len(self._wanted.shape)} axes and {len(self.session.get_outputs())} outputs"
             )
-        if len(self.session.get_inputs()) != 1:
-            names = ", ".join(x.name for x in self.session.get_inputs())
-            raise RequestError(f"{self.path}: expected one input, the crops, got {names}; export it with crops alone")
         self.batch_size = batch_size if isinstance(self._wanted.shape[0], str) else 1
         self.input = replace(IMAGENET, colour=options.colour, pixels=options.pixels, mean=options.mean, std=options.std)
         self.feature_length = self._try(self.height, self.width)

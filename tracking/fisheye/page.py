@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from tsuiseki.tracking.report.overlay import draw_label, track_colour, write_drawn
-from tsuiseki.tracking.report.page import embedded_video, html_page, listing, section
+from tsuiseki.tracking.report.overlay import draw_label, track_colour
+from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, section
 from tsuiseki.tracking.report.plots import inline_svg
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.tracks import FloorTrack
@@ -120,14 +120,10 @@ def corners(rotated: FloatArray) -> FloatArray:
     return np.stack([x, y], axis=-1) + rotated[:, None, :2]
 
 
-def write_floor_overlay(path: Path, frames: Iterable[Frame], tracks: Sequence[FloorTrack], frame_rate: float) -> None:
-    """Write the video with its tracks as WebM.
-
-    Raises:
-        RunError: the video breaks off, or WebM cannot be written.
-    """
+def floor_painter(tracks: Sequence[FloorTrack], frame_rate: float) -> Callable[[Frame], ImageArray]:
+    """What draws the tracks into the frames of a video."""
     trail = max(1, round(TRAIL_SECONDS * frame_rate))
-    write_drawn(path, frames, frame_rate, lambda frame: draw_floor_tracks(frame.image, tracks, frame.index, trail))
+    return lambda frame: draw_floor_tracks(frame.image, tracks, frame.index, trail)
 
 
 @dataclass(frozen=True)
@@ -140,7 +136,7 @@ class FloorSection:
         floor: ``(4,)`` x1, y1, x2, y2, metres.
         camera: ``(2,)`` where it hangs, metres.
         frame_rate: frames per second.
-        video: overlay, where there is one.
+        folder: where an overlay may lie.
     """
 
     name: str
@@ -148,7 +144,7 @@ class FloorSection:
     floor: FloatArray
     camera: FloatArray
     frame_rate: float
-    video: Path | None = None
+    folder: Path
 
     def html(self, number: int) -> str:
         """Plan, dwell map and video."""
@@ -157,9 +153,7 @@ class FloorSection:
         paths = inline_svg(lambda ink: floor_figure(self.tracks, self.floor, self.camera[None], ink), f"paths{number}")
         dwell = inline_svg(lambda ink: dwell_figure(self.tracks, self.floor, self.frame_rate, ink), f"dwell{number}")
         text = f'<p>{who}, {walked:.0f} m walked in all.</p><div class="plans">{paths}{dwell}</div>'
-        if self.video is not None:
-            text += embedded_video(self.video)
-        return text
+        return text + embedded_overlay(self.folder)
 
 
 def floor_page(cameras: Sequence[FloorSection], seconds: Mapping[str, float], facts: Mapping[str, str]) -> str:

@@ -60,7 +60,12 @@ class CeilingSource:
 
 
 def open_ceiling(
-    sources: Sequence[str], cameras: Path, resize: Scaling = "no", *, needs_images: bool = True
+    sources: Sequence[str],
+    cameras: Path,
+    resize: Scaling = "no",
+    *,
+    needs_images: bool = True,
+    only: str | None = None,
 ) -> list[CeilingSource]:
     """Sources with their cameras, checked against each other.
 
@@ -69,12 +74,18 @@ def open_ceiling(
         cameras: the camera file.
         resize: how a calibration is scaled to images of another size.
         needs_images: refuse a sequence that is text only.
+        only: name of the camera to take; by default all.
 
     Raises:
-        RequestError: the numbers differ, there are no images, a calibration is of another size, or one of several
-            sources is live.
+        RequestError: there is no such camera, the numbers differ, there are no images, a calibration is of another
+            size, or one of several sources is live.
     """
     placed = read_cameras(cameras)
+    if only is not None:
+        names = ", ".join(entry.name for entry in placed)
+        placed = [entry for entry in placed if entry.name == only]
+        if not placed:
+            raise RequestError(f"`camera`: expected one of {names} in {cameras}, got {only}")
     if len(sources) != len(placed):
         raise RequestError(
             f"expected one source for each camera, got {len(sources)} sources and {len(placed)} cameras in {cameras}"

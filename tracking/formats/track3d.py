@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import Position
 from tsuiseki.tracking.types.tracks import FloorTrack, Path3D
@@ -42,18 +42,10 @@ def read_path3d(path: Path) -> Path3D:
     Raises:
         RequestError: the file is missing, lacks a column, has no row, or a value is no number.
     """
-    try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines(), skipinitialspace=True))
-    except (OSError, UnicodeDecodeError) as error:
-        raise RequestError(f"{path}: expected a CSV file with columns time, x, y, z, cannot read it") from error
-    if not rows:
+    table = read_named_rows(path, "a CSV file with columns time, x, y, z", HEADER[:4])
+    if not table.rows:
         raise RequestError(f"{path}: expected a header and rows of positions, found none")
-    try:
-        values = np.array([[float(row[name]) for name in HEADER[:4]] for row in rows])
-    except (KeyError, TypeError, ValueError) as error:
-        raise RequestError(f"{path}: expected numbers in the columns time, x, y, z, got {error}") from error
-    if not all(math.isfinite(v) for v in values.ravel()):
-        raise RequestError(f"{path}: expected finite numbers in the columns time, x, y, z, got NaN or infinity")
+    values = np.array([[finite_number(path, line, name, row[name]) for name in HEADER[:4]] for line, row in table.rows])
     return Path3D(values[:, 0], values[:, 1:])
 
 

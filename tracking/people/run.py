@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 
@@ -20,7 +18,6 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.people.tracking import open_people, people_result
-    from tsuiseki.tracking.report.overlay import write_overlay
 
     source = video.open(timed=True)
     opened = open_people(source, finding, linking, output.seed)
@@ -32,8 +29,7 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
         for line in lines:
             print(line)
         tell_blank(opened.inputs.detect)
-        overlay = partial(write_overlay, tracks=result, frame_rate=source.frame_rate)
-        run.save(result, draw=lambda: video.draw(run, source, overlay))
+        run.save(result, lambda: video.draw(run, source, result))
         who, length = count(len(result), "person", "people"), count(run.count, "frame", "frames")
         run.done(f"{who} in {length}: {output.out / 'tracks.txt'}")
     return run.status

@@ -178,6 +178,12 @@ def embedded_video(path: Path, label: str = "", note: str = "") -> str:
     return f'<video controls loop muted playsinline{named} src="data:{video_type(path)};base64,{data}"></video>{below}'
 
 
+def embedded_overlay(folder: Path, name: str = "overlay", label: str = "", note: str = "") -> str:
+    """Likewise, of the video that a run has drawn into its folder; empty where none lies there."""
+    drawn = sorted(folder.glob(f"{name}.*"))
+    return embedded_video(drawn[0], label, note) if drawn else ""
+
+
 def _timelines(report: Report) -> str:
     parts = []
     for m in report.methods:

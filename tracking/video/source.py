@@ -91,6 +91,12 @@ def _opened(source: str | Path, wanted: FrameRange) -> ImageFolder | VideoFile |
     raise RequestError(f"expected a video file, a folder of images, a webcam number or an address, found no {text}")
 
 
+def image_size(source: Source) -> Size | None:
+    """Width and height of the images of a source, pixels; None where it does not tell them."""
+    size: Size | None = getattr(source, "size", None)
+    return size if size and min(size) > 0 else None
+
+
 @dataclass(frozen=True)
 class VideoFile:
     """A video file that OpenCV can decode."""

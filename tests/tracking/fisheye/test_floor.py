@@ -53,8 +53,8 @@ def test_the_world_file(tmp_path):
     ]
 
 
-def test_names_on_the_page_are_escaped():
-    section = FloorSection("<b>", [somebody()], FLOOR, np.array([2.0, 1.5]), 10.0)
+def test_names_on_the_page_are_escaped(tmp_path):
+    section = FloorSection("<b>", [somebody()], FLOOR, np.array([2.0, 1.5]), 10.0, tmp_path)
     page = floor_page([section], {"detect": 0.1}, {"a": "<i>"})
     assert "<b>" not in page
     assert "&lt;i&gt;" in page
