@@ -40,6 +40,7 @@ from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, signal
 from tsuiseki.tracking.output import RunRecord, output_folder
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.weights.catalogue import records_of
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import Output
@@ -304,6 +305,8 @@ class Run:
         record = RunRecord(given.command, given.settings, self.output.random_seed, self.times.seconds, self.columns)
         record.partial, record.reason = bool(self._reason), self._reason
         record.facts = {**self.facts, "notes": noted} if (noted := notes()) else self.facts
+        if downloaded := records_of(given.settings.values()):
+            record.facts = {**record.facts, "models": downloaded}
         record.write(self.work)
 
     def _report(self) -> None:

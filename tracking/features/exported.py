@@ -27,6 +27,7 @@ from tsuiseki.tracking.onnx import MissingCardError, OnnxModel
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.weights import shipped_or_file
+from tsuiseki.tracking.weights.catalogue import find_model
 
 MOST_CANDIDATES = 400
 
@@ -186,12 +187,15 @@ def open_detector(
 ) -> Detector | ForeignDetector:
     """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises; see both.
 
-    A bare word stands for a shipped one, see `shipped_or_file`.
+    A bare word stands for a shipped or downloaded one, see `shipped_or_file`.
 
     Raises:
         RequestError: see the three; or ``options`` for a detector of this toolkit, which needs none.
     """
-    path = shipped_or_file("detector", path)
+    entry, path = find_model(str(path), "detector"), shipped_or_file("detector", path)
+    if entry is not None:
+        told = {} if options is None else {name: x for name, x in vars(options).items() if x is not None}
+        options = DetectorOptions(**{**entry.options, **told})
     try:
         found = Detector(path, score_threshold, iou_threshold, threads)
     except MissingCardError:
@@ -206,9 +210,12 @@ def open_appearance(
 ) -> Appearance | ForeignAppearance:
     """The appearance network at ``path``: one of this toolkit, or any that `ForeignAppearance` can run.
 
+    A bare word stands for a shipped or downloaded one, see `shipped_or_file`.
+
     Raises:
         RequestError: see the two; or ``options`` for a network of this toolkit, which needs none.
     """
+    path = shipped_or_file("appearance", path)
     try:
         found = Appearance(path, threads, batch_size)
     except MissingCardError:

@@ -35,9 +35,10 @@ from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_classed_detections
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
+from tsuiseki.tracking.people.looks import given_looks, looked_at, stride_of
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
 from tsuiseki.tracking.result import StageTimes
-from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray, IntArray
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray, IntArray
 from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped
 
@@ -58,6 +59,7 @@ class PeopleInputs:
         threads: cores that networks may use; 0 for all. Functions of other people are called one at a time, and live
             sources are never read ahead.
         ground: weighs what was found, in the order of the video.
+        looked: ``(F,)`` by frame number, where a detector was run; None for everywhere.
     """
 
     source: Source
@@ -67,6 +69,7 @@ class PeopleInputs:
     camera: CameraPath | StandingCamera | None = None
     threads: int = 1
     ground: GroundPlane | None = None
+    looked: BoolArray | None = None
 
     @property
     def workers(self) -> int:
@@ -197,6 +200,39 @@ def _read(
     found, classes = read_classed_detections(path, source.length, score_range)
     compare_with_picture(path, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), image_size(source))
     return found, classes
+
+
+def looks_of(
+    detect: Detect | Sequence[Detections], source: Source, given: Iterable[int] | None = None
+) -> BoolArray | None:
+    """``(F,)`` the frames that given detections were looked for in; None for all. What a pattern says is reported.
+
+    Args:
+        detect: a detector looks at all frames.
+        source: the video.
+        given: 0-based numbers of the frames, where the user says so; by default the detections say it, `looked_at`.
+
+    Raises:
+        RequestError: see `given_looks`; or there is a detector.
+    """
+    if not isinstance(detect, Sequence):
+        if given is not None:
+            raise RequestError("expected `frames_looked_at` with `detections`, got it with a detector")
+        return None
+    length = max(source.length or 0, len(detect))
+    if given is not None:
+        return given_looks(given, length)
+    looked = looked_at(np.array([*map(len, detect), *[0] * (length - len(detect))], dtype=np.int64))
+    if looked is not None:
+        stride = stride_of(looked)
+        every = f"{stride:g}th" if stride == round(stride) else f"{stride:.3g}th, on average,"
+        warnings.warn(
+            f"there are detections in {looked.sum()} of {len(looked)} frames, every {every} one; the others are taken "
+            "as not looked at, and nobody is missed in them",
+            InputWarning,
+            stacklevel=2,
+        )
+    return looked
 
 
 def classes_of(classes: Iterable[IntArray]) -> list[int]:
