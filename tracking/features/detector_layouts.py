@@ -326,7 +326,7 @@ LAYOUTS: Mapping[LayoutName, DetectorLayout] = {
         "(1, N, C+44) scores, then logits of distances",
         partial(read_nanodet, bins=NANODET_G_BINS),
         lambda o: nanodet_rows(o, NANODET_G_BINS)[:, : -4 * NANODET_G_BINS],
-        _NANODET,
+        replace(_NANODET, resize="letterbox", fill=0),
     ),
     "fastestdet": DetectorLayout(
         "(1, 5+C, H, W) or (N, 5+C), a box a cell of 16 pixels",
