@@ -70,7 +70,6 @@ class ForeignDetector:
         iou_threshold: float = 0.5,
         threads: int = 0,
         options: DetectorOptions | None = None,
-        *,
         turned: bool = False,
     ) -> None:
         options, self.turned = options or DetectorOptions(), turned
