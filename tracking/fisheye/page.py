@@ -58,9 +58,12 @@ def dwell_seconds(tracks: Sequence[FloorTrack], floor: FloatArray, frame_rate: f
 
 
 def dwell_figure(tracks: Sequence[FloorTrack], floor: FloatArray, frame_rate: float, ink: str = "black") -> Figure:
-    """Where people spent how long, seconds a square metre."""
+    """Where people spent how long, seconds a square metre; a plain plan where nobody was."""
     figure, axes = _plan(floor, "Time spent", ink)
     seconds = dwell_seconds(tracks, floor, frame_rate) / CELL**2
+    if not seconds.any():
+        axes.text(0.5, 0.5, "nobody was here", transform=axes.transAxes, ha="center", color=ink)
+        return figure
     shown = axes.imshow(
         seconds, origin="lower", extent=(floor[0], floor[2], floor[1], floor[3]), cmap="magma", aspect="equal"
     )

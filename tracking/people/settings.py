@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.options import Shared
@@ -35,6 +36,7 @@ class Detecting(Shared):
         score_range: smallest and largest score that the rows of --detections may have; by default any.
         appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
         threads: CPU cores of the networks; 0 takes all.
+        device: what the networks run on: cpu, cuda (a GPU, with onnxruntime-gpu), or auto (cuda where it works).
     """
 
     detector: Path | None = None
@@ -42,6 +44,7 @@ class Detecting(Shared):
     score_range: tuple[float, float] | None = None
     appearance: Path | None = None
     threads: int = 0
+    device: Device = "auto"
 
     def check(self) -> None:
         """See `Shared.check`."""
