@@ -73,7 +73,6 @@ class ForeignDetector:
         threads: int = 0,
         options: DetectorOptions | None = None,
         device: Device = "auto",
-        *,
         turned: bool = False,
     ) -> None:
         options, self.turned = options or DetectorOptions(), turned

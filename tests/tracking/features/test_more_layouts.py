@@ -144,6 +144,12 @@ FILES = {
         {"plain": ("graph2_flat_predictions",), "kind": TensorProto.UINT8},
     ),
     "YOLO-NAS without suppression": ("yolo-nas", yolo_nas(), "letterbox", {}),
+    "PP-YOLOE without suppression": (
+        "yolo-nas",
+        {"boxes": yolo_nas()["913"], "scores": yolo_nas()["904"].T.copy()},
+        "letterbox",
+        {},
+    ),
     "YOLOv7 end-to-end": (
         "yolov7",
         {"output": rows(NOUGHT, CORNERS[KEPT], CLASS, SCORE)},
