@@ -221,19 +221,15 @@ def _with_people(view: RoomView, things: list[Thing], light: Light) -> tuple[Ima
     sun, under = both_shadows(things, camera, light, 2.0)
 
     def below(rows: slice, columns: slice) -> Picture:
-        part = _part_of(view.empty, rows, columns)
+        n = view.empty.samples
+        fine = slice(rows.start * n, rows.stop * n), slice(columns.start * n, columns.stop * n)
+        part = Picture(view.empty.colour[rows, columns], view.empty.distance[fine], n)
         darker = view.direct[rows, columns] * sun[rows, columns, None]
         darker += part.colour * (OCCLUSION * part.open_ground * under[rows, columns])[:, :, None]
         return replace(part, colour=part.colour - darker)
 
     rects = np.array([_rectangle(thing, camera) for thing in things]).reshape(-1, 4)
     return image, draw_clusters(image, things, rects, camera, light, below, view.exposure)
-
-
-def _part_of(picture: Picture, rows: slice, columns: slice) -> Picture:
-    n = picture.samples
-    fine = slice(rows.start * n, rows.stop * n), slice(columns.start * n, columns.stop * n)
-    return Picture(picture.colour[rows, columns], picture.distance[fine], n)
 
 
 def _rectangle(thing: Thing, camera: RayCamera) -> FloatArray:
