@@ -88,7 +88,7 @@ class SpriteLibrary:
         if colours is None or normals is None or colours.shape[2:] != (4,):
             raise RequestError(f"expected pictures {name}.png and {name}.normal.png, got none; make the folder anew")
         feet_x, feet_y, head_x, head_y, height, tilt, *sides = (float(row[c]) for c in _COLUMNS[1:])
-        albedo, label = np.ascontiguousarray(colours[..., 2::-1]), np.asarray(colours[..., 3] // 32, np.uint8)
+        albedo, label = np.ascontiguousarray(colours[..., 2::-1], np.uint8), np.asarray(colours[..., 3] // 32, np.uint8)
         normal = (normals[..., ::-1].astype(np.int16) - 128).astype(np.int8)
         feet, head = np.array([feet_x, feet_y]), np.array([head_x, head_y])
         return Sprite(albedo, normal, label, feet, head, height, tilt, np.array(sides))

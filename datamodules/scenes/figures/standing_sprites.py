@@ -92,14 +92,8 @@ def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
     """The sprite in other colours, and mirrored every other time."""
     look = random_look(rng)
     albedo = sprite.albedo.copy()
-    colours = {
-        Worn.HAIR: look.hair,
-        Worn.UPPER: look.upper,
-        Worn.LOWER: look.lower,
-        Worn.SHOES: look.shoes,
-        Worn.EXTRA: look.bag_colour,
-    }
-    for label, colour in colours.items():
+    colours = (look.hair, look.upper, look.lower, look.shoes, look.bag_colour)
+    for label, colour in zip(list(Worn)[1:], colours, strict=True):
         at = sprite.label == label
         if not at.any():
             continue
@@ -158,19 +152,13 @@ def pictured_things(
     largest: float,
 ) -> list[Thing]:  # fmt: skip
     """Up to ``count`` photographed things, clear of the places ``taken`` ``(N, 2)``; see `clutter_around`."""
-    made: list[tuple[Solids, Sprite]] = []
 
-    def upright(rng: np.random.Generator, spot: FloatArray) -> Solids:
+    def upright(rng: np.random.Generator, spot: FloatArray) -> Thing:
         sprite = _as_sprite(rng, photographs.thing(rng))
-        made.append((_board(sprite, spot, camera), sprite))
-        return made[-1][0]
+        board = _board(sprite, spot, camera)
+        return Thing(board, cutout=Standing(sprite, board.start[0, :2].astype(np.float64)))
 
-    placed = clutter_around(rng, camera, count, taken, largest, upright)
-    sprites = {id(solids): sprite for solids, sprite in made}
-    return [
-        Thing(thing.solids, cutout=Standing(sprites[id(thing.solids)], thing.solids.start[0, :2].astype(np.float64)))
-        for thing in placed
-    ]
+    return clutter_around(rng, camera, count, taken, largest, upright)
 
 
 def _as_sprite(rng: np.random.Generator, picture: ImageArray) -> Sprite:

@@ -6,6 +6,8 @@ or the cube has unit size, keeps the distance along the ray, so one closed form 
 
 from __future__ import annotations
 
+import itertools
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
@@ -151,41 +153,34 @@ class Parts:
     """Solids that are put together one after another."""
 
     def __init__(self) -> None:
-        self._groups: list[Solids] = []
-        self._cones: list[tuple[Any, ...]] = []
-        self._boxes: list[tuple[Any, ...]] = []
+        # What makes solids of rows, and one row; without a maker the row is solids.
+        self._rows: list[tuple[Callable[..., Solids] | None, Any]] = []
 
     def cone(
         self, start: FloatArray, end: FloatArray, radii: tuple[float, float], surface: Surface, flat: float = 1.0,
         front: FloatArray = FORWARD,
     ) -> None:  # fmt: skip
         """Add what lies between two spheres; see `cone_spheres`."""
-        self._close(self._boxes)
-        self._cones.append((start, end, radii, front, flat, surface))
+        self._rows.append((cone_spheres, (start, end, radii, front, flat, surface)))
 
     def box(self, centre: FloatArray, half: Sequence[float] | FloatArray, yaw: float, surface: Surface) -> None:
         """Add an upright box; see `boxes`."""
-        self._close(self._cones)
-        self._boxes.append((centre, half, yaw, surface))
+        self._rows.append((boxes, (centre, half, yaw, surface)))
 
     def add(self, solids: Solids) -> None:
         """Add solids as they are."""
-        self._close(self._cones, self._boxes)
-        self._groups.append(solids)
+        self._rows.append((None, solids))
 
     def solids(self) -> Solids:
         """All of them, in the order in which they were added."""
-        self._close(self._cones, self._boxes)
-        return join(self._groups) if len(self._groups) > 1 else self._groups[0]
-
-    def _close(self, *ends: list[Any]) -> None:
-        """End the rows of ``ends``, which make solids together."""
-        for rows in ends:
-            if rows:
-                *columns, surfaces = zip(*rows, strict=True)
-                make: Callable[..., Solids] = cone_spheres if rows is self._cones else boxes
-                self._groups.append(make(*(np.array(column, dtype=np.float64) for column in columns), surfaces))
-                rows.clear()
+        groups: list[Solids] = []
+        for make, rows in itertools.groupby(self._rows, key=operator.itemgetter(0)):
+            if make is None:
+                groups += [solids for _, solids in rows]
+            else:
+                *columns, surfaces = zip(*(row for _, row in rows), strict=True)
+                groups.append(make(*(np.array(column, dtype=np.float64) for column in columns), surfaces))
+        return join(groups) if len(groups) > 1 else groups[0]
 
 
 def along(yaw: float) -> FloatArray:
