@@ -153,7 +153,9 @@ class RoomClip:
                 for number, (x, y) in zip(truth.ids.tolist(), truth.places.tolist(), strict=True)
             ]
             (home / PLACES_FILE).write_text("frame,id,x,y\n" + "".join(rows), encoding="utf-8")
-        write_cameras(folder / CAMERAS_FILE, cameras_of(self))
+        named, rate = enumerate(self.cameras, 1), self.settings.frame_rate
+        cameras = [CameraOverFloor(f"camera{k}", camera, rate, floor=self.floor) for k, camera in named]
+        write_cameras(folder / CAMERAS_FILE, cameras)
 
 
 def ceiling_lens(lens: OmnidirectionalLens | None, width: int, height: int) -> OmnidirectionalLens:
@@ -241,9 +243,3 @@ def _rectangle(thing: Thing, camera: RayCamera) -> FloatArray:
     low, high = rects[:, :2].min(axis=0), rects[:, 2:].max(axis=0)
     margin = 0.15 * (high - low).max() + 4
     return np.concatenate([low - margin, high + margin])
-
-
-def cameras_of(clip: RoomClip) -> list[CameraOverFloor]:
-    """The clip's cameras as `cameras.yaml` has them."""
-    rate = clip.settings.frame_rate
-    return [CameraOverFloor(f"camera{k + 1}", camera, rate, floor=clip.floor) for k, camera in enumerate(clip.cameras)]
