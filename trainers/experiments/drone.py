@@ -1,6 +1,6 @@
 """Thesis chapter 5 on generated clips: people from a drone, flow alternating with action features.
 
-Tables 5.3 to 5.5 and Figs. 5.7 to 5.11 (`reproduce drone-action-features`). Clips, and what the networks make of them,
+Tables 5.3 to 5.5 and Figs. 5.8 and 5.11 (`reproduce drone-action-features`). Clips, and what the networks make of them,
 are kept in the store.
 """
 
@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -48,9 +48,11 @@ from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.weights import shipped, shipped_or_file
-from tsuiseki.trainers.experiments.drone_pictures import draw_pictures, draw_second, plot_gains, plot_iterations
 from tsuiseki.trainers.experiments.store import Store, code_version
-from tsuiseki.trainers.experiments.study import Bench, Outcome, Table, at_least_one
+from tsuiseki.trainers.experiments.study import Bench, Curve, Outcome, Table, at_least_one, curves
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ComparedMethod = Literal["deepsort", "flow", "flow-saf", "flow-maf", "flow-maf, one-sided"]
 METHODS: tuple[ComparedMethod, ...] = get_args(ComparedMethod)
@@ -148,8 +150,7 @@ def reproduce(
 ) -> Outcome:
     """Thesis chapter 5 on generated clips from a violently moving drone: Tables 5.3, 5.4 and 5.5, Figs. 5.8 and 5.11.
 
-    DIR gets results.json, tables.md, iterations.png, action_gain.png and pictures of switches like Figs. 5.7, 5.9 and
-    5.10: prevented.jpg, remaining.jpg, second.jpg.
+    DIR gets results.json, tables.md and iterations.png.
 
     Args:
         bench: where it works; clips and the networks' output are kept.
@@ -178,24 +179,28 @@ def reproduce(
     bench.watch.say("tracking")
     people = {"taken out": people_rows(sets), "left in": people_rows(sets, compensate=False)}
     iterations = {str(m): by_iteration(every, m) for m in METHODS if m.startswith("flow-maf")}
-    bench.watch.say("recognising actions, showing switches")
-    curves = {m: [people_row(people_scores(every, found)) for found in results] for m, results in iterations.items()}
-    gains = action_gains(every, iterations["flow-maf"])
-    drawn = draw_pictures(every, track_all(every, "flow"), iterations["flow-maf, one-sided"])
-    drawn |= draw_second(carried, by_iteration(carried, "flow-maf, one-sided", count=2))
-    pictures = {name: picture.shows for name, picture in drawn.items()}
+    bench.watch.say("recognising actions")
+    rounds = {m: [people_row(people_scores(every, found)) for found in results] for m, results in iterations.items()}
     values: dict[str, Any] = {
         "plan": {"seeds": seeds, "clips": clips, "frames": frames},
         "people": people,
-        "iterations": curves,
+        "iterations": rounds,
         "second": people_rows([carried]),
         "actions": action_values(recognition(every)),
-        "action_gain": gains,
-        "pictures": pictures,
+        "action_gain": action_gains(every, iterations["flow-maf"]),
     }
-    plots = {"iterations": plot_iterations(curves), "action_gain": plot_gains(gains)}
-    files = {f"{name}.jpg": picture.jpeg for name, picture in drawn.items()}
-    return Outcome(values, tables(values), plots, files, [_note(people["taken out"]["flow"], seeds * clips * frames)])
+    note = _note(people["taken out"]["flow"], seeds * clips * frames)
+    return Outcome(values, tables(values), {"iterations": plot_iterations(rounds)}, notes=[note])
+
+
+def plot_iterations(rounds: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
+    """Fig. 5.8: recall, precision, switches and MOTA over the iterations of the alternation."""
+    titles = {"recall": "recall, %", "precision": "precision, %", "id_switches": "switches", "mota": "MOTA, %"}
+    panels = {
+        title: [Curve(m, range(1, len(rows) + 1), [row[score] for row in rows]) for m, rows in rounds.items()]
+        for score, title in titles.items()
+    }
+    return curves(panels, ["iteration"] * len(panels), "", (3.6, 3.2))
 
 
 def _models(actions: list[Path] | None, appearance: Path | None, detector: Path | None) -> ObservingModels:
@@ -393,23 +398,26 @@ def action_gains(clips: Sequence[ObservedClip], results: Sequence[People]) -> di
 
 
 def tables(values: Mapping[str, Any]) -> list[Table]:
-    """Tables 5.3 to 5.5 from all numbers of the experiment."""
-    found = []
-    for motion, rows in values["people"].items():
-        lines = [_person_row(n, r, PAPER_PEOPLE) for n, r in rows.items()]
-        found.append(Table(f"Table 5.3, the camera's motion {motion}", COLUMNS, lines))
-    lines = [_person_row(n, r, PAPER_SECOND) for n, r in values["second"].items()]
-    found.append(Table("Table 5.4, everything carried over to other clips", COLUMNS, lines))
+    """Tables 5.3 to 5.5 and Fig. 5.11 from all numbers of the experiment."""
+    people = {f"Table 5.3, the camera's motion {motion}": (rows, PAPER_PEOPLE) for motion, rows in
+              values["people"].items()}  # fmt: skip
+    people["Table 5.4, everything carried over to other clips"] = (values["second"], PAPER_SECOND)
+    found = [
+        Table(title, COLUMNS, [_person_row(name, row, paper.get(name, "")) for name, row in rows.items()])
+        for title, (rows, paper) in people.items()
+    ]
     actions = values["actions"]
     names = next(iter(actions.values()))["actions"]
     lines = [[name, *(_percent(actions[kind]["actions"][name]["f1"]) for kind in actions)] for name in names]
     lines.append(["average", *(_percent(actions[kind]["mean_f1"]) for kind in actions)])
     lines.append(["mAP", *(_percent(actions[kind]["mean_average_precision"]) for kind in actions)])
     lines.append(["average in the paper", *(f"{PAPER_ACTIONS[kind]:.2f}" for kind in actions)])
-    return [*found, Table("Table 5.5, F1 at 0.4 of every action, tracks given; percent", ["", *actions], lines)]
+    found.append(Table("Table 5.5, F1 at 0.4 of every action, tracks given; percent", ["", *actions], lines))
+    gains = [[name, "–" if change is None else f"{change:+.2f}"] for name, change in values["action_gain"].items()]
+    return [*found, Table("Fig. 5.11, AP after iteration 10 less that after iteration 1", ["", "points"], gains)]
 
 
-def _person_row(name: str, row: Mapping[str, Any], paper: Mapping[str, str]) -> list[str]:
+def _person_row(name: str, row: Mapping[str, Any], paper: str) -> list[str]:
     scores = [f"{row[k]:.2f}" for k in ("recall", "precision", "mota", "motp", "motp_as_printed", "idf1", "hota")]
     apart = []
     for score in COMPARED:
@@ -417,7 +425,7 @@ def _person_row(name: str, row: Mapping[str, Any], paper: Mapping[str, str]) -> 
         gap = row["against_flow"][score]
         middle, low, high = (f"{factor * gap[key]:+.{digits}f}" for key in ("difference", "low", "high"))
         apart.append(f"{middle} ({low} to {high})")
-    return [name, *scores[:2], f"{row['id_switches']:.0f}", *scores[2:], *apart, paper.get(name, "")]
+    return [name, *scores[:2], f"{row['id_switches']:.0f}", *scores[2:], *apart, paper]
 
 
 def _percent(value: float | None) -> str:

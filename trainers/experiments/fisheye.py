@@ -17,13 +17,11 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.room_clip import CAMERAS, Room
-from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
+from tsuiseki.tracking.evaluation.coverage import coverage
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS
-from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.report.overlay import draw_label, track_colour
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+from tsuiseki.tracking.report.overlay import Overlay, draw_label
+from tsuiseki.tracking.types import BoolArray, FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.tracks import FloorTrack
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.fisheye_rooms import (
@@ -34,14 +32,9 @@ from tsuiseki.trainers.experiments.fisheye_rooms import (
     CpuTimes,
     Observed,
     observe,
-    parts_of,
-    plan,
-    read_observed,
-    render,
 )
 from tsuiseki.trainers.experiments.fisheye_rows import (
     ROWS,
-    Clips,
     Graded,
     lowest_score,
     pair_of,
@@ -94,15 +87,13 @@ Named = dict[tuple[int, int], int]
 
 @dataclass(frozen=True)
 class FloorResults:
-    """Everything of one room and rate: the test sequences by seed, and their tracks by row."""
+    """Everything of one room and rate, by seed and camera: the test sequences, and their tracks by row."""
 
     sequences: dict[int, list[Observed]]
     tracks: dict[str, dict[int, list[list[FloorTrack]]]]
 
 
 CHOSEN_ON = "all settings have the best MOTA on rooms of seeds 900 and 901"
-# A room, its seed, the length of its sequence in seconds and its rate.
-Job = tuple[Room, int, int, Rate]
 
 
 def reproduce(
@@ -144,14 +135,19 @@ def reproduce(
     tested = _tested(first_seed, seeds, fast_seeds)
     found_by = None if simulated_detections else detector or shipped(DETECTORS["unrolled"])
     models = CeilingModels(found_by, appearance or shipped("appearance_people"))
-    slow: list[Job] = [(room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)]
-    fast: list[Job] = [(room, seed, fast_seconds, 15) for seed in tested[:fast_seeds] for room in ROOMS]
-    folders = _observed(bench, [*slow, *fast], calibration, models)
-    chosen, least = _chosen(bench, [p for seed in VALIDATION_SEEDS for room in ROOMS for p in folders[room, seed, 1]])
-
-    scored: list[tuple[Room, Rate]] = [("large", 1), ("small", 1), *((room, 15) for room in ROOMS if fast_seeds)]
-    results = [_tracked(bench, _tests(folders, tested, *each), chosen, least) for each in scored]
-    large, small = results[:2]
+    slow = [(room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)]
+    fast = [(room, seed, fast_seconds, 15) for seed in tested[:fast_seeds] for room in ROOMS]
+    jobs = [CeilingClip(*job, calibration) for job in (*slow, *fast) for k in range(CAMERAS)]
+    found: dict[tuple[Room, Rate], dict[int, list[Observed]]] = {}
+    for clip in bench.watch.over(jobs, "sequences", len(jobs)):
+        of_seeds = found.setdefault((clip.room, clip.rate), {})
+        of_seeds.setdefault(clip.seed, []).append(bench.store.recall(observe, clip, models))
+    validation = [each for seed in VALIDATION_SEEDS for room in ROOMS for each in found[room, 1].pop(seed)]
+    least = lowest_score(bench.store, list(PAPER), validation)
+    chosen = dict[str, Graded]()
+    for name, row in bench.watch.over(ROWS.items(), "settings", len(ROWS)):
+        chosen[name] = chosen[row.like] if row.like else select(bench.store, row, validation, least)
+    results = [_tracked(bench, sequences, chosen, least) for sequences in found.values()]
     values: dict[str, Any] = {
         "seeds": seeds,
         "first_seed": first_seed,
@@ -160,35 +156,13 @@ def reproduce(
         "fast_seconds": fast_seconds,
         "chosen": {"least_score": least, "rows": {name: asdict(each) for name, each in chosen.items()}},
         "rows": {label: row_values(each) for label, each in zip(LABELS, results, strict=False)},
-        "where": where_parts_help(large),
-        "milliseconds": _milliseconds((large, small), chosen["both"], least),
+        "where": where_parts_help(results[0]),
+        "milliseconds": {
+            room: stage_milliseconds(each, chosen["both"], least) for room, each in zip(ROOMS, results, strict=False)
+        },
     }
-    files = _jpegs(switch_pictures(large, seconds, calibration))
+    files = switch_pictures(results[0], seconds, calibration)
     return Outcome(values, tables(values), files=files, notes=[f"{CHOSEN_ON}; lowest score of a detection {least:g}"])
-
-
-def _tests(
-    folders: Mapping[tuple[Room, int, Rate], list[list[Path]]], tested: range, room: Room, rate: Rate
-) -> dict[int, list[list[Path]]]:
-    """What was observed in the rooms of one size and rate that are scored, by seed."""
-    return {s: each for (r, s, k), each in folders.items() if (r, k) == (room, rate) and s in tested}
-
-
-def _chosen(bench: Bench, validation: Clips) -> tuple[dict[str, Graded], float]:
-    """The settings of each row and the lowest score of a detection, chosen on rooms that are not scored."""
-    least = lowest_score(bench.store, list(PAPER), validation)
-    chosen = dict[str, Graded]()
-    for name, row in bench.watch.over(ROWS.items(), "settings", len(ROWS)):
-        chosen[name] = chosen[row.like] if row.like else select(bench.store, row, validation, least)
-    return chosen, least
-
-
-def _milliseconds(found: Sequence[FloorResults], both: Graded, least: float) -> dict[str, Any]:
-    return {room: stage_milliseconds(each, both, least) for room, each in zip(ROOMS, found, strict=True)}
-
-
-def _jpegs(pictures: Mapping[str, ImageArray]) -> dict[str, bytes]:
-    return {name: cv2.imencode(".jpg", image[:, :, ::-1])[1].tobytes() for name, image in pictures.items()}
 
 
 def _tested(first: int, seeds: int, fast_seeds: int) -> range:
@@ -204,35 +178,15 @@ def _tested(first: int, seeds: int, fast_seeds: int) -> range:
     return tested
 
 
-def _observed(
-    bench: Bench, jobs: Sequence[Job], calibration: Path | None, models: CeilingModels
-) -> dict[tuple[Room, int, Rate], list[list[Path]]]:
-    """The observations of each camera of each room, by room, seed and rate."""
-    return {
-        (room, seed, rate): [
-            _observed_folders(bench, CeilingClip(room, seed, camera, length, rate, calibration), models)
-            for camera in range(CAMERAS)
-        ]
-        for room, seed, length, rate in bench.watch.over(jobs, "rooms", len(jobs))
-    }
-
-
-def _observed_folders(bench: Bench, clip: CeilingClip, models: CeilingModels) -> list[Path]:
-    """The folders of what was observed in each part of a clip."""
-    made = bench.store.made
-    return [made("observed", observe, part, made("frames", render, part), models) for part in parts_of(clip)]
-
-
 def _tracked(
-    bench: Bench, tests: Mapping[int, Sequence[Sequence[Path]]], chosen: Mapping[str, Graded], least: float
+    bench: Bench, sequences: dict[int, list[Observed]], chosen: Mapping[str, Graded], least: float
 ) -> FloorResults:
-    """The tracks of every row in the test rooms, by seed the folders of each camera's parts."""
+    """The tracks of every row in the test rooms."""
     tracks: dict[str, dict[int, list[list[FloorTrack]]]] = {name: {} for name in ROWS}
-    for seed, each in bench.watch.over(tests.items(), "rooms tracked", len(tests)):
+    for seed, each in bench.watch.over(sequences.items(), "rooms tracked", len(sequences)):
         for name, by_seed in tracks.items():
-            choice = chosen[name].choice
-            by_seed[seed] = [bench.store.recall(tracked, name, parts, choice, least) for parts in each]
-    return FloorResults({seed: [read_observed(parts) for parts in each] for seed, each in tests.items()}, tracks)
+            by_seed[seed] = [bench.store.recall(tracked, name, one, chosen[name].choice, least) for one in each]
+    return FloorResults(sequences, tracks)
 
 
 def _scores(found: FloorResults, name: str, where: Any = None) -> list[Any]:
@@ -290,12 +244,11 @@ def where_parts_help(found: FloorResults) -> dict[str, Any]:
 def stage_milliseconds(found: FloorResults, chosen: Graded, least: float) -> dict[str, float]:
     """Milliseconds a frame of each stage in the first sequence, both parts with the chosen settings."""
     observed = next(iter(found.sequences.values()))[0]
-    frames = len(observed.found)
-    times = CpuTimes()
+    frames, times = len(observed.found), CpuTimes()
     with times.measure("associate"):
         run_row(ROWS["both"], observed, chosen.choice, least)
-    result = {stage: 1000 * observed.seconds[stage] / frames for stage in STAGES}
-    return {**result, "associate": 1000 * times.seconds["associate"] / frames, "people": observed.persons / frames}
+    spent = {stage: 1000 * seconds / frames for stage, seconds in {**observed.seconds, **times.seconds}.items()}
+    return {**spent, "people": sum(map(len, observed.found)) / frames}
 
 
 def tables(values: Mapping[str, Any]) -> list[Table]:
@@ -336,77 +289,62 @@ def _people_table(label: str, place: int, rows: Mapping[str, Mapping[str, Any]])
     return Table(table.title, [*table.columns, "world error, m (median, mean, 90 %)"], lines)
 
 
-def switch_pictures(found: FloorResults, seconds: int, calibration: Path | None) -> dict[str, ImageArray]:
+def switch_pictures(found: FloorResults, seconds: int, calibration: Path | None) -> dict[str, bytes]:
     """``prevented.jpg``: DeepSORT above, both parts below; ``remaining.jpg`` likewise. Missing where there is none."""
-    pictures = {}
+    pictures = dict[str, bytes]()
     for name, switching, keeping in (("prevented.jpg", "DeepSORT", "both"), ("remaining.jpg", "both", None)):
         for seed, each in found.sequences.items():
             for camera, observed in enumerate(each):
-                theirs, ours = (named(observed, found.tracks[row][seed][camera]) for row in ("DeepSORT", "both"))
-                spot = first_switch({"DeepSORT": theirs, "both": ours}[switching], ours if keeping else None)
+                rows = {row: found.tracks[row][seed][camera] for row in ("DeepSORT", "both")}
+                follower = {row: named(observed, tracks) for row, tracks in rows.items()}
+                spot = first_switch(follower[switching], follower[keeping] if keeping else None)
                 if spot is not None and name not in pictures:
                     clip = CeilingClip("large", seed, camera, seconds, 1, calibration)
-                    pictures[name] = _strip(clip, observed, spot, theirs, ours)
+                    strip = _strip(clip, observed, spot, list(rows.values()))
+                    pictures[name] = cv2.imencode(".jpg", strip[:, :, ::-1])[1].tobytes()
     return pictures
 
 
 def named(observed: Observed, tracks: Sequence[FloorTrack]) -> Named:
     """The id that tracks give to each labelled person, by frame and person; no box stands for two."""
-    found: Named = {}
-    for frame in np.unique(observed.truth.frames).tolist():
-        rows = np.flatnonzero(observed.truth.frames == frame)
-        here = [(t, int(k)) for t in tracks for k in np.flatnonzero(t.track.frames == frame)]
-        if not here:
-            continue
-        overlaps = iou_matrix(observed.truth.boxes[rows], np.array([t.track.boxes[k] for t, k in here]))
-        for row, column in zip(*assign_overlaps(overlaps, MATCH_OVERLAP), strict=True):
-            found[frame, int(observed.truth.ids[rows[row]])] = here[int(column)][0].track.id
-    return found
+    return {
+        (frame, person.id): number
+        for person in coverage(observed.truth, [each.track for each in tracks])
+        for frame, number in zip(person.frames.tolist(), person.track_ids.tolist(), strict=True)
+        if number
+    }
 
 
 def first_switch(switching: Named, keeping: Named | None) -> tuple[int, int] | None:
     """Frame and person of a switch between two frames in a row, which ``keeping`` does not have."""
     for frame, person in sorted(switching):
-        before = switching.get((frame - 1, person))
-        if before is None or before == switching[frame, person] or (frame - 2, person) not in switching:
+        ids = [switching.get((at, person)) for at in range(frame - 2, frame + 1)]
+        if None in ids or ids[1] == ids[2]:
             continue
-        if keeping is None or (
-            (frame - 2, person) in keeping
-            and len({keeping.get((f, person)) for f in (frame - 2, frame - 1, frame)}) == 1
-        ):
+        kept = None if keeping is None else {keeping.get((at, person)) for at in range(frame - 2, frame + 1)}
+        if kept is None or (len(kept) == 1 and None not in kept):
             return frame, person
     return None
 
 
-def _strip(clip: CeilingClip, observed: Observed, spot: tuple[int, int], theirs: Named, ours: Named) -> ImageArray:
-    """Three frames up to a switch, DeepSORT's ids above and those of both parts below, cut out around the person."""
+def _strip(
+    clip: CeilingClip, observed: Observed, spot: tuple[int, int], rows: Sequence[Sequence[FloorTrack]]
+) -> ImageArray:
+    """Three frames up to a switch, cut out around the person, a row for the tracks of each method."""
     frame, person = spot
-    room = plan(clip)
-    view = room.view(clip.camera)
-    rows: list[list[ImageArray]] = [[], []]
-    for at in range(frame - 2, frame + 1):
-        image, _ = room.draw_frame(view, at * RATE)
-        which = np.flatnonzero(observed.truth.frames == at)
-        ids, boxes = observed.truth.ids[which], observed.truth.boxes[which]
-        for row, named in zip(rows, (theirs, ours), strict=True):
-            row.append(_drawn(image, ids.tolist(), boxes, named, at, person))
-    return np.concatenate([np.concatenate(row, axis=1) for row in rows], axis=0)
-
-
-def _drawn(image: ImageArray, ids: list[int], boxes: FloatArray, named: Named, frame: int, person: int) -> ImageArray:
-    drawn = image.copy()
-    centre = np.array([image.shape[1], image.shape[0]]) / 2
-    for number, box in zip(ids, boxes, strict=True):
-        identity = named.get((frame, number))
-        colour = (128, 128, 128) if identity is None else track_colour(identity)
-        x1, y1, x2, y2 = np.round(box).astype(int).tolist()
-        cv2.rectangle(drawn, (x1, y1), (x2, y2), colour, 2, cv2.LINE_AA)
-        draw_label(drawn, "missed" if identity is None else str(identity), (x1, y1 - 2), colour)
-        if number == person:
-            centre = (box[:2] + box[2:]) / 2
-            size = int(0.6 * max(x2 - x1, y2 - y1)) + 8
-            cv2.circle(drawn, tuple(np.round(centre).astype(int).tolist()), size, (255, 255, 255), 2, cv2.LINE_AA)
-    low = np.clip(np.round(centre - SIDE / 2), 0, [image.shape[1] - SIDE, image.shape[0] - SIDE]).astype(int)
-    part = drawn[low[1] : low[1] + SIDE, low[0] : low[0] + SIDE]
-    draw_label(part, f"#{frame + 1}", (4, SIDE - 4), (60, 60, 60))
-    return np.ascontiguousarray(part)
+    room, truth, lines = clip.plan(), observed.truth, list[ImageArray]()
+    for tracks in rows:
+        overlay, cells = Overlay([each.track for each in tracks], 1.0, trail_seconds=0.0), list[ImageArray]()
+        for at in range(frame - 2, frame + 1):
+            image = room.draw_frame(room.view(clip.camera), at * RATE)[0]
+            drawn = overlay.draw(Frame(at, float(at), image))
+            box = truth.boxes[(truth.frames == at) & (truth.ids == person)][0]
+            centre = np.round((box[:2] + box[2:]) / 2).astype(int)
+            reach = int(0.6 * (box[2:] - box[:2]).max()) + 8
+            cv2.circle(drawn, tuple(centre.tolist()), reach, (255, 255, 255), 2, cv2.LINE_AA)
+            low = np.clip(centre - SIDE // 2, 0, [drawn.shape[1] - SIDE, drawn.shape[0] - SIDE])
+            part = drawn[low[1] : low[1] + SIDE, low[0] : low[0] + SIDE].copy()
+            draw_label(part, f"#{at + 1}", (4, SIDE - 4), (60, 60, 60))
+            cells.append(part)
+        lines.append(np.concatenate(cells, axis=1))
+    return np.concatenate(lines, axis=0)

@@ -8,8 +8,8 @@ of the training sequences by direct search (Nelder and Mead 1965), for agreement
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from scipy.optimize import minimize
@@ -35,74 +35,44 @@ TRUST = Fit().trust
 LOOKS, WINDOWS, SECONDS, MOST_LINKS = 30, 8, 3.0, 40_000
 
 
-class Classifier(Protocol):
-    """A learner of either kind."""
-
-    def decision_function(self, rows: FloatArray) -> FloatArray:
-        """``(P,)`` logits."""
-        ...
-
-
 @dataclass(frozen=True)
 class PairChanges:
     """Costs from probabilities of links and detections; a `CostChanges`.
 
     Attributes:
-        link: says whether links are right.
-        detection: says whether detections are.
+        link: classifier that says whether links are right.
+        detection: classifier that says whether detections are.
         scalars: see `FIRST`.
     """
 
-    link: Classifier
-    detection: Classifier
-    scalars: tuple[float, float, float, float] = FIRST
+    link: Any
+    detection: Any
+    scalars: tuple[float, ...] = FIRST
 
     def links(self, rows: FloatArray) -> FloatArray:
         """``(P,)`` changes of the costs of links."""
-        if not len(rows):
-            return np.zeros(0)
-        return _within(self.scalars[0] * _surprise(self.link.decision_function(rows)) - rows[:, 0])
+        return _links(self.scalars, self.link.decision_function(rows), rows) if len(rows) else np.zeros(0)
 
     def detections(self, rows: FloatArray) -> FloatArray:
         """``(N, 3)`` changes of the costs of detections, of a track's start and of its end there."""
         if not len(rows):
             return np.zeros((0, 3))
-        _, trust, worth, ends = self.scalars
         # As much of it as of what is learnt through the flow: what a score is worth differs from video to video.
-        use = TRUST * _within(worth - trust * self.detection.decision_function(rows) - rows[:, 0])
-        return np.stack([use, np.full(len(rows), ends), np.full(len(rows), ends)], axis=1)
+        use = TRUST * _use(self.scalars, self.detection.decision_function(rows), rows)
+        return np.stack([use, *[np.full(len(rows), self.scalars[3])] * 2], axis=1)
 
     def joins(self, rows: FloatArray) -> FloatArray:
         """``(P,)`` zeros: joins stay as they are."""
         return np.zeros(len(rows))
 
 
-def _surprise(logit: FloatArray) -> FloatArray:
-    """−log p of a probability's logit: what a link costs (Zhang et al. 2008, eq. 11)."""
-    return np.asarray(np.logaddexp(0.0, -logit))
+def _links(scalars: Sequence[float], logits: FloatArray, rows: FloatArray) -> FloatArray:
+    """The change to -log p of a link's probability (Zhang et al. 2008, eq. 11)."""
+    return np.asarray(np.clip(scalars[0] * np.logaddexp(0.0, -logits) - rows[:, 0], -LARGEST, LARGEST))
 
 
-def _within(change: FloatArray) -> FloatArray:
-    return np.asarray(np.clip(change, -LARGEST, LARGEST))
-
-
-@dataclass
-class _Known:
-    """A window with what the classifiers say, so that only the scalars are computed anew."""
-
-    graph: Graph
-    link: FloatArray
-    detection: FloatArray
-    counts: FlowCounts = field(default_factory=FlowCounts)
-
-    def costs(self, scalars: Sequence[float]) -> FloatArray:
-        count = len(self.graph)
-        trust_link, trust, worth, ends = scalars
-        use = _within(worth - trust * self.detection - self.graph.detections[:, 0])
-        changes = np.concatenate([use, np.full(2 * count, np.clip(ends, -LARGEST, LARGEST))])
-        changes[self.graph.fixed] = 0
-        links = _within(trust_link * _surprise(self.link) - self.graph.links[:, 0])
-        return np.asarray(self.graph.costs + np.concatenate([changes, links]))
+def _use(scalars: Sequence[float], logits: FloatArray, rows: FloatArray) -> FloatArray:
+    return np.asarray(np.clip(scalars[2] - scalars[1] * logits - rows[:, 0], -LARGEST, LARGEST))
 
 
 @threadpool_limits.wrap(limits=1)  # type: ignore[untyped-decorator]
@@ -127,38 +97,39 @@ def fit_pairs(graphs: Sequence[Graphs], learner: PairLearner, seed: int = 0) -> 
     detections = _learnt(learner, used, somebody, np.ones(len(somebody)), seed)
     first = PairChanges(link, detections)
     windows = RandomWindows(graphs, SECONDS, WINDOWS, lambda: (seed, 0))
-    known = [
-        _Known(graph, link.decision_function(graph.links), first.detection.decision_function(graph.detections))
-        for graph in (windows[k].detections for k in range(WINDOWS))
-        if len(graph) and len(graph.tail)
-    ]
-    return replace(first, scalars=_tuned(known))
+    known = [windows[k].detections for k in range(WINDOWS)]
+    return _tuned(first, [graph for graph in known if len(graph) and len(graph.tail)])
 
 
-def _learnt(learner: PairLearner, rows: FloatArray, right: BoolArray, weight: FloatArray, seed: int) -> Classifier:
+def _learnt(learner: PairLearner, rows: FloatArray, right: BoolArray, weight: FloatArray, seed: int) -> Any:
     if learner == "trees":
         made = HistGradientBoostingClassifier(
             max_iter=80, max_leaf_nodes=12, min_samples_leaf=60, l2_regularization=5.0, random_state=seed
         )
-        return made.fit(rows, right, weight)  # type: ignore[no-any-return]
+        return made.fit(rows, right, weight)
     # What was never seen in training is no reason for more than what was, as in `CostChange`.
     bounded = FunctionTransformer(np.clip, kw_args={"a_min": -5.0, "a_max": 5.0})
     steps = make_pipeline(StandardScaler(), bounded, LogisticRegression(max_iter=200))
-    return steps.fit(rows, right, logisticregression__sample_weight=weight)  # type: ignore[no-any-return]
+    return steps.fit(rows, right, logisticregression__sample_weight=weight)
 
 
-def _tuned(windows: Sequence[_Known]) -> tuple[float, float, float, float]:
-    """The scalars of the best agreement of `LOOKS` tries."""
+def _tuned(first: PairChanges, windows: Sequence[Graph]) -> PairChanges:
+    """The same with the scalars of the best agreement of `LOOKS` tries."""
+    # What the classifiers say of a window stays, so that only the scalars are computed anew.
+    logits = [(first.link.decision_function(one.links), first.detection.decision_function(one.detections))
+              for one in windows]  # fmt: skip
 
     def disagreement(scalars: FloatArray) -> float:
-        counts = FlowCounts()
-        for known in windows:
-            graph = known.graph
-            counts.add(graph, cheapest(Problem(known.costs(scalars.tolist()), graph.tail, graph.head)))
+        counts, ends = FlowCounts(), np.clip(scalars[3], -LARGEST, LARGEST)
+        for graph, (link, detection) in zip(windows, logits, strict=True):
+            use = _use(scalars.tolist(), detection, graph.detections)
+            changes = np.concatenate([use, np.full(2 * len(graph), ends)])
+            changes[graph.fixed] = 0
+            costs = graph.costs + np.concatenate([changes, _links(scalars.tolist(), link, graph.links)])
+            counts.add(graph, cheapest(Problem(costs, graph.tail, graph.head)))
         return -counts.agreement
 
     corners = np.array(FIRST) + np.concatenate([np.zeros((1, 4)), np.diag([0.4, 0.3, 1.0, -1.5])])
     options = {"maxfev": LOOKS, "initial_simplex": corners}
     found = minimize(disagreement, np.array(FIRST), method="Nelder-Mead", options=options)
-    a, b, c, d = (float(value) for value in found.x)
-    return a, b, c, d
+    return replace(first, scalars=tuple(found.x.tolist()))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, RunError
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,15 @@ class Peer:
         return f"peer {self.version}"
 
     def answer(self, program: Path, job: Mapping[str, Any]) -> Any:
-        """What ``program`` answers to a job there, both as JSON."""
-        done = subprocess.run(
-            [self.python, str(program)], input=json.dumps(job), capture_output=True, text=True, check=True
-        )
+        """What ``program`` answers to a job there, both as JSON.
+
+        Raises:
+            RunError: it broke off.
+        """
+        done = subprocess.run([self.python, str(program)], input=json.dumps(job), capture_output=True, text=True)
+        if done.returncode:
+            last = (done.stderr.strip() or f"exit status {done.returncode}").splitlines()[-1]
+            raise RunError(f"{program.name}: expected an answer from {self.python}, it broke off: {last}")
         return json.loads(done.stdout)
 
 

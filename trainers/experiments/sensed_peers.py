@@ -1,8 +1,8 @@
 """Filters of Stone Soup and multisensor-lmb-filters-rs over scans: `python sensed_peers.py < job.json > result.json`.
 
-Runs in an environment of its own and imports nothing of Tsuiseki. A job is ``{"filter": …, "model": {…}, "runs":
-[[[[x, y], …], …], …]}``: measurements by run and scan. The result is a list of ``{"rows": [[scan, id, x, y], …],
-"milliseconds": [one a scan]}``. The thresholds were chosen on the scenarios 200 to 205, on which ours were.
+Runs in an environment of its own and imports nothing of Tsuiseki. A job is ``{"filter": …, "model": {…}, "scans":
+[[[x, y], …], …]}``. The result is ``{"rows": [[scan, id, x, y], …], "milliseconds": [one a scan]}``. The thresholds
+were chosen on the scenarios 200 to 205, on which ours were.
 """
 
 # mypy: ignore-errors
@@ -27,7 +27,7 @@ def main():
         print(", ".join(f"{name} {metadata.version(name)}" for name in packages))
         return
     job = json.load(sys.stdin)
-    json.dump([follow(FILTERS[job["filter"]](job["model"]), scans) for scans in job["runs"]], sys.stdout)
+    json.dump(follow(FILTERS[job["filter"]](job["model"]), job["scans"]), sys.stdout)
 
 
 def follow(step, scans):

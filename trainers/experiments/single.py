@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from tsuiseki.tracking.single.constants import (
     KcfParticleSettings,
     RegularisedSettings,
 )
-from tsuiseki.tracking.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.single.settings import SingleMethod
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video.image_folder import read_image
@@ -44,7 +43,6 @@ from tsuiseki.trainers.experiments.single_passes import (
     chase,
     clip_scores,
     passes,
-    search_pictures,
     searches,
     success,
 )
@@ -57,16 +55,12 @@ from tsuiseki.trainers.experiments.study import (
     at_least_one,
     curves,
     mean_only,
-    png,
     tabulated,
     with_bootstrap,
     with_deviation,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-PARTS = ("unseen", "status", "sweeps", "comparison", "intervals", "pictures")
+PARTS = ("unseen", "status", "sweeps", "comparison", "intervals")
 BASELINES: tuple[SingleMethod, ...] = (
     "csk", "mosse", "template", "histogram", "kalman", "meanshift", "camshift", "medianflow", "colour-particle", "mil",
 )  # fmt: skip
@@ -192,9 +186,9 @@ def reproduce(
     sweep_seeds: int = 2,
     contrib: Path | None = None,
 ) -> Outcome:
-    """Correlation filters selected by a particle filter: Figs. 3.6-3.12 and Table 3.4, paper and here.
+    """Correlation filters selected by a particle filter: Figs. 3.6-3.11 and Table 3.4, paper and here.
 
-    DIR gets results.json, tables.md, sweeps.png, comparison.png, attributes.png, intervals-*.png and search-NAME.png.
+    DIR gets results.json, tables.md, sweeps.png, comparison.png and intervals-*.png.
 
     Args:
         bench: where it works.
@@ -202,8 +196,8 @@ def reproduce(
         attributes: OTB's list of attributes; only sequences in it are used.
         published: folder of tracker_benchmark results (NAME/scores_tb50/ALL.json) to name beside.
         parts: unseen (the gain over KCF on sequences that no setting was tuned on), status (whether `lost` is true),
-            sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Figs. 3.9 and 3.11), intervals (Fig. 3.10), pictures (like
-            Fig. 3.12), separated by commas.
+            sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Figs. 3.9 and 3.11), intervals (Fig. 3.10), separated by
+            commas.
         seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
         sweep_seeds: likewise for the sweeps, which are most of the work.
         contrib: the Python of an environment that has opencv-contrib-python-headless: `unseen` gets rows of its CSRT.
@@ -222,7 +216,6 @@ def reproduce(
         "sweeps": partial(sweeps, bench, clips, range(sweep_seeds)),
         "comparison": partial(comparison, bench, clips, range(seeds), published),
         "intervals": partial(intervals, bench, clips, range(seeds)),
-        "pictures": partial(_pictures, clips),
     }
     found: list[Outcome] = [run[part]() for part in PARTS if part in parts]
     values = {name: value for one in found for name, value in (one.values or {}).items()}
@@ -230,8 +223,7 @@ def reproduce(
         {"sequences": [clip.sequence.name for clip in clips], **values},
         [table for one in found for table in one.tables],
         {name: plot for one in found for name, plot in one.plots.items()},
-        {name: file for one in found for name, file in one.files.items()},
-        [note for one in found for note in one.notes],
+        notes=[note for one in found for note in one.notes],
     )
 
 
@@ -400,7 +392,6 @@ def comparison(
         title = "Fig. 3.11: AUC with 11 thresholds [%]"
         by_tracker = [Column(name, itemgetter(name), ".1f") for name in SHOWN]
         tables.append(tabulated(cells, by_tracker, ("attribute",), title))
-        plots["attributes"] = plot_attributes(shown)
     values = {name: {"by_seed": rows[name], "clips": areas(of).tolist()} for name, of in found.items()}
     missing = [name for name in PUBLISHED if name not in there]
     notes = [f"no published scores of {', '.join(missing)}: give their folder as published"] if missing else []
@@ -415,14 +406,6 @@ def by_attribute(clips: Sequence[TargetClip], found: Scores) -> dict[str, dict[s
         attribute: {name: float(np.mean([one["auc_11"] for one in by_seed(of, own)])) for name, of in found.items()}
         for attribute, own in places.items()
     }
-
-
-def plot_attributes(values: Mapping[str, Mapping[str, float]]) -> Figure:
-    """Fig. 3.11: KCF and the combined tracker by attribute."""
-    lines = [Curve(name, range(len(values)), [of[name] for of in values.values()], style="o") for name in SHOWN]
-    figure = curves({"Fig. 3.11": lines}, [""], "AUC, 11 thresholds [%]", (8.5, 3.4))
-    figure.axes[0].set_xticks(range(len(values)), list(values))
-    return figure
 
 
 def intervals(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -> Outcome:
@@ -444,8 +427,3 @@ def intervals(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -
         plots[f"intervals-{name}"] = curves(panels, ["overlap threshold"] * 2, "frames above it [%]")
         values[name] = {title: own[0] for title, own in cells.items()}
     return Outcome({"intervals": values}, tables, plots)
-
-
-def _pictures(clips: Sequence[TargetClip]) -> Outcome:
-    strips = {clip.sequence.name: search_pictures(clip, KcfParticle(ROBUST, 0)) for clip in clips}
-    return Outcome(files={f"search-{name}.png": png(strip) for name, strip in strips.items() if strip is not None})

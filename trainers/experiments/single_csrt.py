@@ -1,8 +1,7 @@
-"""One pass of OpenCV-contrib's CSRT; runs alone, in an environment that need not have this package.
+"""One pass of OpenCV-contrib's CSRT: `python single_csrt.py < job.json > boxes.json`, in an environment of its own.
 
-Reads from standard input a line of JSON (``scales``, ``box`` as x, y, width, height, ``shape``, ``count``) and the
-images, blue first; writes the boxes from the second image on. With ``--version`` it names OpenCV's version, if that
-has the tracker.
+A job is ``{"images": file, "box": [x, y, width, height], "scales": number}``; the file has ``(T, H, W, 3)`` uint8 BGR.
+The answer has the boxes from the second image on. With ``--version`` it names OpenCV's version, if that has CSRT.
 """
 
 import json
@@ -15,20 +14,15 @@ import numpy as np
 def main() -> None:
     """The pass."""
     cv2.setNumThreads(1)
-    head = json.loads(sys.stdin.buffer.readline())
-    size = int(np.prod(head["shape"]))
-
-    def read() -> np.ndarray:
-        return np.frombuffer(sys.stdin.buffer.read(size), np.uint8).reshape(head["shape"])
-
+    job = json.load(sys.stdin)
+    images, box = np.load(job["images"], mmap_mode="r"), job["box"]
     parameters = cv2.TrackerCSRT_Params()  # type: ignore[attr-defined]
-    parameters.number_of_scales = head["scales"]
+    parameters.number_of_scales = job["scales"]
     tracker = cv2.TrackerCSRT_create(parameters)  # type: ignore[attr-defined]
-    box = head["box"]
-    tracker.init(read(), tuple(round(value) for value in box))
+    tracker.init(np.array(images[0]), tuple(round(value) for value in box))
     boxes = []
-    for _ in range(head["count"] - 1):
-        held, found = tracker.update(read())
+    for image in images[1:]:
+        held, found = tracker.update(np.array(image))
         box = list(found) if held else box
         boxes.append(box)
     print(json.dumps(boxes))

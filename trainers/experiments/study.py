@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
@@ -20,7 +20,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray, ImageArray
-from tsuiseki.trainers.experiments.store import Store, plain
+from tsuiseki.trainers.experiments.store import Store
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,8 +73,8 @@ class Study(Generic[OneName, Row, Unit, Found]):
     Attributes:
         rows: settings of each row, in the order of the table.
         units: what every row is measured on.
-        measure: a function of a module ``(row's settings, unit) -> measurements``, annotated with what it returns (see
-            `Store.recall`): a number, or a dataclass or dictionary of numbers.
+        measure: a function of a module ``(row's settings, unit) -> measurements``: a number, or a dataclass or
+            dictionary of numbers.
         what: names the runs in the line of progress.
     """
 
@@ -267,7 +267,7 @@ def tabulated(
 def values_of(found: Mapping[OneName, Iterable[Any]], heads: Sequence[str] = ("row",)) -> list[dict[str, Any]]:
     """All measurements for results.json: of each row its name, a key a head, and ``runs``, one a unit."""
     names = {name: (name,) if isinstance(name, str) else name for name in found}
-    return [{**dict(zip(heads, names[name], strict=True)), "runs": plain(runs)} for name, runs in found.items()]
+    return [{**dict(zip(heads, names[name], strict=True)), "runs": runs} for name, runs in found.items()]
 
 
 @dataclass(frozen=True)
@@ -320,7 +320,7 @@ class Outcome:
     """What an experiment found.
 
     Attributes:
-        values: all numbers, for results.json: dictionaries, lists and plain values.
+        values: all numbers, for results.json: dictionaries, lists, dataclasses, arrays and plain values.
         tables: the paper's and ours.
         plots: figures by name, written as NAME.png.
         files: what else is written, by name: text, or the bytes of a picture.
@@ -335,13 +335,24 @@ class Outcome:
 
     def parts(self) -> Iterator[tuple[str, Callable[[Path], Any]]]:
         """The files of the result: the name of each, and what writes it to a path."""
-        yield "results.json", partial(_write, content=json.dumps(self.values, indent=1) + "\n")
+        yield "results.json", partial(_write, content=json.dumps(self.values, indent=1, default=_plain) + "\n")
         text = "\n\n".join([*(table.markdown() for table in self.tables), *self.notes])
         yield "tables.md", partial(_write, content=text.strip() + "\n")
         for name, figure in self.plots.items():
             yield f"{name}.png", partial(figure.savefig, facecolor="white")
         for name, content in self.files.items():
             yield name, partial(_write, content=content)
+
+
+def _plain(value: Any) -> Any:
+    """What JSON cannot hold, in its terms."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"expected a value that JSON can hold, got {type(value).__qualname__}")
 
 
 def _write(path: Path, content: str | bytes) -> None:
