@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.resampling import scores_of
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.settings import PeopleMethod
@@ -26,14 +24,14 @@ from tsuiseki.trainers.experiments.given_sequences import (
     as_written,
     combined_scores,
     filled,
-    find_given,
+    find_sets,
     given_detections,
     right_sums,
     score_table,
     track_sums,
 )
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table
+from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table, some_of
 
 FLOW, UNFILLED, BOXES_ALONE = "flow", "flow, nothing filled in", "flow, boxes alone"
 # Where the settings of our methods come from; the peers' are their package's defaults.
@@ -86,7 +84,7 @@ def reproduce(
         data: folder that holds mot/mot17-val-half, mot/mot15, mot/kitti and so on; a set that is not there is passed
             over.
         sets: of mot17, mot15, kitti-pedestrians, kitti-cars, pets and tud, separated by commas.
-        parts: methods (all rows, combined and by sequence), filled (the other methods, gaps of up to 2 seconds filled
+        parts: methods (all rows), filled (the other methods, gaps of up to 2 seconds filled
             on straight lines, as the flow fills its own), rates (mot17 at 30, 15, 10 and 5 frames a second), delays
             (the flow that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), separated by commas.
         peer: python of an environment with the package trackers, whose ByteTrack, C-BIoU, SORT and OC-SORT are measured
@@ -95,16 +93,12 @@ def reproduce(
     Raises:
         RequestError: an unknown set or part, no data, or a python without the package.
     """
-    for name, given, known in (("sets", sets, SETS), ("parts", parts, PARTS)):
-        if unknown := [one for one in given if one not in known]:
-            raise RequestError(f"`{name}`: expected some of {', '.join(known)}, got {unknown[0]!r}")
+    some_of(SETS, sets=sets)
+    some_of(PARTS, parts=parts)
     environment = find_peer(peer, PROGRAM, PACKAGE)
-    every = [(one, find_given(data, one)) for one in DATA_SETS if one.key in sets]
-    there = [(one, sequences) for one, sequences in every if sequences]
-    if not there:
-        raise RequestError(f"`data`: expected mot/mot17-val-half or another of the data sets in {data}, found none")
+    there = find_sets(data, [key for key in SETS if key in sets])
     tables, values = list[Table](), dict[str, Any]()
-    for one, sequences in there:
+    for one, sequences in there.items():
         tracks, settings = _tracks(bench, one, sequences, environment)
         rows = _scored(bench, sequences, tracks)
         for way in (False, True):
@@ -112,7 +106,8 @@ def reproduce(
             rows[f"right links up to {GAP:g} s{', filled' if way else ''}"] = limit
         values[one.key] = {name: _values(sequences, sums) for name, sums in rows.items()}
         tables += _set_tables(bench, one, sequences, tracks, rows, settings, parts)
-    notes = [f"{one.title}: no {one.folder} in the data, passed over" for one, found in every if not found]
+    missing = [one for one in DATA_SETS if one.key in sets and one not in there]
+    notes = [f"{one.title}: no {one.folder} in the data, passed over" for one in missing]
     if environment is None:
         notes.append("peers: skipped, the package trackers is not installed here; name a python that has it as peer")
     version = environment.version if environment else None
@@ -132,7 +127,6 @@ def _set_tables(
     tables = list[Table]()
     if "methods" in parts:
         tables.append(score_table(one.title, rows, (FLOW,), settings))
-        tables += [_by_sequence(one.title, sequences, rows)] if len(sequences) > 1 else []
     if "filled" in parts:
         others = {n: t for n, t in tracks.items() if n not in (UNFILLED, BOXES_ALONE)}
         straight = {
@@ -186,7 +180,7 @@ def peer_tracks(peer: Peer, program: Path, given: GivenSequence, logistic: bool)
     ]
     answer = peer.answer(program, {"boxes": boxes, "length": len(given.kept), "rate": given.rate})
     tracks = {}
-    for name, rows in answer["tracks"].items():
+    for name, rows in answer.items():
         table = np.array(rows, dtype=np.float64).reshape(-1, 7)
         table = table[(table[:, 4] > table[:, 2]) & (table[:, 5] > table[:, 3])]
         parts = [table[table[:, 1] == number] for number in np.unique(table[:, 1])]
@@ -247,12 +241,3 @@ def _values(sequences: Sequence[GivenSequence], sums: FloatArray) -> dict[str, A
     """Scores of a row, combined and by sequence, for results.json."""
     single = {given.name: combined_scores(each[None]) for given, each in zip(sequences, sums, strict=True)}
     return {**combined_scores(sums), "sequences": single}
-
-
-def _by_sequence(title: str, sequences: Sequence[GivenSequence], rows: Mapping[str, FloatArray]) -> Table:
-    """HOTA / MOTA / IDF1 of each sequence."""
-    lines = []
-    for number, given in enumerate(sequences):
-        scores = [scores_of(sums[number]) for sums in rows.values()]
-        lines.append([given.name, *(" / ".join(f"{s[k]:.3f}" for k in ("hota", "mota", "idf1")) for s in scores)])
-    return Table("", (f"{title}: HOTA / MOTA / IDF1", *rows), lines)

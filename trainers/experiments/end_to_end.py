@@ -1,4 +1,4 @@
-"""Costs of the flow learnt through the flow, against costs learnt on pairs and the default (`reproduce end-to-end`)."""
+"""Costs of the flow learnt through the flow, against those by default (`reproduce end-to-end`)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import numpy as np
 from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.association.learnt_costs import Affinity
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth, write_detections
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import FloatArray, Track
@@ -24,29 +23,25 @@ from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.windows import affordable
 from tsuiseki.trainers.experiments.given_sequences import (
-    DATA_SETS,
     DataSet,
     GivenSequence,
     as_written,
     combined_scores,
     find_given,
+    find_sets,
     given_detections,
     given_labels,
     right_sums,
     score_table,
     track_sums,
 )
-from tsuiseki.trainers.experiments.pairwise_costs import PairLearner, fit_pairs
-from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table
+from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table, some_of
 
-DEFAULT, PAIRS, BOTH = "default", ("pairs, logistic", "pairs, boosted trees"), "both losses"
-# A fit through the flow, or what learns on pairs.
-LEARNERS: dict[Name, Fit | PairLearner] = {
+DEFAULT, BOTH = "default", "both losses"
+FITS: dict[Name, Fit] = {
     "Fenchel-Young": Fit(FlowLoss("fenchel_young")),
     "hinge": Fit(FlowLoss("hinge")),
     BOTH: Fit(),
-    PAIRS[0]: "logistic",
-    PAIRS[1]: "trees",
 }
 STREETS = DataSet("streets", "generated streets", "streets")
 # How many groups the sequences of a set are cut into.
@@ -81,7 +76,7 @@ def reproduce(
     sets: list[str] = list(FOLDS),  # noqa: B006, the parser shows it and nobody changes it
     parts: list[str] = list(PARTS),  # noqa: B006
 ) -> Outcome:
-    """Networks learnt through the flow against costs learnt on pairs and those by default: HOTA, MOTA, IDF1, switches.
+    """Costs learnt through the flow against those by default: HOTA, MOTA, IDF1, identity switches.
 
     The sequences of a set are cut into groups; each is tracked by what was learnt on the others.
 
@@ -96,52 +91,39 @@ def reproduce(
     Raises:
         RequestError: an unknown set or part, or no data.
     """
-    for name, asked, known in (("sets", sets, tuple(FOLDS)), ("parts", parts, PARTS)):
-        wrong = [one for one in asked if one not in known]
-        if wrong or not asked:
-            raise RequestError(f"{name}: expected some of {', '.join(known)}, got {', '.join(wrong) or 'none'}")
-    if not ((parts, sets) == (["given"], ["streets"]) or (data / "mot").is_dir()):
-        raise RequestError(f"data: expected mot/mot17-val-half or another of the data sets in {data}, found no mot/")
+    some_of(tuple(FOLDS), sets=sets)
+    some_of(PARTS, parts=parts)
+    asked = [key for key in FOLDS if key in sets and key != STREETS.key] if "given" in parts else []
+    given = find_sets(data, asked) if asked else {}
+    unseen = find_sets(data, UNSEEN) if "unseen" in parts else {}
     tables, values = list[Table](), dict[str, Any]()
     streets = list[GivenSequence]()
-    if "unseen" in parts or ("given" in parts and "streets" in sets):
+    if unseen or STREETS.key in sets:
         streets = find_given(bench.store.made("streets", write_streets, 10, 120).parent, STREETS)
-    there = {one.key: (one, find_given(data, one)) for one in DATA_SETS} | {STREETS.key: (STREETS, streets)}
-    if "given" in parts:
-        for one, sequences in _found(data, [there[key] for key in FOLDS if key in sets]):
-            rows = given_rows(bench, one, sequences)
-            better = max(PAIRS, key=lambda name: combined_scores(rows[name])["hota"])
-            _add(tables, values, one.key, one.title, rows, (DEFAULT, better))
-    if "unseen" in parts:
+    if "given" in parts and STREETS.key in sets:
+        given[STREETS] = streets
+    for one, sequences in given.items():
+        _add(tables, values, one.key, one.title, given_rows(bench, one, sequences))
+    if unseen:
         values["unseen"] = {}
-        for one, rows in _unseen_rows(bench, streets, _found(data, [there[key] for key in UNSEEN])):
-            _add(tables, values["unseen"], one.key, f"{one.title}, learnt on generated streets", rows, (DEFAULT,))
+        for one, rows in _unseen_rows(bench, streets, unseen):
+            _add(tables, values["unseen"], one.key, f"{one.title}, learnt on generated streets", rows)
     return Outcome(values, tables, notes=[NOTE])
 
 
-def _add(
-    tables: list[Table],
-    values: dict[str, Any],
-    key: str,
-    title: str,
-    rows: Mapping[str, FloatArray],
-    bases: Sequence[str],
-) -> None:
+def _add(tables: list[Table], values: dict[str, Any], key: str, title: str, rows: Mapping[str, FloatArray]) -> None:
     values[key] = {name: combined_scores(sums) for name, sums in rows.items()}
-    tables.append(score_table(title, rows, bases))
+    tables.append(score_table(title, rows, (DEFAULT,)))
 
 
 def given_rows(
-    bench: Bench,
-    one: DataSet,
-    sequences: Sequence[GivenSequence],
-    learners: Mapping[Name, Fit | PairLearner] = LEARNERS,
+    bench: Bench, one: DataSet, sequences: Sequence[GivenSequence], fits: Mapping[Name, Fit] = FITS
 ) -> dict[str, FloatArray]:
     """``(S, 83)`` sums of each row of a data set; a sequence is tracked by what the other groups taught."""
     count = min(FOLDS[one.key], len(sequences))
     groups = [tuple(sequences[group::count]) for group in range(count)]
     folds = [Fold(tuple(s for s in sequences if s not in tests), tests) for tests in groups]
-    found = Study(learners, folds, fold_sums, f"{one.title}, groups").run(bench)
+    found = Study(fits, folds, fold_sums, f"{one.title}, groups").run(bench)
     rows = {DEFAULT: _default_rows(bench, sequences)}
     for name, by_fold in found.items():
         sums = {given: each for fold, part in zip(folds, by_fold, strict=True)
@@ -151,28 +133,14 @@ def given_rows(
     return rows
 
 
-def _found(
-    data: Path, sets: Sequence[tuple[DataSet, list[GivenSequence]]]
-) -> list[tuple[DataSet, list[GivenSequence]]]:
-    """Those with sequences.
-
-    Raises:
-        RequestError: there is none.
-    """
-    there = [(one, sequences) for one, sequences in sets if sequences]
-    if not there:
-        raise RequestError(f"data: expected mot/mot17-val-half or another of the data sets in {data}, found none")
-    return there
-
-
 def _unseen_rows(
-    bench: Bench, streets: Sequence[GivenSequence], sets: Sequence[tuple[DataSet, list[GivenSequence]]]
+    bench: Bench, streets: Sequence[GivenSequence], sets: Mapping[DataSet, list[GivenSequence]]
 ) -> Iterator[tuple[DataSet, dict[str, FloatArray]]]:
     """The rows of each set: the default, the costs of pairs that ship, and costs learnt on streets."""
-    every = tuple(given for _, sequences in sets for given in sequences)
+    every = tuple(given for sequences in sets.values() for given in sequences)
     ((learnt,),) = Study({BOTH: UNSEEN_FIT}, [Fold(tuple(streets), every)], fold_sums, "unseen").run(bench).values()
     sums = dict(zip(every, learnt, strict=True))
-    for one, sequences in sets:
+    for one, sequences in sets.items():
         pairs = np.stack([bench.store.recall(shipped_sums, given) for given in sequences])
         own = np.stack([sums[given] for given in sequences])
         yield one, {DEFAULT: _default_rows(bench, sequences), "trees of pairs that ship": pairs, BOTH: own}
@@ -182,11 +150,11 @@ def _default_rows(bench: Bench, sequences: Sequence[GivenSequence]) -> FloatArra
     return np.stack([bench.store.recall(default_sums, given) for given in sequences])
 
 
-def fold_sums(learner: Fit | PairLearner, fold: Fold) -> list[FloatArray]:
+def fold_sums(fit: Fit, fold: Fold) -> list[FloatArray]:
     """``(83,)`` sums of each tested sequence, tracked by costs that were learnt on the others."""
     every = [graphs_of_given(given) for given in fold.train]
     graphs = [one for one in every if len(one.detections) and len(one.detections.tail)]
-    changes = NetworkChanges(fit_network(graphs, learner)) if isinstance(learner, Fit) else fit_pairs(graphs, learner)
+    changes = NetworkChanges(fit_network(graphs, fit))
     return [track_sums(given, _tracked(given, FlowTracker(changes=changes, **_filmed(given)))) for given in fold.tests]
 
 

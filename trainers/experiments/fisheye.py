@@ -7,11 +7,12 @@ for all rows. Pictures, observations, settings and tracks are kept in the store,
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.room_clip import CAMERAS, Room
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import coverage
+from tsuiseki.tracking.evaluation.multi import PeopleScores
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS
 from tsuiseki.tracking.report.overlay import Overlay, draw_label
 from tsuiseki.tracking.types import BoolArray, FloatArray, Frame, ImageArray
@@ -49,6 +51,7 @@ from tsuiseki.trainers.experiments.study import (
     Column,
     Name,
     Outcome,
+    Study,
     Table,
     at_least_one,
     tabulated,
@@ -57,7 +60,6 @@ from tsuiseki.trainers.experiments.study import (
 
 ROOMS: tuple[Room, ...] = ("large", "small")
 VALIDATION_SEEDS = (900, 901)
-Rate = Literal[1, 15]
 # MOTA of Table 4.3 at 1 and 15 frames a second: large, small, large, small.
 PAPER: dict[str, tuple[float, float, float, float]] = {
     "baseline": (8.4, 51.0, -3.5, 48.7),
@@ -87,10 +89,11 @@ Named = dict[tuple[int, int], int]
 
 @dataclass(frozen=True)
 class FloorResults:
-    """Everything of one room and rate, by seed and camera: the test sequences, and their tracks by row."""
+    """The test sequences of one room and rate, seed by seed all cameras, and their tracks by row."""
 
-    sequences: dict[int, list[Observed]]
-    tracks: dict[str, dict[int, list[list[FloorTrack]]]]
+    clips: list[CeilingClip]
+    observed: list[Observed]
+    tracks: dict[str, list[list[FloorTrack]]]
 
 
 CHOSEN_ON = "all settings have the best MOTA on rooms of seeds 900 and 901"
@@ -106,7 +109,6 @@ def reproduce(
     calibration: Path | None = None,
     detector: Path | None = None,
     appearance: Path | None = None,
-    simulated_detections: bool = False,
     full: bool = False,
 ) -> Outcome:
     """People under ceiling fisheye cameras, at 1 and 15 frames a second: what upright crops and floor places bring.
@@ -123,7 +125,6 @@ def reproduce(
         calibration: lens of the cameras, any that tsuiseki calibrate convert reads; by default an equidistant one.
         detector: exported detector for unrolled views; by default the shipped one.
         appearance: exported appearance network; by default the shipped one.
-        simulated_detections: draw faulty detections from the truth instead of running a detector.
         full: 5 seeds of 180 seconds at both rates, as many frames as the thesis has and more.
 
     Raises:
@@ -133,27 +134,15 @@ def reproduce(
     if full:
         seeds, seconds, fast_seeds, fast_seconds = 5, 180, 5, 180
     tested = _tested(first_seed, seeds, fast_seeds)
-    found_by = None if simulated_detections else detector or shipped(DETECTORS["unrolled"])
-    models = CeilingModels(found_by, appearance or shipped("appearance_people"))
-    slow = [(room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)]
-    fast = [(room, seed, fast_seconds, 15) for seed in tested[:fast_seeds] for room in ROOMS]
-    jobs = [CeilingClip(*job, calibration) for job in (*slow, *fast) for k in range(CAMERAS)]
-    found: dict[tuple[Room, Rate], dict[int, list[Observed]]] = {}
-    for clip in bench.watch.over(jobs, "sequences", len(jobs)):
-        of_seeds = found.setdefault((clip.room, clip.rate), {})
-        of_seeds.setdefault(clip.seed, []).append(bench.store.recall(observe, clip, models))
-    validation = [each for seed in VALIDATION_SEEDS for room in ROOMS for each in found[room, 1].pop(seed)]
-    least = lowest_score(bench.store, list(PAPER), validation)
-    chosen = dict[str, Graded]()
-    for name, row in bench.watch.over(ROWS.items(), "settings", len(ROWS)):
-        chosen[name] = chosen[row.like] if row.like else select(bench.store, row, validation, least)
-    results = [_tracked(bench, sequences, chosen, least) for sequences in found.values()]
+    models = CeilingModels(detector or shipped(DETECTORS["unrolled"]), appearance or shipped("appearance_people"))
+    plans = [(room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)]
+    plans += [(room, seed, fast_seconds, 15) for seed in tested[:fast_seeds] for room in ROOMS]
+    jobs = [CeilingClip(*plan, camera, calibration) for plan in plans for camera in range(CAMERAS)]
+    every = [(clip, bench.store.recall(observe, clip, models)) for clip in bench.watch.over(jobs, "clips", len(jobs))]
+    chosen, least = _chosen(bench, every)
+    results = _results(bench, [one for one in every if one[0].seed in tested], chosen, least)
     values: dict[str, Any] = {
-        "seeds": seeds,
-        "first_seed": first_seed,
-        "seconds": seconds,
-        "fast_seeds": fast_seeds,
-        "fast_seconds": fast_seconds,
+        "rooms": {"seeds": list(tested), "seconds": seconds, "fast_seeds": fast_seeds, "fast_seconds": fast_seconds},
         "chosen": {"least_score": least, "rows": {name: asdict(each) for name, each in chosen.items()}},
         "rows": {label: row_values(each) for label, each in zip(LABELS, results, strict=False)},
         "where": where_parts_help(results[0]),
@@ -161,7 +150,7 @@ def reproduce(
             room: stage_milliseconds(each, chosen["both"], least) for room, each in zip(ROOMS, results, strict=False)
         },
     }
-    files = switch_pictures(results[0], seconds, calibration)
+    files = switch_pictures(results[0])
     return Outcome(values, tables(values), files=files, notes=[f"{CHOSEN_ON}; lowest score of a detection {least:g}"])
 
 
@@ -171,30 +160,41 @@ def _tested(first: int, seeds: int, fast_seeds: int) -> range:
         raise RequestError(f"`fast_seeds`: expected 0 or more, got {fast_seeds}")
     tested = range(first, first + seeds)
     if first < 0 or set(tested) & set(VALIDATION_SEEDS):
-        raise RequestError(
-            f"`first_seed`: expected rooms that settings are not chosen on ({VALIDATION_SEEDS[0]}, "
-            f"{VALIDATION_SEEDS[1]}), from 0 on, got {first} to {tested[-1]}"
-        )
+        known = " and ".join(map(str, VALIDATION_SEEDS))
+        raise RequestError(f"`first_seed`: expected rooms from 0 on without {known}, on which settings are chosen")
     return tested
 
 
-def _tracked(
-    bench: Bench, sequences: dict[int, list[Observed]], chosen: Mapping[str, Graded], least: float
-) -> FloorResults:
-    """The tracks of every row in the test rooms."""
-    tracks: dict[str, dict[int, list[list[FloorTrack]]]] = {name: {} for name in ROWS}
-    for seed, each in bench.watch.over(sequences.items(), "rooms tracked", len(sequences)):
-        for name, by_seed in tracks.items():
-            by_seed[seed] = [bench.store.recall(tracked, name, one, chosen[name].choice, least) for one in each]
-    return FloorResults(sequences, tracks)
+def _chosen(bench: Bench, every: Sequence[tuple[CeilingClip, Observed]]) -> tuple[dict[str, Graded], float]:
+    """The settings of each row and the lowest score of a detection, chosen on rooms that are not scored."""
+    ordered = sorted(every, key=lambda one: one[0].seed)
+    validation = [each for clip, each in ordered if clip.seed in VALIDATION_SEEDS]
+    least = lowest_score(bench.store, list(PAPER), validation)
+    chosen = dict[str, Graded]()
+    for name, row in bench.watch.over(ROWS.items(), "settings", len(ROWS)):
+        chosen[name] = chosen[row.like] if row.like else select(bench.store, row, validation, least)
+    return chosen, least
 
 
-def _scores(found: FloorResults, name: str, where: Any = None) -> list[Any]:
+def _results(
+    bench: Bench, every: Sequence[tuple[CeilingClip, Observed]], chosen: Mapping[str, Graded], least: float
+) -> list[FloorResults]:
+    """The tracks of every row, by rate and room."""
+    rows = {name: (name, one.choice, least) for name, one in chosen.items()}
+    results = []
+    for kind in itertools.product((1, 15), ROOMS):
+        own = [one for one in every if (one[0].rate, one[0].room) == kind]
+        if own:
+            clips, observed = map(list, zip(*own, strict=True))
+            results.append(FloorResults(clips, observed, Study(rows, observed, tracked, "tracking").run(bench)))
+    return results
+
+
+def _scores(found: FloorResults, name: str, where: Any = None) -> list[PeopleScores]:
     """Scores of a row for each seed; ``where`` keeps some boxes."""
-    return [
-        score([pair_of(str(k), o, t, where) for k, (o, t) in enumerate(zip(each, found.tracks[name][s], strict=True))])
-        for s, each in found.sequences.items()
-    ]
+    every = zip(found.observed, found.tracks[name], strict=True)
+    pairs = [pair_of(str(k), observed, tracks, where) for k, (observed, tracks) in enumerate(every)]
+    return [score(pairs[first : first + CAMERAS]) for first in range(0, len(pairs), CAMERAS)]
 
 
 def row_values(found: FloorResults) -> dict[str, Any]:
@@ -202,14 +202,12 @@ def row_values(found: FloorResults) -> dict[str, Any]:
     result = {}
     for name, tracks in found.tracks.items():
         scores = _scores(found, name)
-        pairs = [pair for s, each in found.sequences.items() for pair in zip(each, tracks[s], strict=True)]
-        errors = np.concatenate([world_errors(*pair) for pair in pairs])
+        errors = np.concatenate([world_errors(*pair) for pair in zip(found.observed, tracks, strict=True)])
+        spread = (np.median(errors), errors.mean(), np.percentile(errors, 90)) if len(errors) else [None] * 3
         result[name] = {
             **{k: [100 * getattr(s, k) for s in scores] for k in ("mota", "idf1", "hota", "recall", "precision")},
             "id_switches": [s.id_switches for s in scores],
-            "world_error_median": float(np.median(errors)) if len(errors) else None,
-            "world_error_mean": float(np.mean(errors)) if len(errors) else None,
-            "world_error_90": float(np.percentile(errors, 90)) if len(errors) else None,
+            **{f"world_error_{key}": value for key, value in zip(("median", "mean", "90"), spread, strict=True)},
         }
     return result
 
@@ -243,7 +241,7 @@ def where_parts_help(found: FloorResults) -> dict[str, Any]:
 
 def stage_milliseconds(found: FloorResults, chosen: Graded, least: float) -> dict[str, float]:
     """Milliseconds a frame of each stage in the first sequence, both parts with the chosen settings."""
-    observed = next(iter(found.sequences.values()))[0]
+    observed = found.observed[0]
     frames, times = len(observed.found), CpuTimes()
     with times.measure("associate"):
         run_row(ROWS["both"], observed, chosen.choice, least)
@@ -289,19 +287,17 @@ def _people_table(label: str, place: int, rows: Mapping[str, Mapping[str, Any]])
     return Table(table.title, [*table.columns, "world error, m (median, mean, 90 %)"], lines)
 
 
-def switch_pictures(found: FloorResults, seconds: int, calibration: Path | None) -> dict[str, bytes]:
+def switch_pictures(found: FloorResults) -> dict[str, bytes]:
     """``prevented.jpg``: DeepSORT above, both parts below; ``remaining.jpg`` likewise. Missing where there is none."""
     pictures = dict[str, bytes]()
-    for name, switching, keeping in (("prevented.jpg", "DeepSORT", "both"), ("remaining.jpg", "both", None)):
-        for seed, each in found.sequences.items():
-            for camera, observed in enumerate(each):
-                rows = {row: found.tracks[row][seed][camera] for row in ("DeepSORT", "both")}
-                follower = {row: named(observed, tracks) for row, tracks in rows.items()}
-                spot = first_switch(follower[switching], follower[keeping] if keeping else None)
-                if spot is not None and name not in pictures:
-                    clip = CeilingClip("large", seed, camera, seconds, 1, calibration)
-                    strip = _strip(clip, observed, spot, list(rows.values()))
-                    pictures[name] = cv2.imencode(".jpg", strip[:, :, ::-1])[1].tobytes()
+    for clip, observed, *rows in zip(found.clips, found.observed, found.tracks["DeepSORT"], found.tracks["both"],
+                                     strict=True):  # fmt: skip
+        theirs, ours = (named(observed, tracks) for tracks in rows)
+        spots = {"prevented.jpg": first_switch(theirs, ours), "remaining.jpg": first_switch(ours, None)}
+        for name, spot in spots.items():
+            if spot is not None and name not in pictures:
+                strip = _strip(clip, observed, spot, rows)
+                pictures[name] = cv2.imencode(".jpg", strip[:, :, ::-1])[1].tobytes()
     return pictures
 
 

@@ -7,14 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import FrameTruth, ground_truth
 from tsuiseki.datamodules.scenes.room_clip import SIZES, Room, RoomClip, RoomSettings, plan_room
-from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
 from tsuiseki.tracking.features.exported import Appearance, Detector
@@ -31,8 +29,6 @@ PEOPLE: dict[Room, tuple[int, ...]] = {"large": (6,), "small": (4, 10, 3, 6)}
 QUALITY = 95
 # Detections below it are not kept: the lowest score that the experiment chooses from.
 LEAST_SCORE = 0.2
-# Of detections that are drawn from the truth: sixteen of a hundred people in full view are missed.
-FAULTS = DetectorFaults(jitter=0.04, missed=0.16, hidden=0.5, false_alarms=0.3, persistence=0.0, doubled=0.03)
 CROPS: tuple[Crops, ...] = ("image", "upright")
 STAGES = ("detect", "look up", "rectify", "describe")
 
@@ -44,17 +40,17 @@ class CeilingClip:
     Attributes:
         room: large or small.
         seed: of the room.
-        camera: 0 or 1.
         seconds: length.
         rate: frames per second that are kept, 1 or 15.
+        camera: 0 or 1.
         calibration: lens file; None takes an equidistant lens.
     """
 
     room: Room
     seed: int
-    camera: int
     seconds: int
-    rate: Literal[1, 15]
+    rate: int
+    camera: int
     calibration: Path | None
 
     def plan(self) -> RoomClip:
@@ -66,7 +62,7 @@ class CeilingClip:
             frame_rate=float(RATE),
             people=people[self.seed % len(people)],
         )
-        return plan_room(settings, 10_000 + self.seed, self.calibration and read_lens(self.calibration))
+        return plan_room(settings, 10_000 + self.seed, read_lens(self.calibration) if self.calibration else None)
 
     def pictures(self) -> Iterator[tuple[int, ImageArray, FrameTruth]]:
         """Frame number in the room, picture ``(H, W, 3)`` uint8 RGB as a camera's JPEG has it, and truth."""
@@ -75,8 +71,8 @@ class CeilingClip:
         for frame in range(0, self.seconds * RATE, RATE // self.rate):
             drawn, truth = room.draw_frame(view, frame)
             jpeg = cv2.imencode(".jpg", drawn[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
-            image = cv2.cvtColor(cv2.imdecode(jpeg, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
-            yield frame, np.asarray(image, dtype=np.uint8), truth
+            image = np.asarray(cv2.imdecode(jpeg, cv2.IMREAD_COLOR), dtype=np.uint8)[..., ::-1]
+            yield frame, np.ascontiguousarray(image), truth
 
 
 class CpuTimes(StageTimes):
@@ -94,14 +90,14 @@ class CpuTimes(StageTimes):
 
 @dataclass(frozen=True)
 class CeilingModels:
-    """Files of the networks; without a detector, faulty detections are drawn from the truth.
+    """Files of the networks.
 
     Attributes:
         detector: file.
         appearance: file.
     """
 
-    detector: Path | None
+    detector: Path
     appearance: Path
 
 
@@ -146,15 +142,13 @@ def observe(clip: CeilingClip, models: CeilingModels) -> Observed:
     appearance = Appearance(models.appearance, threads=1)
     table = build_table(camera, room.floor)
     views = {crops: CeilingView(camera, table, PersonModel(), appearance, crops) for crops in CROPS}
-    detector = None
-    if models.detector is not None:
-        detector = looking(Detector(models.detector, LEAST_SCORE, threads=1), camera, "unrolled")
+    detector = looking(Detector(models.detector, LEAST_SCORE, threads=1), camera, "unrolled")
     times, unmeasured = CpuTimes(dict.fromkeys(STAGES, 0.0)), CpuTimes()
     found, truths = list[FloorDetections](), list[FrameTruth]()
     features: dict[str, list[FloatArray]] = {crops: [] for crops in CROPS}
     for frame, image, truth in clip.pictures():
         with times.measure("detect"):
-            detected = _drawn_from(truth, clip, frame) if detector is None else detector.detect([image])[0]
+            detected = detector.detect([image])[0]
         located = views["upright"].locate(detected, times)
         for crops, each in views.items():
             own = each.describe(image, located, times if crops == "upright" else unmeasured).detections.features
@@ -164,11 +158,3 @@ def observe(clip: CeilingClip, models: CeilingModels) -> Observed:
         truths += [truth] if frame % RATE == 0 else []
     places = np.concatenate([np.empty((0, 2)), *(one.places for one in truths if one.places is not None)])
     return Observed(clip.rate, found, features, ground_truth(truths), places, times.seconds)
-
-
-def _drawn_from(truth: FrameTruth, clip: CeilingClip, frame: int) -> Detections:
-    """Detections of a frame by a better detector than ours."""
-    if not len(truth.ids):
-        return Detections.empty()
-    rng = np.random.default_rng([clip.seed, clip.camera, frame, 9])
-    return simulate_detections(rng, ground_truth([truth]), 1, 1280, 960, FAULTS)[0]

@@ -264,6 +264,7 @@ def select(store: Store, row: FloorRow, validation: Sequence[Observed], least: f
     return best_choice(row, lambda choices: store.recall(grades, row.name, validation, choices, least))
 
 
-def tracked(name: str, observed: Observed, choice: Choice, least: float) -> list[FloorTrack]:
-    """The tracks of the row ``name`` in a sequence, in the seconds that have a truth."""
+def tracked(row: tuple[str, Choice, float], observed: Observed) -> list[FloorTrack]:
+    """The tracks of a row by its name, choice and lowest score in a sequence, in the seconds that have a truth."""
+    name, choice, least = row
     return run_row(ROWS[name], observed, choice, least)

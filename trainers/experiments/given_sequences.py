@@ -6,7 +6,7 @@ right nor wrong, boxes that MOT15 marks with 0 in column 7 do not count, and KIT
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -110,6 +110,18 @@ def find_given(data: Path, one: DataSet) -> list[GivenSequence]:
     home = data / one.folder
     names = one.names or tuple(sorted(path.name for path in home.iterdir() if path.is_dir()) if home.is_dir() else ())
     return [_given(home / name, one) for name in names if (home / name).is_dir()]
+
+
+def find_sets(data: Path, keys: Iterable[str]) -> dict[DataSet, list[GivenSequence]]:
+    """The sequences of the data sets that are there.
+
+    Raises:
+        RequestError: none is, or a sequence has no labels or no detections.
+    """
+    found = {one: find_given(data, one) for key in keys for one in DATA_SETS if one.key == key}
+    if not any(found.values()):
+        raise RequestError(f"`data`: expected mot/mot17-val-half or another of the data sets in {data}, found none")
+    return {one: sequences for one, sequences in found.items() if sequences}
 
 
 def _given(folder: Path, one: DataSet) -> GivenSequence:

@@ -1,20 +1,24 @@
-"""One pass of OpenCV-contrib's CSRT: `python single_csrt.py < job.json > boxes.json`, in an environment of its own.
+"""One pass of OpenCV-contrib's CSRT; a program of `Peer`."""
 
-A job is ``{"images": file, "box": [x, y, width, height], "scales": number}``; the file has ``(T, H, W, 3)`` uint8 BGR.
-The answer has the boxes from the second image on. With ``--version`` it names OpenCV's version, if that has CSRT.
-"""
-
-import json
-import sys
+from typing import Any
 
 import cv2
 import numpy as np
 
 
-def main() -> None:
-    """The pass."""
+def version() -> str:
+    """Of OpenCV, if it has CSRT."""
+    assert cv2.TrackerCSRT_create  # type: ignore[attr-defined]
+    return cv2.__version__
+
+
+def answer(job: dict[str, Any]) -> list[list[float]]:
+    """Boxes x, y, width, height from the second image on.
+
+    Args:
+        job: ``images``, a file of ``(T, H, W, 3)`` uint8 BGR; ``box`` in the first; ``scales``, the sizes it tries.
+    """
     cv2.setNumThreads(1)
-    job = json.load(sys.stdin)
     images, box = np.load(job["images"], mmap_mode="r"), job["box"]
     parameters = cv2.TrackerCSRT_Params()  # type: ignore[attr-defined]
     parameters.number_of_scales = job["scales"]
@@ -25,12 +29,4 @@ def main() -> None:
         held, found = tracker.update(np.array(image))
         box = list(found) if held else box
         boxes.append(box)
-    print(json.dumps(boxes))
-
-
-if __name__ == "__main__":
-    if sys.argv[1:] == ["--version"]:
-        assert cv2.TrackerCSRT_create  # type: ignore[attr-defined]
-        print(cv2.__version__)
-    else:
-        main()
+    return boxes

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.tables import score_table
 from tsuiseki.tracking.report.plots import COLOURS
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.store import Store
 
 if TYPE_CHECKING:
@@ -141,16 +142,15 @@ def with_deviation(values: FloatArray, form: str) -> str:
     return f"{np.mean(values):{form}} ± {np.std(values):{form.lstrip('+')}}"
 
 
-def with_interval(values: FloatArray, form: str) -> str:
-    """The mean and its interval by Student's t."""
-    mean, low, high = (f"{one:{form}}" for one in interval(values))
+def _between(values: FloatArray, form: str, ends: Callable[[FloatArray], tuple[float, float, float]]) -> str:
+    mean, low, high = (f"{one:{form}}" for one in ends(values))
     return f"{mean} [{low}, {high}]" if len(values) > 1 else mean
 
 
-def with_bootstrap(values: FloatArray, form: str) -> str:
-    """The mean and its bootstrap interval."""
-    mean, low, high = (f"{one:{form}}" for one in bootstrap(values))
-    return f"{mean} [{low}, {high}]" if len(values) > 1 else mean
+with_interval: Show = partial(_between, ends=interval)
+"""The mean and its interval by Student's t."""
+with_bootstrap: Show = partial(_between, ends=bootstrap)
+"""The mean and its bootstrap interval."""
 
 
 @dataclass(frozen=True)
@@ -211,15 +211,10 @@ class Table:
 
     def text(self) -> str:
         """The table for a terminal."""
-        from rich.box import SIMPLE_HEAD
         from rich.console import Console
-        from rich.table import Table as Shown
 
-        shown = Shown(title=self.title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-        for number, heading in enumerate(self.columns):
-            shown.add_column(heading, justify="right" if number else "left")
-        for row in self.rows:
-            shown.add_row(*row)
+        shown = score_table(self.columns[:1], self.columns[1:], [self.rows])
+        shown.title, shown.title_justify = self.title or None, "left"
         console = Console(width=max(LEAST_WIDTH, Console().width), color_system=None)
         with console.capture() as capture:
             console.print(shown)
@@ -359,13 +354,6 @@ def _write(path: Path, content: str | bytes) -> None:
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
 
 
-def png(image: ImageArray) -> bytes:
-    """A picture as the bytes of a PNG file."""
-    import cv2
-
-    return bytes(cv2.imencode(".png", np.ascontiguousarray(image[:, :, ::-1]))[1])
-
-
 def at_least_one(**numbers: float) -> None:
     """Refuse arguments below 1.
 
@@ -375,3 +363,15 @@ def at_least_one(**numbers: float) -> None:
     for name, value in numbers.items():
         if value < 1:
             raise RequestError(f"`{name}`: expected at least 1, got {value}")
+
+
+def some_of(known: Sequence[str], **asked: Sequence[str]) -> None:
+    """Refuse arguments with other words than the ``known`` ones, or with none.
+
+    Raises:
+        RequestError: names the first of them.
+    """
+    for name, words in asked.items():
+        if not words or not set(words) <= set(known):
+            wrong = next((word for word in words if word not in known), "none")
+            raise RequestError(f"`{name}`: expected some of {', '.join(known)}, got {wrong!r}")

@@ -20,7 +20,7 @@ from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments import single
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.single import SWEEPS, by_attribute, by_seed, leave_one_out, scored
+from tsuiseki.trainers.experiments.single import SWEEPS, by_seed, leave_one_out, scored
 from tsuiseki.trainers.experiments.single_passes import (
     CSRT,
     Csrt,
@@ -71,7 +71,7 @@ def test_a_figure_has_the_frames_during_the_search_and_after_it(
     assert [row[:2] for row in outcome.tables[0].rows] == [["during the search", "4"], ["10 frames after", "9"]]
 
 
-def test_results_by_attribute_and_seed_and_nothing_is_run_again(tmp_path: Path) -> None:
+def test_results_by_seed_and_nothing_is_run_again(tmp_path: Path) -> None:
     def kept() -> dict[Path, int]:
         return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.pickle")}
 
@@ -79,7 +79,6 @@ def test_results_by_attribute_and_seed_and_nothing_is_run_again(tmp_path: Path) 
     found = scored(bench, [tiny], {"combined": ALWAYS}, [0, 1], "passes")
     areas = [one["auc_11"] for one in by_seed(found["combined"])]
     assert len(areas) == 2
-    assert by_attribute([tiny], found)["OCC"]["combined"] == pytest.approx(np.mean(areas))
     before = kept()
     assert len(before) == 2
     scored(bench, [tiny], {"combined": ALWAYS}, [0, 1], "passes")
