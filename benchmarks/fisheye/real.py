@@ -61,8 +61,6 @@ HEIGHTS = (1.0, 1.35, 1.7)
 RADII = (0.25, 0.35)
 # Of a detection that is tracked: the default of `track fisheye`.
 LEAST_SCORE = 0.3
-# Angles between the camera's axis and the middle of a box, degrees.
-RINGS = (0, 20, 40, 60, 90)
 # Overlap from which a detection is taken to mean a labelled person.
 TOUCHING = 0.1
 # Where the labels of the ten frames give a person another's id, as looking at them shows: the image, x of the box's

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -170,8 +170,6 @@ STATUS: Mapping[str, Entrant] = {
 }
 CHASES = ((0, 24), (24, 48), (48, 96), (24, 96))
 """Generated clips: `combined` and `recognition` were tuned on the first 24, `recognition` on the next 24, too."""
-Scores: TypeAlias = Mapping[str, Sequence[ClipScores]]
-"""By tracker, one a clip."""
 
 
 def reproduce(

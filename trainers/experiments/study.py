@@ -35,8 +35,6 @@ Name: TypeAlias = str | tuple[str, ...]
 OneName = TypeVar("OneName", bound=Name)
 Show: TypeAlias = Callable[[FloatArray, str], str]
 """Text of the values ``(S,)`` of S units, from the values and the format of a number."""
-LEAST_WIDTH = 160
-"""Columns of a terminal that a table may have at least."""
 SAMPLES = 10_000
 
 
@@ -215,7 +213,8 @@ class Table:
 
         shown = score_table(self.columns[:1], self.columns[1:], [self.rows])
         shown.title, shown.title_justify = self.title or None, "left"
-        console = Console(width=max(LEAST_WIDTH, Console().width), color_system=None)
+        # A table squeezed into too few columns loses digits; a line that wraps does not.
+        console = Console(width=1000, color_system=None)
         with console.capture() as capture:
             console.print(shown)
         return capture.get()
