@@ -219,7 +219,7 @@ def grades(name: str, validation: Sequence[Observed], choices: Sequence[Choice],
     """The scores of some settings of the row ``name`` on the validation sequences."""
     graded = []
     for choice in choices:
-        found = score([pair_of("", o, run_row(ROWS[name], o, choice, least)) for o in validation])
+        found = score([pair_of(str(k), o, run_row(ROWS[name], o, choice, least)) for k, o in enumerate(validation)])
         graded.append(Graded(choice, found.mota, found.idf1))
     return graded
 

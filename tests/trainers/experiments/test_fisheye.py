@@ -86,7 +86,7 @@ def test_looks_alone_exchange_those_in_the_same_clothes():
 
 def test_the_best_choice_on_validation_is_taken():
     row = ROWS["world"]
-    found = best_choice(row, lambda choices: grades("world", [observed()], choices, 0.1))
+    found = best_choice(row, lambda choices: grades("world", [observed(), observed(seed=1)], choices, 0.1))
     assert found.mota > 0.9
     assert set(found.choice) == {"reach", "speed", "start_score"}
 
