@@ -126,6 +126,27 @@ def suppress(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
     return np.asarray(kept, dtype=np.int64)
 
 
+def suppress_rotated(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
+    """As `suppress`, of ``(N, 5)`` rotated boxes (centre, size, radians clockwise)."""
+    kept: list[int] = []
+    # OpenCV's own, NMSBoxesRotated, drops boxes that hardly overlap.
+    for k in np.argsort(-scores, kind="stable").tolist():
+        if not kept or rotated_iou(boxes[k : k + 1], boxes[kept]).max() <= iou:
+            kept.append(k)
+    return np.array(kept, dtype=np.int64)
+
+
+def about_rotated(boxes: FloatArray) -> FloatArray:
+    """``(N, 4)`` upright boxes x1, y1, x2, y2 about the corners of ``(N, 5)`` rotated ones.
+
+    >>> about_rotated(np.array([[10.0, 10.0, 2.0, 6.0, np.pi / 2]])).round(6).tolist()
+    [[7.0, 9.0, 13.0, 11.0]]
+    """
+    cos, sin = np.abs(np.cos(boxes[:, 4:])), np.abs(np.sin(boxes[:, 4:]))
+    half = (boxes[:, 2:4] * cos + boxes[:, [3, 2]] * sin) / 2
+    return np.concatenate([boxes[:, :2] - half, boxes[:, :2] + half], axis=1)
+
+
 def rotated_intersections(a: FloatArray, b: FloatArray) -> FloatArray:
     """``(N, M)`` areas shared by ``(N, 5)`` and ``(M, 5)`` rotated boxes (centre, size, radians clockwise)."""
     result = np.zeros((len(a), len(b)))

@@ -9,20 +9,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol, TypeVar, overload
+from typing import Any, Self, TypeVar, overload
 
 from tsuiseki.tracking.output import RunRecord, output_folder
+from tsuiseki.tracking.types import Frame, ImageArray
+from tsuiseki.tracking.video.source import Source, image_size
 
-
-class Identified(Protocol):
-    """Whatever has a number that stays."""
-
-    @property
-    def id(self) -> int:
-        """Positive and unique within a result."""
-
-
-T_co = TypeVar("T_co", bound=Identified, covariant=True)
+T_co = TypeVar("T_co", covariant=True)
 Writer = Callable[[Path, Path], object]
 """Writes one file: its path, and the folder in which the files before it lie."""
 
@@ -39,7 +32,7 @@ class Result(Sequence[T_co]):
     (1, True)
 
     Attributes:
-        tracks: one for each person or object.
+        tracks: one for each person or object; of a ball in space, its position at each moment.
         source: name of what was tracked in.
         frame_rate: frames a second of the source; 0 where there are none.
         size: width and height of a frame in pixels; None where not known.
@@ -48,6 +41,7 @@ class Result(Sequence[T_co]):
         seconds: that each stage of the run took.
         frames: what happened in each frame: columns by name, all as long as ``frame``, whose numbers count from 1.
         files: what `save` writes, by name and in this order.
+        painter: gives the image of a frame with the tracks drawn in; None where there is nothing to draw on.
     """
 
     tracks: Sequence[T_co]
@@ -59,6 +53,12 @@ class Result(Sequence[T_co]):
     seconds: Mapping[str, float] = field(default_factory=dict)
     frames: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     files: Mapping[str, Writer] = field(default_factory=dict)
+    painter: Callable[[Frame], ImageArray] | None = None
+
+    @classmethod
+    def of(cls, source: Source, tracks: Sequence[Any], **known: Any) -> Self:
+        """The tracks in a video, with what it says of itself; ``known`` are the other attributes."""
+        return cls(tracks, source.name, source.frame_rate, image_size(source), **known)
 
     def __len__(self) -> int:
         return len(self.tracks)
@@ -79,8 +79,9 @@ class Result(Sequence[T_co]):
 
     @cached_property
     def by_id(self) -> Mapping[int, T_co]:
-        """The tracks by their numbers."""
-        return {track.id: track for track in self.tracks}
+        """The tracks by their ids."""
+        every: Sequence[Any] = self.tracks
+        return {track.id: track for track in every}
 
     def save(self, folder: str | Path, overwrite: bool = False) -> Path:
         """Write the files that the command writes, and ``run.json``; returns the folder.
@@ -103,17 +104,37 @@ class Result(Sequence[T_co]):
 
 @dataclass
 class StageTimes:
-    """Wall-clock seconds per stage, summed over a run and over the threads that work on it."""
+    """Wall-clock seconds per stage: together no more than the run took.
+
+    While several threads work, each moment is shared out among the stages that they are in; of stages within each other
+    the inner one counts.
+    """
 
     seconds: dict[str, float] = field(default_factory=dict)
+    _under_way: dict[int, list[str]] = field(default_factory=dict, repr=False, compare=False)
+    _last: float = field(default=0.0, repr=False, compare=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False, compare=False)
 
     @contextmanager
     def measure(self, stage: str) -> Iterator[None]:
         """Add the time spent inside the ``with`` block to ``stage``."""
-        start = time.perf_counter()
+        thread = threading.get_ident()
+        with self._lock:
+            self._share_out()
+            self._under_way.setdefault(thread, []).append(stage)
         try:
             yield
         finally:
             with self._lock:
-                self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
+                self._share_out()
+                self._under_way[thread].remove(stage)
+                if not self._under_way[thread]:
+                    del self._under_way[thread]
+
+    def _share_out(self) -> None:
+        """The time since the last call among the stages that are under way."""
+        now = time.perf_counter()
+        for stages in self._under_way.values():
+            share = (now - self._last) / len(self._under_way)
+            self.seconds[stages[-1]] = self.seconds.get(stages[-1], 0.0) + share
+        self._last = now

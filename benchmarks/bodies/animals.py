@@ -87,7 +87,7 @@ def followed(paths: FloatArray, sizes: FloatArray, rng: np.random.Generator) -> 
         arena = background(rng)
         for frame, poses in enumerate(paths):
             cv2.imwrite(f"{folder}/{frame + 1:06d}.png", drawn(arena, poses, sizes, rng))
-        tracks, _ = track_animals(Path(folder))
+        tracks = track_animals(Path(folder))
     places = np.full((len(tracks), len(paths), 2), np.nan)
     for row, track in enumerate(tracks):
         places[row, track.frames] = track.states[:, :2]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.report.overlay import draw_label, track_colour, write_drawn
+from tsuiseki.tracking.report.overlay import draw_label, track_colour
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
 
@@ -34,14 +33,3 @@ def draw_animals(frame: Frame, tracks: Sequence[BodyTrack], points: PointTable |
                 cv2.circle(image, (x, y), 2, (255, 255, 255), cv2.FILLED, cv2.LINE_AA)
     draw_label(image, f"{frame.index + 1}", (4, image.shape[0] - 4), (60, 60, 60))
     return image
-
-
-def write_animals(
-    path: Path, frames: Iterable[Frame], tracks: Sequence[BodyTrack], points: PointTable | None, frame_rate: float
-) -> None:
-    """Write the video with its animals as WebM.
-
-    Raises:
-        RunError: the video breaks off, or WebM cannot be written.
-    """
-    write_drawn(path, frames, frame_rate, lambda frame: draw_animals(frame, tracks, points))

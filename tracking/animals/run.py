@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +22,26 @@ from tsuiseki.tracking.animals.skeleton import (
 )
 from tsuiseki.tracking.animals.tracker import AnimalTracker
 from tsuiseki.tracking.cli.options import Output, Video
-from tsuiseki.tracking.cli.run import Run
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
-from tsuiseki.tracking.types.frame_range import parse_frames
+from tsuiseki.tracking.formats.body_states import write_states
+from tsuiseki.tracking.result import Result, StageTimes, Writer
+from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
-from tsuiseki.tracking.video.source import open_source
+from tsuiseki.tracking.video.source import Source
+
+SETTINGS = AnimalSettings()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class AnimalResult(Result[BodyTrack]):
+    """Animals, and their points.
+
+    Attributes:
+        points: of all animals, where a skeleton is known.
+    """
+
+    points: PointTable | None = None
 
 
 def track_animals(
@@ -38,7 +53,7 @@ def track_animals(
     frames: str | None = None,
     settings: AnimalSettings | None = None,
     seed: int = 0,
-) -> tuple[list[BodyTrack], PointTable | None]:
+) -> AnimalResult:
     """Several animals before a fixed camera: place, heading and size of each in every frame.
 
     Args:
@@ -51,30 +66,94 @@ def track_animals(
         seed: as all trackers have it; this one draws no random numbers.
 
     Returns:
-        The tracks by id, whose states are a, b, theta, length, width in pixels and radians; and their points, where a
-        skeleton is known.
+        The tracks by id, whose states are a, b, theta, length, width in pixels and radians; with their ``points``,
+        where a skeleton is known.
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    del seed
-    opened, skeleton = open_source(str(source), parse_frames(frames)), skeleton or SkeletonSettings()
-    if not opened.has_images:
-        raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
-    table, settings = skeleton.table(), settings or AnimalSettings()
-    seen: list[list[AnimalPose]]
-    if skeleton.points is not None and table is not None:
-        numbers = [frame.index for frame in opened.frames()]
-        seen = poses_by_points(table, skeleton, numbers)
-    else:
-        tracker = AnimalTracker(video_background(opened, contrast, threshold), settings, opened.frame_rate)
-        for frame in opened.frames():
-            tracker.update(frame)
-        numbers, seen = tracker.frames, tracker.poses
-    height, width = next(iter(opened.frames())).image.shape[:2]
-    animals, points = finished(seen, numbers, settings, opened.frame_rate, (width, height), skeleton, table)
-    return [animal.track for animal in animals], points
+    opened = Video(source=str(source), frames=frames).open(images=True, replayable=True)
+    skeleton, made = skeleton or SkeletonSettings(), {"contrast": contrast, "source": str(source), "seed": seed}
+    return animal_result(
+        opened,
+        opened.frames(),
+        skeleton,
+        skeleton.table(),
+        contrast,
+        threshold,
+        settings or SETTINGS,
+        StageTimes(),
+        made,
+    )
+
+
+def animal_result(
+    source: Source,
+    frames: Iterable[Frame],
+    skeleton: SkeletonSettings,
+    table: PointTable | None,
+    contrast: Contrast,
+    threshold: float | None,
+    settings: AnimalSettings,
+    times: StageTimes,
+    made: Mapping[str, Any],
+    scale: float | None = None,
+) -> AnimalResult:
+    """The result of a run.
+
+    Args:
+        source: the video.
+        frames: of it.
+        skeleton: what is known of the points.
+        table: those of its file.
+        contrast: see `track_animals`.
+        threshold: likewise.
+        settings: of the tracker.
+        times: of the run.
+        made: settings of the run.
+        scale: see `animals`.
+    """
+    facts: dict[str, Any] = {"frame_rate": source.frame_rate}
+    tracker = None
+    if skeleton.points is None:
+        with times.measure("background"):
+            background = video_background(source, contrast, threshold)
+        facts |= {"contrast": background.contrast, "threshold": background.threshold, "area": background.area}
+        tracker = AnimalTracker(background, settings, source.frame_rate)
+    size, numbers = (0, 0), []
+    for frame in frames:
+        size = (frame.image.shape[1], frame.image.shape[0])
+        numbers.append(frame.index)
+        if tracker is not None:
+            with times.measure("poses"):
+                tracker.update(frame)
+    with times.measure("identities"):
+        seen = tracker.poses if tracker else poses_by_points(table, skeleton, numbers) if table else []
+        found, placed = finished(seen, numbers, settings, source.frame_rate, size, skeleton, table)
+    tracks, fields = [one.track for one in found], list(FIELDS)
+    if scale is not None:
+        tracks, fields = in_millimetres(tracks, scale, source)
+
+    def draw(frame: Frame) -> ImageArray:
+        from tsuiseki.tracking.animals.page import draw_animals
+
+        return draw_animals(frame, tracks, placed)
+
+    return AnimalResult.of(
+        source,
+        tracks,
+        settings=made,
+        facts=facts,
+        seconds=times.seconds,
+        frames={"frame": [n + 1 for n in numbers], "animals": [len(poses) for poses in seen]},
+        files={
+            "states.csv": lambda path, _: write_states(path, tracks, fields),
+            **({} if placed is None else _point_files(placed, numbers[-1] + 1)),
+        },
+        painter=draw,
+        points=placed,
+    )
 
 
 def poses_by_points(table: PointTable, skeleton: SkeletonSettings, frames: Sequence[int]) -> list[list[AnimalPose]]:
@@ -126,13 +205,13 @@ def finished(
     return animals, written
 
 
-def in_millimetres(tracks: Sequence[BodyTrack], scale: float, frame_rate: float) -> tuple[list[BodyTrack], list[str]]:
+def in_millimetres(tracks: Sequence[BodyTrack], scale: float, source: Source) -> tuple[list[BodyTrack], list[str]]:
     """Tracks with columns for millimetres behind those for pixels, and the names of all columns.
 
     Args:
         tracks: of the columns `FIELDS`.
         scale: millimetres of a pixel.
-        frame_rate: frames a second, for the speed.
+        source: the video, which times its frames, for the speed.
 
     Raises:
         RequestError: the scale is not above 0.
@@ -144,13 +223,10 @@ def in_millimetres(tracks: Sequence[BodyTrack], scale: float, frame_rate: float)
         metric = scale * track.states[:, [0, 1, 3, 4]]
         speed = np.zeros(len(track))
         if len(track) > 1:
-            seconds = track.frames / frame_rate
+            seconds = source.times.at(track.frames, source.frame_rate)
             speed = np.linalg.norm(np.gradient(metric[:, :2], seconds, axis=0), axis=1)
         found.append(replace(track, states=np.concatenate([track.states, metric, speed[:, None]], axis=1)))
     return found, [*FIELDS, "a_mm", "b_mm", "length_mm", "width_mm", "speed_mm_s"]
-
-
-SETTINGS = AnimalSettings()
 
 
 def animals(
@@ -174,51 +250,31 @@ def animals(
         scale: millimetres of a pixel; adds a_mm,b_mm,length_mm,width_mm,speed_mm_s.
         animals: settings of the tracker.
     """
-    from tsuiseki.tracking.animals.page import write_animals
     from tsuiseki.tracking.cli.run import count, frames_expected
-    from tsuiseki.tracking.formats.body_states import write_states
 
     source = video.open(images=True, replayable=True, timed=True)
     table = skeleton.table()
     if scale is not None:
-        in_millimetres([], scale, source.frame_rate)
+        in_millimetres([], scale, source)
     with output.run() as run:
-        run.facts["frame_rate"] = source.frame_rate
-        tracker = None
-        if skeleton.points is None:
-            with run.times.measure("background"):
-                background = video_background(source, contrast, threshold)
-            run.facts |= {"contrast": background.contrast, "threshold": background.threshold, "area": background.area}
-            tracker = AnimalTracker(background, animals, source.frame_rate)
-        size, numbers = (0, 0), []
-        for frame in run.steps(run.frames(source, record=video.overlay), total=frames_expected(source)):
-            size = (frame.image.shape[1], frame.image.shape[0])
-            numbers.append(frame.index)
-            if tracker is not None:
-                with run.times.measure("poses"):
-                    tracker.update(frame)
-        with run.times.measure("identities"):
-            seen = tracker.poses if tracker else poses_by_points(table, skeleton, numbers) if table else []
-            found, placed = finished(seen, numbers, animals, source.frame_rate, size, skeleton, table)
-        tracks, fields = [one.track for one in found], list(FIELDS)
-        if scale is not None:
-            tracks, fields = in_millimetres(tracks, scale, source.frame_rate)
-        run.columns = {"frame": [n + 1 for n in numbers], "animals": [len(poses) for poses in seen]}
-        run.write("states.csv", lambda path: write_states(path, tracks, fields))
-        if placed is not None:
-            _write_points(run, placed, numbers[-1] + 1)
-        video.draw(run, source, lambda path, again: write_animals(path, again, tracks, placed, source.frame_rate))
-        hint = "" if tracks else "; nothing stands out, give `threshold` or another `contrast`"
-        run.done(f"{count(len(tracks), 'animal', 'animals')} in {run.count} frames: {output.out / 'states.csv'}{hint}")
+        steps = run.steps(run.frames(source, record=video.overlay), total=frames_expected(source))
+        made = output.given.settings
+        result = animal_result(source, steps, skeleton, table, contrast, threshold, animals, run.times, made, scale)
+        run.save(result, lambda: video.draw(run, source, result))
+        hint = "" if result else "; nothing stands out, give `threshold` or another `contrast`"
+        run.done(f"{count(len(result), 'animal', 'animals')} in {run.count} frames: {output.out / 'states.csv'}{hint}")
     return run.status
 
 
-def _write_points(run: Run, placed: PointTable, frames: int) -> None:
+def _point_files(placed: PointTable, frames: int) -> dict[str, Writer]:
     """The points of all animals in the files of other programs, of so many ``frames``."""
     from tsuiseki.tracking.formats.body_points import write_deeplabcut, write_sleap
     from tsuiseki.tracking.formats.sleap_hdf5 import hdf5_installed, write_sleap_analysis
 
-    run.write("points.sleap.csv", lambda path: write_sleap(path, placed))
-    run.write("points.dlc.csv", lambda path: write_deeplabcut(path, placed, frames))
+    files: dict[str, Writer] = {
+        "points.sleap.csv": lambda path, _: write_sleap(path, placed),
+        "points.dlc.csv": lambda path, _: write_deeplabcut(path, placed, frames),
+    }
     if hdf5_installed():
-        run.write("points.sleap.h5", lambda path: write_sleap_analysis(path, placed, frames))
+        files["points.sleap.h5"] = lambda path, _: write_sleap_analysis(path, placed, frames)
+    return files

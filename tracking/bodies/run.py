@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -24,10 +24,11 @@ from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import StandingOut, video_background
 from tsuiseki.tracking.features.colour_region import parse_colour
-from tsuiseki.tracking.types import Frame
-from tsuiseki.tracking.types.frame_range import parse_frames
+from tsuiseki.tracking.formats.body_states import write_states
+from tsuiseki.tracking.result import Result, StageTimes
+from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack
-from tsuiseki.tracking.video.source import Source, open_source
+from tsuiseki.tracking.video.source import Source
 
 
 class BodyKeywords(TypedDict, total=False):
@@ -56,7 +57,7 @@ class BodyKeywords(TypedDict, total=False):
 
 def track_deformable(
     source: str | Path | int, body: str = "goldfish", **keywords: Unpack[BodyKeywords]
-) -> list[BodyTrack]:
+) -> Result[BodyTrack]:
     """Bodies that bend: place, heading and bend of each in every frame.
 
     Args:
@@ -75,9 +76,8 @@ def track_deformable(
     opened, tracker = _opened(source, body, **keywords)
     if opened.live and opened.frames_wanted.last is None:
         raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_deformable")
-    for frame in opened.frames():
-        tracker.update(frame)
-    return tracker.tracks()
+    made = {"body": body, "source": str(source), "seed": keywords.get("seed", 0)}
+    return body_result(opened, tracker, opened.frames(), StageTimes(), made)
 
 
 def follow_deformable(
@@ -99,9 +99,7 @@ def follow_deformable(
 
 
 def _opened(source: str | Path | int, body: str, **keywords: Unpack[BodyKeywords]) -> tuple[Source, DeformableTracker]:
-    opened = open_source(str(source), parse_frames(keywords.get("frames")))
-    if not opened.has_images:
-        raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
+    opened = Video(source=str(source), frames=keywords.get("frames")).open(images=True)
     init, motion = keywords.get("init"), keywords.get("motion")
     choice = BodyChoice(
         body,
@@ -141,6 +139,49 @@ def body_tracker(choice: BodyChoice, source: Source, seed: int = 0) -> Deformabl
     return DeformableTracker(body, moves, body_pixels(choice, source), choice.deformable, states, seed)
 
 
+def body_result(
+    source: Source, tracker: DeformableTracker, frames: Iterable[Frame], times: StageTimes, settings: Mapping[str, Any]
+) -> Result[BodyTrack]:
+    """The result of a run.
+
+    Args:
+        source: the video.
+        tracker: a fresh one.
+        frames: of the video.
+        times: of the run.
+        settings: of the run.
+    """
+    numbers = []
+    for frame in frames:
+        with times.measure("edges"):
+            edges = tracker.edges(frame)
+        with times.measure("particles"):
+            tracker.update_edges(frame.index, edges)
+        numbers.append(frame.index)
+    body, tracks = tracker.body, tracker.tracks()
+
+    def plot(path: Path, _: Path) -> None:
+        from tsuiseki.tracking.bodies.page import plot_states
+
+        plot_states(path, body, tracks)
+
+    def draw(frame: Frame) -> ImageArray:
+        from tsuiseki.tracking.bodies.page import draw_bodies
+
+        return draw_bodies(frame, body, tracks)
+
+    return Result.of(
+        source,
+        tracks,
+        settings=settings,
+        facts={"frame_rate": source.frame_rate},
+        seconds=times.seconds,
+        frames=columns_of(tracks, numbers),
+        files={"states.csv": lambda path, _: write_states(path, tracks, body.fields), "states.png": plot},
+        painter=draw,
+    )
+
+
 def columns_of(tracks: Sequence[BodyTrack], frames: Sequence[int]) -> dict[str, list[Any]]:
     """Frame from 1, bodies that are tracked in it, and the score of each body."""
     seen = [0] * len(frames)
@@ -161,29 +202,17 @@ def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
     Args:
         seed: of the particles.
     """
-    from tsuiseki.tracking.bodies.page import plot_states, write_contours
     from tsuiseki.tracking.cli.run import count, frames_expected
-    from tsuiseki.tracking.formats.body_states import write_states
 
     source = video.open(images=True)
     tracker = body_tracker(choice, source, output.seed)
-    body, frames = tracker.body, list[int]()
     with output.run() as run:
-        run.facts["frame_rate"] = source.frame_rate
-        for frame in run.steps(run.frames(source, record=video.overlay), total=frames_expected(source)):
-            with run.times.measure("edges"):
-                edges = tracker.edges(frame)
-            with run.times.measure("particles"):
-                tracker.update_edges(frame.index, edges)
-            frames.append(frame.index)
-        tracks = tracker.tracks()
-        run.columns = columns_of(tracks, frames)
-        run.write("states.csv", lambda path: write_states(path, tracks, body.fields))
-        run.write("states.png", lambda path: plot_states(path, body, tracks))
-        video.draw(run, source, lambda path, again: write_contours(path, again, body, tracks, source.frame_rate))
-        seen = sum(int(track.tracking.sum()) for track in tracks)
-        bodies, place = count(len(tracks), "body", "bodies"), output.out / "states.csv"
-        share = f"seen {100 * seen / max(sum(map(len, tracks)), 1):.0f} %"
+        steps = run.steps(run.frames(source, record=video.overlay), total=frames_expected(source))
+        result = body_result(source, tracker, steps, run.times, output.given.settings)
+        run.save(result, lambda: video.draw(run, source, result))
+        seen = sum(int(track.tracking.sum()) for track in result)
+        bodies, place = count(len(result), "body", "bodies"), output.out / "states.csv"
+        share = f"seen {100 * seen / max(sum(map(len, result)), 1):.0f} %"
         what = "that stands out" if choice.colour in CONTRASTS else f"of the colour {choice.colour}"
         hint = f"; nothing {what} fits a body, give another --colour, or --init"
         run.done(f"{bodies} in {run.count} frames, {share}: {place}{'' if seen else hint}")

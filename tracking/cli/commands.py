@@ -125,6 +125,13 @@ COMMANDS: Tree = {
             ),
         },
     ),
+    "models": Group(
+        "networks of other projects that can be downloaded",
+        {
+            "list": Command("what there is, and under which terms", "tracking.cli.models:list_models"),
+            "get": Command("download one into the user's cache", "tracking.cli.models:get"),
+        },
+    ),
     "calibrate": Group(
         "find out where cameras are and how they see",
         {

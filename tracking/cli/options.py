@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from functools import partial
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Literal
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
@@ -15,7 +16,7 @@ from tsuiseki.tracking.types.frame_range import parse_frames
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.tracking.types import Frame
+    from tsuiseki.tracking.result import Result
     from tsuiseki.tracking.video.source import Source
 
 
@@ -31,11 +32,14 @@ class Drawing(Shared):
     overlay: bool = False
     overlay_format: Literal["webm", "mp4"] = "webm"
 
-    def draw(self, run: Run, source: Source, write: Callable[[Path, Iterator[Frame]], object]) -> Path | None:
-        """Let ``write`` draw the finished frames into a video of the result, where that is wanted."""
-        if not self.overlay:
-            return None
-        return run.draw(f"overlay.{self.overlay_format}", lambda path: write(path, run.replay(source)))
+    def draw(self, run: Run, source: Source, result: Result[Any], folder: str = "") -> None:
+        """Write a video of the finished frames with ``result`` drawn in, where that is wanted; see `Run.save`."""
+        from tsuiseki.tracking.report.overlay import write_drawn
+
+        if self.overlay and result.painter is not None:
+            frames, rate = run.replay(source), result.frame_rate
+            write = partial(write_drawn, frames=frames, frame_rate=rate, draw=result.painter)
+            run.draw(str(PurePath(folder, f"overlay.{self.overlay_format}")), write)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,11 +10,9 @@ options that several commands share stand in `options`, once.
             for frame in run.steps(run.frames(source), total=frames_expected(source)):
                 with run.times.measure("track"):
                     tracker.update(frame)
-            tracks = tracker.tracks()
-            run.columns = {"frame": ...}                        # into run.json: one list a column
-            run.write("tracks.txt", lambda path: write_tracks(path, tracks))
-            video.draw(run, source, lambda path, frames: write_overlay(path, frames, tracks, ...))
-            run.done(f"{len(tracks)} objects: {output.out / 'tracks.txt'}")
+            result = blob_result(tracker, ...)                  # what the function for Python returns, too
+            run.save(result, lambda: video.draw(run, source, result))
+            run.done(f"{len(result)} objects: {output.out / 'tracks.txt'}")
         return run.status
 
 * `Run.frames` ends where the source breaks off; `Run.steps` ends where it does or where the user interrupts (Ctrl-C,
@@ -32,8 +30,7 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -43,6 +40,7 @@ from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, signal
 from tsuiseki.tracking.output import RunRecord, output_folder
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.weights.catalogue import records_of
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import Output
@@ -67,6 +65,7 @@ class Run:
         times: seconds of each stage.
         columns: what happened in each frame, for ``run.json``: one list a column.
         facts: what the run found out about its input, or chose by itself; likewise.
+        sources: videos that it read.
         count: finished steps.
         status: exit status, known after the ``with`` block.
     """
@@ -76,7 +75,9 @@ class Run:
         self.times = StageTimes()
         self.columns: Mapping[str, Sequence[Any]] = {}
         self.facts: dict[str, Any] = {}
+        self.sources: list[Source] = []
         self.count = 0
+        self._before = 0
         self.status = DONE
         self._asked = 0
         self._patient = False
@@ -110,15 +111,33 @@ class Run:
             source: the video.
             record: keep the frames of a live source for `replay`.
         """
-        self._live = source.live
+        self.sources.append(source)
+        if not source.live:
+            return self._read(source.frames())
+        return self._read(self.unending(source.frames()), source.frame_rate if record else None)
+
+    def unending(self, items: Iterable[T]) -> Iterator[T]:
+        """``items`` of a live source: an interrupt ends them at once, and what came before is kept."""
+        self._live, iterator = True, iter(items)
+        while not self._asked:
+            try:
+                with self.waiting():
+                    item = next(iterator)
+            except StopIteration:
+                return
+            except KeyboardInterrupt as error:
+                self._asked = signal_of(error)
+                return
+            yield item
+
+    def _read(self, frames: Iterator[Frame], recorded_rate: float | None = None) -> Iterator[Frame]:
         with ExitStack() as stack:
             writer = None
-            if source.live and record:
+            if recorded_rate is not None:
                 from tsuiseki.tracking.video.webm import VideoWriter
 
                 self._recording = self.work / PARTS / "recording.webm"
-                writer = stack.enter_context(VideoWriter(self._recording, source.frame_rate))
-            frames = source.frames()
+                writer = stack.enter_context(VideoWriter(self._recording, recorded_rate))
             while True:
                 try:
                     frame = next(frames, None)
@@ -143,6 +162,7 @@ class Run:
             KeyboardInterrupt: before the first step was finished.
         """
         self._patient, before = True, self.count
+        self._before = before
         watched = progress(items, what, total)
         while not self._asked:
             try:
@@ -175,7 +195,7 @@ class Run:
         Raises:
             KeyboardInterrupt: the user interrupts.
         """
-        return self.watched(self._again(source), "drawing", self.count)
+        return self.watched(self._again(source), "drawing", self.count - self._before)
 
     def watched(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
         """``items`` with progress; an interrupt from now on ends them with KeyboardInterrupt."""
@@ -195,7 +215,7 @@ class Run:
     def _again(self, source: Source) -> Iterator[Frame]:
         from tsuiseki.tracking.video.source import open_source
 
-        first, end = self._first or 0, (self._first or 0) + self.count
+        first, end = self._first or 0, (self._first or 0) + self.count - self._before
         if self._recording is None:
             for frame in source.frames():
                 yield frame
@@ -203,7 +223,7 @@ class Run:
                 if self._first is not None and frame.index + 1 >= end:
                     return
             return
-        for frame in open_source(self._recording, FrameRange(0, self.count - 1)).frames():
+        for frame in open_source(self._recording, FrameRange(0, end - first - 1)).frames():
             yield replace(frame, index=frame.index + first)
 
     def write(self, name: str, write: Callable[[Path], object]) -> Path:
@@ -228,31 +248,33 @@ class Run:
             path.replace(self.work / path.name)
         self._written = True
 
-    def save(self, result: Result[Any], draw: Callable[[], object] = lambda: None) -> None:
+    def save(self, result: Result[Any], draw: Callable[[], object] = lambda: None, folder: str = "") -> None:
         """Write the files of ``result``, and take what it knows into ``run.json``.
 
         Args:
             result: of the run.
             draw: makes what the pages of the result show; called when all other files are written.
+            folder: for the files, inside the output folder; by default that itself.
         """
         self.columns = result.frames
         self.facts |= result.facts
         pages = [name for name in result.files if name.endswith(".html")]
         for name in [name for name in result.files if name not in pages]:
-            self.write(name, partial(self._beside, result.files[name]))
+            self._save(result.files[name], PurePath(folder, name))
         draw()
         for name in pages:
-            self.write(name, partial(self._beside, result.files[name]))
+            self._save(result.files[name], PurePath(folder, name))
 
-    def _beside(self, write: Writer, path: Path) -> object:
-        return write(path, self.work)
+    def _save(self, write: Writer, place: PurePath) -> None:
+        self.write(str(place), lambda path: write(path, self.work / place.parent))
 
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Likewise, where the result is one without it, too; None where it was not made."""
         if self._asked and not self._live:
             return None
         try:
-            return self.write(name, write)
+            with self.times.measure("draw"):
+                return self.write(name, write)
         except KeyboardInterrupt as error:
             self._asked = signal_of(error)
             self._say(f"interrupted while {name} was drawn", 128 + self._asked)
@@ -301,10 +323,28 @@ class Run:
     def _record(self) -> None:
         shutil.rmtree(self.work / PARTS, ignore_errors=True)
         given = self.output.given
+        facts = self.facts | self._facts_of_sources()
+        for name, found in (("notes", notes()), ("models", records_of(given.settings.values()))):
+            facts |= {name: found} if found else {}
         record = RunRecord(given.command, given.settings, self.output.random_seed, self.times.seconds, self.columns)
         record.partial, record.reason = bool(self._reason), self._reason
-        record.facts = {**self.facts, "notes": noted} if (noted := notes()) else self.facts
+        record.facts = facts
         record.write(self.work)
+
+    def _facts_of_sources(self) -> dict[str, Any]:
+        """Where the times of their frames come from, whether these are even, and where a live one had gaps."""
+        from tsuiseki.tracking.video.frame_times import uneven
+
+        found = {}
+        for source in self.sources:
+            facts = {} if source.live else uneven(list(source.times.noted.values()))
+            gaps = getattr(source, "gaps", [])
+            found[source.name] = {"timed_by": source.timed_by, **facts, **({"gaps": gaps} if gaps else {})}
+            if facts and len(self.sources) == 1 and "frame" in self.columns and "time" not in self.columns:
+                numbers = [number - 1 for number in self.columns["frame"]]
+                at = source.times.at(numbers, source.frame_rate).round(4).tolist()
+                self.columns = {**self.columns, "time": at}
+        return {"frame_times": found} if found else {}
 
     def _report(self) -> None:
         if not self._reason:

@@ -13,20 +13,24 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import SeededOutput
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.demo.page import DemoResult
+    from tsuiseki.tracking.devices import Device
     from tsuiseki.tracking.drone.tracking import DroneResult
 
-CLIP_FOLDER, THRESHOLD = "drone", 0.4
+CLIP_FOLDER = "drone"
 
 
-def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
+def demo_drone(output: SeededOutput, frames: int, threads: int, device: Device) -> int:
     """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+    from tsuiseki.tracking.cli.detector_lines import tell_models
+    from tsuiseki.tracking.cli.run import frames_expected
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import DRONE_METHODS, scored
     from tsuiseki.tracking.drone.models import DroneModels
-    from tsuiseki.tracking.drone.run import follow
+    from tsuiseki.tracking.drone.run import observations
     from tsuiseki.tracking.drone.settings import DroneSettings
+    from tsuiseki.tracking.drone.tracking import link
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.people.settings import FindingOptions
     from tsuiseki.tracking.video.source import open_source
@@ -38,13 +42,18 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
                 run.work / CLIP_FOLDER, planned, watch=lambda drawn: run.watched(drawn, "generating", frames)
             )
         source = open_source(clip)
-        models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads))
+        models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads, device=device))
+        tell_models(run, models.observers.detect, models.observers.describe, models.observers.recognise)
         truth = read_ground_truth(clip / "gt" / "gt.txt")
         cache = str(clip), run.work / "observations"
         results = {
-            name: follow(run, source, models, method, DroneSettings(), cache) for method, name in DRONE_METHODS.items()
-        }
-        tracks = {name: found.tracks for name, found in results.items()}
+            name: link(
+                run.steps(observations(run, source, models, cache), total=frames_expected(source)),
+                source, models, method, DroneSettings(), run.times, {"frames": frames, "method": method},
+            )
+            for method, name in DRONE_METHODS.items()
+        }  # fmt: skip
+        tracks = {name: [person.track for person in found] for name, found in results.items()}
         scores = scored(CLIP_FOLDER, truth, tracks, frames)
         demo = DemoResult(source, truth, tracks, scores, frames)
         _write(run, demo, results)
@@ -57,23 +66,17 @@ def _write(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> No
     """A folder for each method, the overlay, the report."""
     from tsuiseki.tracking.demo.page import drone_report
     from tsuiseki.tracking.demo.people import DRONE_METHODS
-    from tsuiseki.tracking.drone.page import ActionReport, captions_of
-    from tsuiseki.tracking.drone.run import write_result
-    from tsuiseki.tracking.report.overlay import write_overlay
+    from tsuiseki.tracking.report.overlay import write_drawn
     from tsuiseki.tracking.report.page import write_report
 
     source, best = demo.source, results[list(results)[-1]]
-    rate, captions = source.frame_rate, captions_of(best.people, best.names, THRESHOLD)
-    with run.times.measure("draw the overlay"):
-        overlay = run.draw(
-            OVERLAY_FILE,
-            lambda path: write_overlay(path, source.frames(), best.tracks, rate, captions, trail_seconds=0.0),
-        )
+    rate, painter = source.frame_rate, best.painter
+    assert painter is not None
+    overlay = run.draw(OVERLAY_FILE, lambda path: write_drawn(path, source.frames(), rate, painter))
     for method, name in DRONE_METHODS.items():
-        write_result(run, results[name], source, THRESHOLD, f"{method}/")
-        columns, run.columns = run.columns, {}
-        record_method(run, {"frames": demo.frames, "method": method}, run.times.seconds, columns)
-    actions = ActionReport(source.name, best.people, best.names, best.log.frames, THRESHOLD, rate)
+        run.save(results[name], folder=method)
+        record_method(run, results[name].settings, run.times.seconds, run.columns)
+    run.columns, run.facts = {}, {}
     facts = {"seed": str(run.output.random_seed)}
-    report = drone_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts), actions)
+    report = drone_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts), best)
     run.write(REPORT_FILE, lambda path: write_report(path, report))

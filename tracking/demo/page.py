@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tsuiseki.tracking.drone.page import ActionReport, action_timelines
+from tsuiseki.tracking.drone.page import action_timelines
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.output import versions
@@ -17,6 +18,9 @@ from tsuiseki.tracking.types import BoolArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.source import Source
 
+if TYPE_CHECKING:
+    from tsuiseki.tracking.drone.tracking import DroneResult
+
 # A track is of a thing that stands still if its centre moves by less than so many heights, and it is mostly on nobody.
 STILL, MOSTLY = 0.5, 0.8
 STAGES = {
@@ -24,7 +28,7 @@ STAGES = {
     "decode": "decode",
     "detect": "detect",
     "describe": "describe",
-    "overlay": "draw the overlay",
+    "draw": "draw the overlay",
 }
 
 
@@ -122,7 +126,7 @@ def _on_nobody(track: Track, truth: GroundTruth) -> BoolArray:
     return nobody
 
 
-def drone_report(demo: DemoResult, actions: ActionReport) -> Report:
+def drone_report(demo: DemoResult, actions: DroneResult) -> Report:
     """The page of people who act under a drone, and of what they do."""
     report = _report(
         demo,

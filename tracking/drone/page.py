@@ -2,40 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.people.page import followed
-from tsuiseki.tracking.report.page import BOXES_NOTE, embedded_video, html_page, seconds_table, section
+from tsuiseki.tracking.report.page import BOXES_NOTE, embedded_overlay, html_page, seconds_table, section
 from tsuiseki.tracking.report.timeline import Bar, timeline
 from tsuiseki.tracking.types.tracks import ActingTrack
 
+if TYPE_CHECKING:
+    from tsuiseki.tracking.drone.tracking import DroneResult
+
 MOST_NAMED = 3
-
-
-@dataclass(frozen=True)
-class ActionReport:
-    """What the page shows.
-
-    Attributes:
-        name: of the video.
-        people: with their actions.
-        names: of the actions.
-        frames: 0-based numbers of the frames that were looked at.
-        threshold: an action is named where its probability is above.
-        frame_rate: frames per second.
-    """
-
-    name: str
-    people: Sequence[ActingTrack]
-    names: Sequence[str]
-    frames: Sequence[int]
-    threshold: float
-    frame_rate: float
 
 
 def captions_of(people: Sequence[ActingTrack], names: Sequence[str], threshold: float) -> dict[int, list[str]]:
@@ -52,36 +34,34 @@ def captions_of(people: Sequence[ActingTrack], names: Sequence[str], threshold: 
     return captions
 
 
-def action_page(report: ActionReport, video: Path | None, seconds: Mapping[str, float]) -> str:
-    """The page as HTML, self-contained."""
-    time = section("Time", seconds_table(seconds, len(report.frames)))
-    people = f"{len(report.people)} {'person' if len(report.people) == 1 else 'people'}"
-    introduction = f"{people} in {len(report.frames)} frames at {report.frame_rate:g} a second."
-    return html_page(f"People in {report.name}", introduction, [_video(video), action_timelines(report), time])
+def action_page(result: DroneResult, folder: Path) -> str:
+    """The page as HTML, self-contained; it shows the overlay that lies in ``folder``, where one does."""
+    frames = result.frames["frame"]
+    video = section("Tracks and actions", embedded_overlay(folder, note=BOXES_NOTE))
+    time = section("Time", seconds_table(result.seconds, len(frames)))
+    people = f"{len(result)} {'person' if len(result) == 1 else 'people'}"
+    introduction = f"{people} in {len(frames)} frames at {result.frame_rate:g} a second."
+    return html_page(f"People in {result.source}", introduction, [video, action_timelines(result), time])
 
 
-def _video(path: Path | None) -> str:
-    return section("Tracks and actions", "" if path is None else embedded_video(path, note=BOXES_NOTE))
-
-
-def action_timelines(report: ActionReport) -> str:
+def action_timelines(result: DroneResult) -> str:
+    """A block for each person: when they were followed, and what they did."""
     note = (
         "<p class=note>A block is a person. Its first row is the time they were followed, pale where no detection "
         "supports it; each other row is an action, drawn where its probability over the window exceeds "
-        f"{report.threshold:g}. Numbers count frames.</p>"
+        f"{result.threshold:g}. Numbers count frames.</p>"
     )
-    blocks = "".join(_timeline(person, report) for person in report.people)
+    blocks = "".join(_timeline(person, result) for person in result)
     return section("Who does what when", note + (blocks or "<p>Nobody was followed.</p>"))
 
 
-def _timeline(person: ActingTrack, report: ActionReport) -> str:
-    track = person.track
-    first, length = report.frames[0], report.frames[-1] - report.frames[0] + 1
+def _timeline(person: ActingTrack, result: DroneResult) -> str:
+    track, frames = person.track, result.frames["frame"]
     rows = [followed(track)]
     if person.multi is not None:
-        called = person.multi > report.threshold
+        called = person.multi > result.threshold
         for a in np.flatnonzero(called.any(axis=0)).tolist():
             found = spans(track.frames, called[:, a].astype(np.int64))
-            name = report.names[a]
+            name = result.names[a]
             rows.append((name, [Bar(span.first, span.last, name, track.id) for span in found if span.value]))
-    return timeline(rows, first, length, f"person {track.id}", left=150)
+    return timeline(rows, frames[0] - 1, frames[-1] - frames[0] + 1, f"person {track.id}", left=150)

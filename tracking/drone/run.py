@@ -5,19 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from tsuiseki.tracking.association.learnt_costs import CostChanges
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import Run, count, frames_expected
 from tsuiseki.tracking.drone.models import DroneMethod, DroneModels
 from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
-from tsuiseki.tracking.drone.page import ActionReport, action_page, captions_of
 from tsuiseki.tracking.drone.settings import DroneSettings
-from tsuiseki.tracking.drone.tracking import DroneResult, link
+from tsuiseki.tracking.drone.tracking import NAMED, link
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
-from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.people.settings import FindingOptions
-from tsuiseki.tracking.report.overlay import write_overlay
 from tsuiseki.tracking.video.source import Source
 
 DRONE = DroneSettings()
@@ -32,7 +27,7 @@ def drone(
     tracks: Path | None = None,
     affinity: Path | None = None,
     keep_camera_motion: bool = False,
-    threshold: float = 0.4,
+    threshold: float = NAMED,
     cache: Path | None = None,
     drone: DroneSettings = DRONE,
 ) -> int:
@@ -61,7 +56,7 @@ def drone(
         drone: settings of the flow and of what is reported.
     """
     from tsuiseki.tracking.association.learnt_costs import CostNetwork
-    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
+    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.drone.models import DroneModels
     from tsuiseki.tracking.features.camera_path import line_on_camera
 
@@ -72,66 +67,25 @@ def drone(
     moving = not keep_camera_motion
     models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)
     with output.run() as run:
-        tell_reading(run, models.observers.detect)
+        tell_models(run, models.observers.detect, models.observers.describe, models.observers.recognise)
         kept = None if cache is None else (video.source, cache)
-        found = follow(run, source, models, method, drone, kept, changes)
-        if found.facts:
-            run.facts["flow"] = dict(found.facts)
-            if unknown := found.facts["camera_unknown"]:
-                print(line_on_camera(unknown))
+        steps = run.steps(observations(run, source, models, kept), total=frames_expected(source))
+        made = output.given.settings
+        result = link(steps, source, models, method, drone, run.times, made, changes, threshold)
+        if unknown := result.facts.get("flow", {}).get("camera_unknown"):
+            print(line_on_camera(unknown))
         tell_blank(models.observers.detect)
-        write_result(run, found, source, threshold, video=video)
-        run.done(f"{count(len(found.people), 'person', 'people')} in {run.count} frames: {output.out / 'tracks.txt'}")
+        run.save(result, lambda: video.draw(run, source, result))
+        run.done(f"{count(len(result), 'person', 'people')} in {run.count} frames: {output.out / 'tracks.txt'}")
     return run.status
 
 
-def follow(
-    run: Run,
-    source: Source,
-    models: DroneModels,
-    method: DroneMethod,
-    settings: DroneSettings,
-    cache: tuple[str, Path] | None = None,
-    changes: CostChanges | None = None,
-) -> DroneResult:
-    """Track a video.
-
-    Args:
-        run: gets its steps.
-        source: the video.
-        models: detector, networks and their key.
-        method: how people are linked.
-        settings: of the tracker.
-        cache: the name of the source, and the folder that keeps what the models say of it.
-        changes: by how much learnt costs differ from the settings'.
-    """
-    steps = run.steps(_observations(run, source, models, cache), total=frames_expected(source))
-    return link(steps, source, models, method, settings, run.times, changes)
-
-
-def _observations(
+def observations(
     run: Run, source: Source, models: DroneModels, cache: tuple[str, Path] | None
 ) -> Iterator[Observation]:
+    """What the models say of each frame; ``cache`` is the name of the source, and the folder that keeps it."""
     if cache is None:
         return observe(run.frames(source), models.observers, run.times)
     name, folder = cache
     wanted = source.frames_wanted
     return video_observations(name, models.observers, models.key, folder, wanted, run.times, models.superset_key)
-
-
-def write_result(
-    run: Run, found: DroneResult, source: Source, threshold: float, folder: str = "", video: Video | None = None
-) -> None:
-    """Write tracks, actions, report and, as ``video`` asks, an overlay, into ``folder`` of the result."""
-    run.columns = found.log.columns(found.tracks)
-    run.write(f"{folder}tracks.txt", lambda path: write_tracks(path, found.tracks))
-    run.write(f"{folder}tracks.json", lambda path: write_acting_tracks(path, found.people, found.names))
-    drawn = None
-    if video is not None:
-        captions, rate = captions_of(found.people, found.names, threshold), source.frame_rate
-        drawn = video.draw(
-            run, source, lambda path, again: write_overlay(path, again, found.tracks, rate, captions, 0.0)
-        )
-    report = ActionReport(source.name, found.people, found.names, found.log.frames, threshold, source.frame_rate)
-    page = action_page(report, drawn, run.times.seconds)
-    run.write(f"{folder}report.html", lambda path: path.write_text(page, encoding="utf-8"))

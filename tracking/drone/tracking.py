@@ -15,6 +15,8 @@ import numpy as np
 from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import CostChanges, CostNetwork
+from tsuiseki.tracking.cli.options import Video
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.drone.models import DroneMethod, DroneModels, as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe
 from tsuiseki.tracking.drone.settings import DroneSettings
@@ -22,16 +24,20 @@ from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
+from tsuiseki.tracking.features.view_choice import devices_of
+from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
+from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.people.inputs import GivenDetections
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.tracker import FrameLog, shifted
 from tsuiseki.tracking.people.whole_flow import long_tracks
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.result import Result, StageTimes
 from tsuiseki.tracking.types import Detections, Track
-from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.types.tracks import ActingTrack
-from tsuiseki.tracking.video.source import Source, open_source
+from tsuiseki.tracking.video.source import Source, image_size
 
+# Probability above which an action is named.
+NAMED = 0.4
 METHODS: tuple[DroneMethod, ...] = ("flow", "flow-saf", "flow-maf")
 
 
@@ -47,6 +53,7 @@ def track_drone(
     frames: str | None = None,
     settings: DroneSettings | None = None,
     threads: int = 0,
+    device: Device = "auto",
     seed: int = 0,
 ) -> DroneResult:
     """Everyone in a video from a drone, each with an id and with what they do.
@@ -66,56 +73,43 @@ def track_drone(
         frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
         settings: of flow, alternation and output.
         threads: CPU threads of the networks; 0 takes all.
+        device: what networks that are given as files run on, see `opened_on`.
         seed: draws nothing; the methods here are exact.
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    del seed
     if method not in METHODS:
         raise RequestError(f"expected the method {', '.join(METHODS)}, got {method!r}")
-    opened, settings = open_source(source, parse_frames(frames)), settings or DroneSettings()
-    if not opened.has_images:
-        raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
-    if opened.live:
-        raise RequestError("expected a video that can be played again, got a live source; record it first")
+    opened = Video(source=str(source), frames=frames).open(images=True, replayable=True)
     given: Any = {"detections": detections, "detector": detector}
-    finding = FindingOptions(**given, threads=threads, view="auto")
+    finding = FindingOptions(**given, threads=threads, device=device, view="auto")
     streams = None if actions is None else [Path(path) for path in actions]
     models = DroneModels.choose(opened, method, finding, appearance, streams)
     times = StageTimes()
     changes = None if affinity is None else CostNetwork(affinity, threads)
     observations = observe(opened.frames(), models.observers, times)
-    return link(observations, opened, models, method, settings, times, changes)
+    made = {"method": method, "source": str(source), "seed": seed}
+    return link(observations, opened, models, method, settings or DroneSettings(), times, made, changes)
 
 
-@dataclass(frozen=True)
-class DroneResult:
-    """People and what they do; going through it gives one `ActingTrack` after the other.
+@dataclass(frozen=True, eq=False, repr=False)
+class DroneResult(Result[ActingTrack]):
+    """People and what they do.
 
     Attributes:
-        people: with their actions, frames as the video counts them.
         names: of the actions.
-        log: what happened in each frame.
-        facts: what ``run.json`` tells of the tracker; empty where tracks were given.
+        threshold: an action is named where its probability is above.
     """
 
-    people: list[ActingTrack]
-    names: tuple[str, ...]
-    log: FrameLog
-    facts: Mapping[str, Any]
-
-    def __len__(self) -> int:
-        return len(self.people)
-
-    def __iter__(self) -> Iterator[ActingTrack]:
-        return iter(self.people)
+    names: tuple[str, ...] = ()
+    threshold: float = NAMED
 
     @property
-    def tracks(self) -> list[Track]:
-        """Without the actions."""
-        return [person.track for person in self.people]
+    def boxes(self) -> list[Track]:
+        """The tracks without the actions."""
+        return [person.track for person in self]
 
 
 def link(
@@ -125,7 +119,9 @@ def link(
     method: DroneMethod,
     settings: DroneSettings,
     times: StageTimes,
+    made: Mapping[str, Any],
     changes: CostChanges | None = None,
+    threshold: float = NAMED,
 ) -> DroneResult:
     """The people of a video out of what was observed in its frames.
 
@@ -135,29 +131,58 @@ def link(
         models: what observed them.
         method: how people are linked.
         settings: of the tracker.
-        times: gets the seconds of linking.
+        times: of the run; gets the seconds of linking.
+        made: settings of the run.
         changes: by how much learnt costs differ from the settings'; by default not at all.
+        threshold: an action is named where its probability is above.
 
     Raises:
         RunError: there is no frame.
     """
+    from tsuiseki.tracking.drone.page import action_page, captions_of
+    from tsuiseki.tracking.report.overlay import Overlay
+
+    watching = models.observers
+    log, facts = FrameLog(), dict[str, Any](devices_of(watching.detect, watching.describe, watching.recognise))
+    logged = _logged(observations, log)
     if models.given is not None:
-        return _named(observations, models, models.given, settings, source.frame_rate)
-    size = getattr(source, "size", None)
-    size = size if size and min(size) > 0 else None
-    tracker = DroneTracker(suited(settings, method), source.frame_rate, size, changes)
-    log = FrameLog()
+        people = _named(logged, models, models.given, settings, source.frame_rate, log)
+    else:
+        tracker = DroneTracker(suited(settings, method), source.frame_rate, image_size(source), changes)
+        for one in logged:
+            actions = None if one.actions is None or method == "flow" else averaged(one.actions)
+            with times.measure("link"):
+                tracker.update(replace(one.detections, actions=actions), one.motion)
+        with times.measure("link"):
+            people = [replace(one, track=shifted(one.track, log.frames[0])) for one in tracker.people()]
+        facts["flow"] = tracker.facts()
+    tracks = [person.track for person in people]
+    result: DroneResult = DroneResult.of(
+        source,
+        people,
+        settings=made,
+        facts=facts,
+        seconds=times.seconds,
+        frames=log.columns(tracks),
+        files={
+            "tracks.txt": lambda path, _: write_tracks(path, tracks),
+            "tracks.json": lambda path, _: write_acting_tracks(path, people, models.names),
+            "report.html": lambda path, folder: path.write_text(action_page(result, folder), encoding="utf-8"),
+        },
+        painter=Overlay(tracks, source.frame_rate, captions_of(people, models.names, threshold), 0.0).draw,
+        names=models.names,
+        threshold=threshold,
+    )
+    return result
+
+
+def _logged(observations: Iterable[Observation], log: FrameLog) -> Iterator[Observation]:
+    """The observations, noted in ``log``; raises RunError where there is none."""
     for one in observations:
         log.add(one.frame, one.detections)
-        actions = None if one.actions is None or method == "flow" else averaged(one.actions)
-        with times.measure("link"):
-            tracker.update(replace(one.detections, actions=actions), one.motion)
+        yield one
     if not log.frames:
         raise RunError("expected frames, got none")
-    with times.measure("link"):
-        people = tracker.people()
-    numbered = [replace(one, track=shifted(one.track, log.frames[0])) for one in people]
-    return DroneResult(numbered, models.names, log, tracker.facts())
 
 
 def suited(settings: DroneSettings, method: DroneMethod) -> DroneSettings:
@@ -182,14 +207,11 @@ def _named(
     given: Sequence[Track],
     settings: DroneSettings,
     frame_rate: float,
-) -> DroneResult:
+    log: FrameLog,
+) -> list[ActingTrack]:
     """Given tracks with what the observations of their boxes say that people do."""
-    log, parts = FrameLog(), []
-    for one in observations:
-        log.add(one.frame, one.detections)
-        parts.append(np.empty((0, len(models.names))) if one.actions is None else averaged(one.actions))
-    if not log.frames:
-        raise RunError("expected frames, got none")
+    unknown = np.empty((0, len(models.names)))
+    parts = [unknown if one.actions is None else averaged(one.actions) for one in observations]
     boxes, labels = as_detections(given)
     first = sum(len(found) for found in boxes[: log.frames[0]])
     labels = labels[first : first + sum(log.detections)]
@@ -199,4 +221,4 @@ def _named(
     for number, piece in enumerate(long_tracks(labels), start=1):
         track = Track(number, rows.frames[piece], rows.boxes[piece], np.nan_to_num(rows.scores[piece]))
         people.append(acting_track(track, actions[piece], half))
-    return DroneResult(people, models.names, log, {})
+    return people

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -11,25 +11,36 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.devices import Device, device_of
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.features.detector_layouts import LAYOUTS, TENSORFLOW, Size, paired, with_probabilities
+from tsuiseki.tracking.features.detector_layouts import LAYOUTS, TENSORFLOW, TURNED, Size, paired, with_probabilities
 from tsuiseki.tracking.features.foreign_options import DetectorOptions, ImageInput, LayoutName, ScoreKind
 from tsuiseki.tracking.features.layout_recognition import (
-    BOX_NAMES,
+    COCO,
     background_first,
     class_names,
     class_of_people,
+    of_so_many_classes,
     plain_name,
     possible_kinds,
     possible_layouts,
+    useful_outputs,
 )
-from tsuiseki.tracking.geometry import clip_boxes, suppress
+from tsuiseki.tracking.formats.rotated import RotatedBoxes, as_detections, half_turned
+from tsuiseki.tracking.geometry import about_rotated, clip_boxes, suppress, suppress_rotated
 from tsuiseki.tracking.onnx import byte_image_input, image_input, open_session, run_session
-from tsuiseki.tracking.types import Detections, ImageArray
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 
 _MOST_CANDIDATES = 400
 # A picture side for recognising networks that take any size.
 _TRIAL_SIDE = 320
+_KINDS = {"tensor(int64)": "int64", "tensor(int32)": "int32", "tensor(float16)": "float16"}
+# What other inputs may be, and their values for a picture of some height and width: boxes are wanted in its pixels.
+_SIDE_INPUTS: Mapping[str, Callable[[Size], Sequence[int]]] = {
+    "scale_factor": lambda _: (1, 1),
+    "im_shape": lambda size: size,
+    "orig_target_sizes": lambda size: size[::-1],
+}
 
 
 class ForeignDetector:
@@ -41,6 +52,8 @@ class ForeignDetector:
         iou_threshold: of the non-maximum suppression, where the network does none itself; in [0, 1].
         threads: CPU threads; 0 takes all cores.
         options: what the file does not tell.
+        device: what to run on, see `opened_on`; afterwards what it runs on.
+        turned: turned boxes come with their angles, the longer side as height; by default as upright boxes about them.
 
     Attributes:
         layout: that was recognised.
@@ -59,25 +72,29 @@ class ForeignDetector:
         iou_threshold: float = 0.5,
         threads: int = 0,
         options: DetectorOptions | None = None,
+        device: Device = "auto",
+        turned: bool = False,
     ) -> None:
-        options = options or DetectorOptions()
+        options, self.turned = options or DetectorOptions(), turned
         self.path, self.score_threshold, self.iou_threshold = Path(path), score_threshold, iou_threshold
-        self.session = open_session(path, threads)
+        self._apart = True
+        self.session = open_session(path, threads, device)
+        self.device = device_of(self.session)
         self.metadata: Mapping[str, str] = self.session.get_modelmeta().custom_metadata_map
         names = {plain_name(x.name): x.name for x in self.session.get_outputs()}
-        self._tensorflow = names.keys() >= set(TENSORFLOW)
-        if self._tensorflow:  # newer files give more beside them
-            self._outputs = [names[name] for name in TENSORFLOW]
-        else:  # boxes first: with four classes their shape does not tell them
-            every = [x.name for x in self.session.get_outputs()]
-            self._outputs = sorted(every, key=lambda name: name not in BOX_NAMES)
+        first = self.session.get_inputs()[0].shape
+        self._tensorflow = names.keys() >= set(TENSORFLOW) and not (len(first) == 4 and first[1] == 3)
+        # Newer files of TensorFlow give more beside them.
+        self._outputs = [names[name] for name in TENSORFLOW] if self._tensorflow else list(names.values())
         self._check_task()
         self.size = self._input_size(options)
         self.names = options.classes or class_names(self.metadata)
         trial = self._try()
         self.layout = self._choose_layout(trial, options)
-        self.input = _changed(self.path, LAYOUTS[self.layout].input, options, whole=self.size is None)
         self.scores = self._choose_scores(list(trial.values()), options)
+        self.input = _changed(self.path, self._usual_input(trial), options, whole=self.size is None)
+        if self.layout in TURNED and self.input.resize == "stretch":
+            raise RequestError(f"{path}: turned boxes want pictures of one scale; leave `detector_options.resize` out")
         self.person = self._choose_person(list(trial.values()), options)
         self._gave: set[bool] = set()
 
@@ -125,12 +142,14 @@ class ForeignDetector:
         self, outputs: Sequence[NDArray[Any]], fitted: Size, scale: tuple[float, float], size: Size
     ) -> Detections:
         self._check_values(outputs)
-        if self.scores is not None:
-            outputs = with_probabilities(outputs, self.scores)
+        outputs = with_probabilities(LAYOUTS[self.layout], outputs, self.scores)
         boxes, scores = LAYOUTS[self.layout].read(outputs, fitted, self.person)
         good = np.flatnonzero((scores >= self.score_threshold) & (scores > 0))
         good = good[np.argsort(-scores[good], kind="stable")][:_MOST_CANDIDATES]
-        boxes, scores = clip_boxes(boxes[good] / np.tile(scale, 2), size[1], size[0]), scores[good].clip(0, 1)
+        boxes, scores = boxes[good], scores[good].clip(0, 1)
+        if self.layout in TURNED:
+            return self._turned(boxes / (*scale, *scale, 1), scores, size)
+        boxes = clip_boxes(boxes / np.tile(scale, 2), size[1], size[0])
         whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
         boxes, scores = boxes[whole], scores[whole]
         if not LAYOUTS[self.layout].suppressed:
@@ -138,26 +157,62 @@ class ForeignDetector:
             boxes, scores = boxes[kept], scores[kept]
         return Detections(boxes, scores)
 
+    def _turned(self, boxes: FloatArray, scores: FloatArray, size: Size) -> Detections:
+        """Of ``(N, 5)`` turned boxes; a network tells neither which side is the height nor which end is up."""
+        lying = boxes[:, 2] > boxes[:, 3]
+        boxes[lying] = boxes[lying][:, [0, 1, 3, 2, 4]] + [0, 0, 0, 0, np.pi / 2]
+        boxes[:, 4] = half_turned(boxes[:, 4])
+        kept = np.flatnonzero((boxes[:, 2:4] >= 1).all(axis=1))
+        if not LAYOUTS[self.layout].suppressed:
+            kept = kept[suppress_rotated(boxes[kept], scores[kept], self.iou_threshold)]
+        boxes, scores = boxes[kept], scores[kept]
+        if self.turned:
+            return as_detections(RotatedBoxes(boxes, np.full(len(boxes), -1), scores))
+        upright = clip_boxes(about_rotated(boxes), size[1], size[0])
+        inside = ((upright[:, 2:] - upright[:, :2]) >= 1).all(axis=1)
+        return Detections(upright[inside], scores[inside])
+
     def _run(self, images: Sequence[ImageArray]) -> list[list[NDArray[Any]]]:
         """Outputs of each picture without their batch axis; all in one call where the file takes any batch."""
         several = self._batched and isinstance(self._wanted.shape[0], str) and len(images) > 1
-        if several and len({image.shape for image in images}) == 1:
+        if several and self._apart and len({image.shape for image in images}) == 1:
             whole = self._call(np.stack(images))
             if all(len(x) == len(images) for x in whole):
                 return [[x[n] for x in whole] for n in range(len(images))]
-        return [[_single(x) for x in self._call(image[None])] for image in images]
+        each = [self._call(image[None]) for image in images]
+        # Lists of boxes alone, such as torchvision's, have no axis of pictures.
+        self._apart = any(x.ndim >= 3 for x in each[0])
+        return [[x[0] for x in found] for found in each] if self._apart else each
 
     def _call(self, images: NDArray[np.uint8]) -> list[NDArray[Any]]:
         values = self.input.normalise(images, self._wanted.dtype)
         inputs: dict[str, NDArray[Any]] = {self._wanted.name: values if self._batched else values[0]}
         for other in self.session.get_inputs():
-            if other.name != self._wanted.name:  # RT-DETR asks for the size that its boxes are to be in
-                inputs[other.name] = np.tile(np.array(images.shape[2:0:-1], dtype=np.int64), (len(images), 1))
+            if other.name != self._wanted.name:
+                inputs[other.name] = self._side_input(other, len(images), images.shape[1:3])
         return run_session(self.session, self.path, inputs, self._outputs)
+
+    def _side_input(self, other: Any, count: int, size: Size) -> NDArray[Any]:
+        """The value of an input beside the picture.
+
+        Raises:
+            RequestError: it is not known what the network wants there.
+        """
+        kind = np.dtype(_KINDS.get(other.type, "float32"))
+        if "mask" in other.name and len(other.shape) == 3:  # of padding; there is none
+            given = zip(other.shape[1:], size, strict=True)
+            return np.ones((count, *(side if isinstance(side, int) else own for side, own in given)), kind)
+        told = _SIDE_INPUTS.get(other.name if kind.kind == "f" else "orig_target_sizes")
+        if told is not None and len(other.shape) == 2:
+            return np.tile(np.array(told(size), kind), (count, 1))
+        raise RequestError(
+            f"{self.path}: expected a picture as input, and beside it at most {', '.join(_SIDE_INPUTS)}, got "
+            f"{other.name} {tuple(other.shape)}; export it without"
+        )
 
     def _check_task(self) -> None:
         task = self.metadata.get("task", "detect")
-        if task != "detect":
+        if task not in ("detect", "obb"):
             raise RequestError(f"{self.path}: expected a detector, got a network for {task!r}; export one for 'detect'")
 
     def _input_size(self, options: DetectorOptions) -> Size | None:
@@ -184,6 +239,8 @@ class ForeignDetector:
         size = self.size or (_TRIAL_SIDE, _TRIAL_SIDE)
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
         outputs = dict(zip(self._outputs, self._run([noise])[0], strict=True))
+        self._outputs = useful_outputs(outputs)
+        outputs = {name: outputs[name] for name in self._outputs}
         if not _finite(list(outputs.values())):
             raise RequestError(
                 f"{self.path}: its outputs for a picture of noise are NaN or infinite; export it again in float32"
@@ -192,7 +249,9 @@ class ForeignDetector:
 
     def _choose_layout(self, trial: Mapping[str, NDArray[Any]], options: DetectorOptions) -> LayoutName:
         size = self.size or (_TRIAL_SIDE, _TRIAL_SIDE)
-        found = possible_layouts(trial, size, len(self.names) if self.names else None)
+        inputs, turned = [x.name for x in self.session.get_inputs()], self.metadata.get("task") == "obb"
+        every = possible_layouts(trial, size, inputs, turned=turned, channels_first=not self._tensorflow)
+        found = of_so_many_classes(every, list(trial.values()), len(self.names) if self.names else None)
         if options.layout is not None:
             if options.layout == "tensorflow" and not self._tensorflow:
                 raise RequestError(
@@ -207,30 +266,45 @@ class ForeignDetector:
             return options.layout
         if len(found) == 1:
             return found[0]
+        if every and not found:
+            told = " or ".join(f"{LAYOUTS[n].classes(list(trial.values()))} (layout {n})" for n in every)
+            raise RequestError(
+                f"{self.path}: expected names of as many classes as its outputs {_shapes(trial)} have, {told}, got "
+                f"{len(self.names or ())}; give them with `detector_options.classes`"
+            )
         if not found:
             raise RequestError(
-                f"{self.path}: its outputs {_shapes(trial)} are of no known layout; known are {', '.join(LAYOUTS)}"
+                f"{self.path}: its outputs {_shapes(trial)} are of no known layout; known are {', '.join(LAYOUTS)}; "
+                f"its input is {size[1]}x{size[0]}; {self._advice(trial, size)}"
             )
         fitting = " or ".join(f"{name} {LAYOUTS[name].description}" for name in found)
         raise RequestError(
             f"{self.path}: its outputs {_shapes(trial)} could be {fitting}; say which with `detector_options.layout`"
         )
 
+    def _advice(self, trial: Mapping[str, NDArray[Any]], size: Size) -> str:
+        """What the user can do where no layout is recognised."""
+        readable = [name for name in LAYOUTS if name != "tensorflow" and _readable(name, trial, size)]
+        if readable:
+            return f"`detector_options.layout` {' or '.join(readable)} would read these shapes, if you know that it is"
+        return "in Python, give a function from a picture to boxes"
+
     def _choose_scores(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> ScoreKind | None:
-        if not LAYOUTS[self.layout].paired:
-            if options.scores is not None:
+        layout = LAYOUTS[self.layout]
+        values = np.empty((0, 0)) if layout.values is None else layout.values(trial)
+        found = possible_kinds(values, len(self.names) if self.names else None, paired=layout.paired)
+        if not layout.paired:
+            if options.scores not in (None, *found):
                 raise RequestError(
-                    f"{self.path}: the scores of layout {self.layout} can be but one thing; leave "
+                    f"{self.path}: the scores of layout {self.layout} can be but one thing, {found[0]}; leave "
                     "`detector_options.scores` out"
                 )
-            return None
-        classes = paired(trial)[1]
-        found = possible_kinds(classes, len(self.names) if self.names else None)
+            return None if found == ["probabilities"] else found[0]
         if options.scores is not None:
             if options.scores == "probabilities" and found != ["probabilities"]:
                 raise RequestError(
-                    f"{self.path}: expected probabilities, got class values from {classes.min():.3g} to "
-                    f"{classes.max():.3g}; give `detector_options.scores` as sigmoid or softmax"
+                    f"{self.path}: expected probabilities, got class values from {values.min():.3g} to "
+                    f"{values.max():.3g}; give `detector_options.scores` as sigmoid or softmax"
                 )
             return options.scores
         if len(found) == 1:
@@ -239,6 +313,16 @@ class ForeignDetector:
             f"{self.path}: its class values could be logits of a {' or of a '.join(found)}; say which with "
             "`detector_options.scores`"
         )
+
+    def _usual_input(self, trial: Mapping[str, NDArray[Any]]) -> ImageInput:
+        """What the family wants its pictures to be."""
+        usual = LAYOUTS[self.layout].input
+        # RT-DETR and D-FINE take plain pixels, DETR and its other descendants, with 91 classes, ImageNet's.
+        if self.layout == "detr" and self.scores == "sigmoid" and "pred_boxes" in trial:
+            of_detr = paired(list(trial.values()))[1].shape[1] == max(COCO)
+            usual = usual if of_detr else ImageInput("stretch")
+        own = self._wanted.dtype == np.uint8  # it normalises them itself
+        return replace(usual, pixels="bytes", mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0)) if own else usual
 
     def _choose_person(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> int:
         columns = LAYOUTS[self.layout].classes(trial) or (len(self.names) if self.names else None)
@@ -254,7 +338,7 @@ class ForeignDetector:
 
     def _check_values(self, outputs: Sequence[NDArray[Any]]) -> None:
         # TensorFlow tells how many rows it fills even where all of their scores are zero.
-        told = outputs[2:3] if self.layout == "tensorflow" else outputs
+        told = outputs[2:3] if self.layout in ("tensorflow", "tensorrt") else outputs
         floats = [x for x in told if np.issubdtype(x.dtype, np.floating)]
         if not _finite(outputs):
             raise RunError(
@@ -262,7 +346,8 @@ class ForeignDetector:
             )
         blank = not any(x.any() for x in floats)
         # Rows of zeros fill up, or there are no rows where nothing is found.
-        if blank and self.layout not in ("yolo-suppressed", "tensorflow") and all(x.size for x in floats):
+        filled_up = LAYOUTS[self.layout].suppressed and self.layout != "torchvision"
+        if blank and not filled_up and all(x.size for x in floats):
             raise RunError(f"{self.path}: the network gives nothing but zeros; export it again")
         self._gave.add(not blank)
 
@@ -291,14 +376,16 @@ def _told_size(metadata: Mapping[str, str]) -> Size | None:
 
 def _readable(layout: LayoutName, trial: Mapping[str, NDArray[Any]], size: Size) -> bool:
     """Whether the user's choice can be read at all."""
-    classes = LAYOUTS[layout].classes(list(trial.values())) if len(trial) == LAYOUTS[layout].outputs else 0
-    if classes is not None and classes < 1:
+    outputs = list(trial.values())
+    # Paddle may count its rows, and NanoDet give the parts of its rows apart.
+    if len(outputs) != LAYOUTS[layout].outputs and layout not in ("paddle", "nanodet", "nanodet-g"):
         return False
     try:
-        boxes, scores = LAYOUTS[layout].read(list(trial.values()), size, 0)
+        classes = LAYOUTS[layout].classes(outputs)
+        boxes, scores = LAYOUTS[layout].read(outputs, size, 0)
     except (IndexError, ValueError, StopIteration, AttributeError):
         return False
-    return boxes.ndim == 2 and boxes.shape == (len(scores), 4)
+    return (classes is None or classes >= 1) and boxes.shape == (len(scores), 5 if layout in TURNED else 4)
 
 
 def _finite(outputs: Sequence[NDArray[Any]]) -> bool:
@@ -307,8 +394,3 @@ def _finite(outputs: Sequence[NDArray[Any]]) -> bool:
 
 def _shapes(outputs: Mapping[str, NDArray[Any]]) -> str:
     return ", ".join(f"{name} {tuple(x.shape)}" for name, x in outputs.items())
-
-
-def _single(output: NDArray[Any]) -> NDArray[Any]:
-    """Without the batch axis: torchvision's outputs have none."""
-    return output[0] if output.ndim == 3 or (output.ndim == 2 and len(output) == 1 and output.shape[1] != 4) else output

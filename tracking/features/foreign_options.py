@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.preprocessing import letterbox, stretched
 from tsuiseki.tracking.types import ImageArray
 
@@ -25,6 +26,17 @@ LayoutName = Literal[
     "corners",
     "torchvision",
     "tensorflow",
+    "mmdeploy",
+    "tensorrt",
+    "yolov7",
+    "yolo-nas",
+    "yolo-nas-rows",
+    "paddle",
+    "nanodet",
+    "nanodet-g",
+    "fastestdet",
+    "obb",
+    "obb-suppressed",
 ]
 ScoreKind = Literal["probabilities", "sigmoid", "softmax"]
 Resize = Literal["letterbox", "stretch", "as-is"]
@@ -41,8 +53,8 @@ class DetectorOptions:
         layout: of the outputs, where several fit.
         classes: their names in order; people are found by name.
         person: number of the class of people, as the network's outputs count it.
-        scores: what the class values of layouts detr and corners are: ``probabilities``, or logits of a ``sigmoid`` a
-            class or of one ``softmax`` with a class for no object.
+        scores: what the class values are: ``probabilities``, or logits of a ``sigmoid`` a class or, in layouts detr and
+            corners, of one ``softmax`` with a class for no object.
         height: of the input, pixels, where the file leaves it open.
         width: likewise.
         resize: how pictures are fitted into the input.
@@ -63,6 +75,11 @@ class DetectorOptions:
     pixels: PixelRange | None = None
     mean: tuple[float, float, float] | None = None
     std: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        twice = [name for name in self.classes or () if (self.classes or ()).count(name) > 1]
+        if twice:
+            raise RequestError(f"`detector_options.classes`: expected each name once, got {twice[0]!r} twice")
 
 
 @dataclass(frozen=True)
@@ -129,11 +146,16 @@ class ImageInput:
         return letterbox(image, *size, (self.fill,) * 3)
 
     def normalise(self, images: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
-        """``(N, H, W, 3)`` uint8 RGB to what the network takes: ``(N, 3, H, W)`` of ``dtype``, or, raw, as it is."""
+        """``(N, H, W, 3)`` uint8 RGB to what the network takes: ``(N, 3, H, W)`` of ``dtype``, or, raw, as it is.
+
+        A network that takes bytes normalises them itself.
+        """
         if self.colour == "BGR":
             images = images[..., ::-1]
         if self.raw_nhwc:
             return np.ascontiguousarray(images)
+        if dtype == np.uint8:
+            return np.ascontiguousarray(images.transpose(0, 3, 1, 2))
         values = np.arange(256, dtype=np.float64)[:, None] / (255 if self.pixels == "unit" else 1)
         tables = ((values - np.asarray(self.mean)) / np.asarray(self.std)).astype(np.float32)
         count, height, width, _ = images.shape
@@ -145,3 +167,5 @@ class ImageInput:
 
 
 IMAGENET = ImageInput("stretch", mean=IMAGENET_MEAN, std=IMAGENET_STD)
+# The same numbers as Caffe's descendants have them: of bytes, blue first.
+BYTES_MEAN, BYTES_STD = (103.53, 116.28, 123.675), (57.375, 57.12, 58.395)

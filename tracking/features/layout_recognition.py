@@ -12,7 +12,7 @@ from the numbers of COCO.
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +23,16 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.detector_layouts import (
     LAYOUTS,
     MORE_STRIDES,
+    NANODET_BINS,
+    NANODET_G_BINS,
+    ONE_STRIDE,
+    STRIDES,
     TENSORFLOW,
+    TURNED,
     Outputs,
     Size,
     cell_count,
+    fastestdet_rows,
     grid,
     paired,
 )
@@ -43,33 +49,68 @@ _NEARLY_ALL = 0.9
 # Where people stand in COCO, by how many classes a network tells: 80 without gaps, 90 or 91 with COCO's own numbers.
 COCO = {80: 0, 90: 1, 91: 1}
 # Layouts that differ by one class and by nothing else.
-_TOLD_BY_COUNT = {"yolox-decoded", "yolov8-rows"}
-BOX_NAMES = ("dets", "pred_boxes")
-_DETR_NAMES = ({"dets", "labels"}, {"logits", "pred_boxes"}, {"pred_logits", "pred_boxes"})
+_TOLD_BY_COUNT = {"yolox", "yolox-decoded", "yolov8-rows", "nanodet", "nanodet-g"}
+# Outputs whose names tell what they are, boxes first; others beside them, such as masks, are left aside.
+_PAIRS = (("dets", "labels"), ("pred_boxes", "logits"), ("pred_boxes", "pred_logits"))
+_DETR_NAMES = [set(pair) for pair in _PAIRS]
+# Parts of the names of four outputs, in the order in which `read_counted` takes them.
+_COUNTED = (("box",), ("class", "label"), ("score",), ("num",))
 
 
-def possible_layouts(outputs: Mapping[str, NDArray[Any]], size: Size, classes: int | None = None) -> list[LayoutName]:
-    """The layouts that ``outputs`` can be; none where they are of no known kind.
+def useful_outputs(outputs: Mapping[str, NDArray[Any]]) -> list[str]:
+    """The names of the outputs that hold detections, in the order of the readers.
+
+    Left aside are the raw heads that older YOLOs give beside the decoded rows, and what stands beside a known pair.
 
     Args:
         outputs: by name, for one picture, without the batch axis.
+    """
+    names, first = list(outputs), next(iter(outputs.values()))
+    if pair := next((pair for pair in _PAIRS if set(pair) <= set(names)), None):
+        return list(pair)
+    counted = [[n for n in names if any(part in n.lower() for part in parts)] for parts in _COUNTED]
+    if len(names) == len(_COUNTED) and [len(found) for found in counted] == [1] * len(_COUNTED):
+        return [found[0] for found in counted]
+    heads = [x.ndim == 4 and x.shape[-1] == first.shape[-1] for x in list(outputs.values())[1:]]
+    return names[:1] if first.ndim == 2 and heads and all(heads) else names
+
+
+def possible_layouts(
+    outputs: Mapping[str, NDArray[Any]],
+    size: Size,
+    inputs: Collection[str] = (),
+    *,
+    turned: bool = False,
+    channels_first: bool = False,
+) -> list[LayoutName]:
+    """The layouts that ``outputs`` can be; none where they are of no known kind.
+
+    Args:
+        outputs: by name, for one picture, without the batch axis; see `useful_outputs`.
         size: height and width of the input.
-        classes: number of classes of objects, where the file or the user tells it; layouts with another number are
-            left out.
+        inputs: names of the inputs.
+        turned: the file says that its boxes are turned.
+        channels_first: the pictures are, as TensorRT has them and TensorFlow has not.
     """
     arrays = list(outputs.values())
     if any(not np.isfinite(x).all() for x in arrays if np.issubdtype(x.dtype, np.floating)):
         return []
-    if tuple(map(plain_name, outputs)) == TENSORFLOW:
+    if tuple(map(plain_name, outputs)) == TENSORFLOW and not channels_first:
         return ["tensorflow"]
     found: list[LayoutName] = []
-    if len(arrays) == 1 and arrays[0].ndim == 2:
-        found = _single(arrays[0], size)
-    elif len(arrays) == 2 and all(x.ndim == 2 for x in arrays) and len(arrays[0]) == len(arrays[1]):
-        found = _pair(outputs)
+    if len(arrays) == 1:
+        found = _single(next(iter(outputs)), arrays[0], size)
+    elif len(arrays) == 2:
+        found = _pair(outputs, size)
     elif len(arrays) == 3 and _is_torchvision(arrays):
         found = ["torchvision"]
-    return _of_so_many_classes(found, arrays, classes)
+    elif len(arrays) == 4 and _is_counted(arrays):
+        found = ["tensorrt"]
+    elif len(arrays) in (6, 8) and all(x.ndim == 2 for x in arrays):
+        found = [name for name, bins in _NANODET.items() if _is_nanodet_apart(arrays, bins, size)]
+    if "scale_factor" in inputs:
+        found = [name for name in found if name in ("paddle", "yolo-nas")]  # the second without suppression
+    return [name for name in found if (name in TURNED) == turned]
 
 
 def plain_name(output: str) -> str:
@@ -81,21 +122,51 @@ def plain_name(output: str) -> str:
     return output.partition(":")[0]
 
 
-def _single(rows: NDArray[Any], size: Size) -> list[LayoutName]:
+def _single(name: str, rows: NDArray[Any], size: Size) -> list[LayoutName]:
+    found: list[LayoutName] = ["fastestdet"] if _is_fastestdet(rows, size) else []
+    if rows.ndim != 2:
+        return found
     count, columns = rows.shape
     cells = (cell_count(size), cell_count(size, MORE_STRIDES))
-    found: list[LayoutName] = []
     if columns in cells and count >= 5 and count not in cells:
-        found.append("yolov8")
+        found += ["yolov8", "obb"] if count >= 6 else ["yolov8"]
     if count in [3 * n for n in cells] and columns >= 6:
         found.append("yolov5")
     if count in cells and columns >= 5:
         found += _box_a_cell(rows, size)
-    if columns == 6 and count <= _MOST_ROWS and _can_be_suppressed(rows, size):
-        found.append("yolo-suppressed")
+    if columns == 6 and count <= _MOST_ROWS:
+        found += ["yolo-suppressed"] if _can_be_suppressed(rows, size, (0, 4, 5)) else []
+        found += ["paddle"] if _can_be_suppressed(rows, size, (2, 1, 0)) and rows.any() else []
+    if columns == 7 and count <= _MOST_ROWS:
+        found += _seven(name, rows, size)
     if columns >= 5 and _FEWEST_QUERIES <= count <= _MOST_ROWS and _can_be_shares(rows):
         found.append("rtdetr-joined")
     return found
+
+
+def _seven(name: str, rows: NDArray[Any], size: Size) -> list[LayoutName]:
+    """Class and score of YOLOv7 stand the other way round in YOLO-NAS; without a row only the name tells."""
+    found: list[LayoutName] = ["obb-suppressed"]
+    if rows[:, 0].any():
+        return found
+    flat = "flat" in name
+    if not rows.any():
+        return [*found, "yolo-nas-rows" if flat else "yolov7"]
+    found += ["yolov7"] if _can_be_suppressed(rows, size, (1, 6, 5)) and not flat else []
+    return [*found, "yolo-nas-rows"] if _can_be_suppressed(rows, size, (1, 5, 6)) else found
+
+
+def _is_fastestdet(output: NDArray[Any], size: Size) -> bool:
+    """Chances of any object and of each class, for every cell."""
+    rows = fastestdet_rows(output)
+    if rows.ndim != 2 or rows.shape[1] < 6 or len(rows) != cell_count(size, ONE_STRIDE):
+        return False
+    return _shares_of_one(rows[:, :1]) and _shares_of_one(rows[:, 5:])
+
+
+def _shares_of_one(values: NDArray[Any]) -> bool:
+    """Whether all values lie in [0, 1], but for half precision."""
+    return not values.size or bool(values.min() >= -1e-3 and values.max() <= 1 + 1e-3)
 
 
 def _box_a_cell(rows: NDArray[Any], size: Size) -> list[LayoutName]:
@@ -106,8 +177,8 @@ def _box_a_cell(rows: NDArray[Any], size: Size) -> list[LayoutName]:
     """
     cells, strides = grid(size, len(rows))
     centres = rows[:, :2].astype(np.float64)
-    found: list[LayoutName] = []
-    if rows.shape[1] >= 6 and (np.abs(centres) < _REACH).mean() > _NEARLY_ALL:
+    found, sure = _nanodet(rows)
+    if rows.shape[1] >= 6 and not sure and (np.abs(centres) < _REACH).mean() > _NEARLY_ALL:
         found.append("yolox")
     if (np.abs(centres / strides - cells) < _REACH).mean() > _NEARLY_ALL and (rows[:, 2:4] >= 0).all():
         if rows.shape[1] >= 6 and (rows[:, 4] == 1).all():
@@ -118,15 +189,41 @@ def _box_a_cell(rows: NDArray[Any], size: Size) -> list[LayoutName]:
     return found
 
 
-def _can_be_suppressed(rows: NDArray[Any], size: Size) -> bool:
-    """Rows of zeros, or corners in order, scores in [0, 1] and whole classes."""
-    real = rows[rows[:, 4] > 0].astype(np.float64)
+_NANODET: Mapping[LayoutName, int] = {"nanodet": NANODET_BINS, "nanodet-g": NANODET_G_BINS}
+
+
+def _is_nanodet_apart(outputs: Outputs, bins: int, size: Size) -> bool:
+    """Scores and logits of each stride as outputs of their own."""
+    if sum(x.shape[1] == 4 * bins for x in outputs) * 2 != len(outputs):
+        return False
+    scores = [x for x in outputs if x.shape[1] != 4 * bins]
+    cells = cell_count(size, STRIDES if len(scores) == len(STRIDES) else MORE_STRIDES)
+    return all(map(_shares_of_one, scores)) and sum(map(len, scores)) == cells
+
+
+def _nanodet(rows: NDArray[Any]) -> tuple[list[LayoutName], bool]:
+    """NanoDet's rows: all classes are probabilities and what follows is not; for sure where no column of it is."""
+    found: dict[LayoutName, bool] = {}
+    for name, bins in _NANODET.items():
+        scores, logits = np.split(rows, [max(rows.shape[1] - 4 * bins, 0)], axis=1)
+        beyond = (logits < 0).any(axis=0) | (logits > 1).any(axis=0)
+        if scores.shape[1] and _shares_of_one(scores) and beyond.any():
+            found[name] = bool(beyond.all())
+    sure = [name for name, all_beyond in found.items() if all_beyond]
+    return sure or list(found), bool(sure)
+
+
+def _can_be_suppressed(rows: NDArray[Any], size: Size, columns: tuple[int, int, int]) -> bool:
+    """Rows of zeros, or corners in order, scores in [0, 1] and whole classes, in these columns."""
+    box, score, label = columns
+    real = rows[rows[:, score] > 0].astype(np.float64)
     if not len(real):
         return bool((rows == 0).all())
-    ordered = (real[:, 2] >= real[:, 0]) & (real[:, 3] >= real[:, 1])
-    whole = (real[:, 5] == np.round(real[:, 5])) & (real[:, 5] >= 0)
-    inside = (np.abs(real[:, :4]) <= 4 * max(size)).all(axis=1)
-    return bool((ordered & whole & inside & (real[:, 4] <= 1)).all())
+    boxes = real[:, box : box + 4]
+    ordered = (boxes[:, 2:] >= boxes[:, :2]).all(axis=1)
+    whole = (real[:, label] == np.round(real[:, label])) & (real[:, label] >= 0)
+    inside = (np.abs(boxes) <= 4 * max(size)).all(axis=1)
+    return bool((ordered & whole & inside & (real[:, score] <= 1)).all())
 
 
 def _can_be_shares(rows: NDArray[Any]) -> bool:
@@ -136,18 +233,34 @@ def _can_be_shares(rows: NDArray[Any]) -> bool:
     return bool(inside and (boxes[:, 2:] > 0).mean() > 0.9)
 
 
-def _pair(outputs: Mapping[str, NDArray[Any]]) -> list[LayoutName]:
+def _pair(outputs: Mapping[str, NDArray[Any]], size: Size) -> list[LayoutName]:
     arrays = list(outputs.values())
-    if all(x.shape[1] != 4 for x in arrays) or any(not np.issubdtype(x.dtype, np.floating) for x in arrays):
+    rows, other = arrays
+    whole = np.issubdtype(other.dtype, np.integer)
+    if whole and rows.ndim == 2 and other.shape == (len(rows),) and rows.shape[1] == 5:
+        return ["mmdeploy"]
+    if whole and rows.ndim == 2 and other.size == 1 and rows.shape[1] == 6:
+        return ["paddle"]
+    if any(x.ndim != 2 or not np.issubdtype(x.dtype, np.floating) for x in arrays):
         return []
-    boxes, _ = paired(arrays)
+    boxes, values = paired(arrays)
+    if boxes.shape[1] != 4 or len(boxes) != len(values):
+        return []
+    in_order = bool((boxes[:, 2:] >= boxes[:, :2]).all())
     if (boxes < -0.5).any() or (boxes > 1.5).any():
-        return []
+        cells = len(boxes) in (cell_count(size), cell_count(size, MORE_STRIDES))
+        return ["yolo-nas"] if cells and in_order and _shares_of_one(values) else []
     if set(outputs) in _DETR_NAMES:
         return ["detr"]
     found: list[LayoutName] = ["detr"] if (boxes[:, 2:] >= 0).all() else []
     # Corners are in order in every row; of centres and sides some row is not, once there are many.
-    return [*found, "corners"] if (boxes[:, 2:] >= boxes[:, :2]).all() else found
+    return [*found, "corners"] if in_order else found
+
+
+def _is_counted(arrays: Outputs) -> bool:
+    boxes, labels, scores, count = arrays
+    of_boxes = all(x.shape == (len(boxes),) for x in (labels, scores)) if boxes.ndim == 2 else False
+    return bool(of_boxes and boxes.shape[1] == 4 and count.size == 1)
 
 
 def _is_torchvision(arrays: Outputs) -> bool:
@@ -157,8 +270,14 @@ def _is_torchvision(arrays: Outputs) -> bool:
     return len(boxes) == len(labels) == len(scores) == 1 and len(boxes[0]) == len(labels[0]) == len(scores[0])
 
 
-def _of_so_many_classes(found: list[LayoutName], arrays: Outputs, classes: int | None) -> list[LayoutName]:
-    """The layouts that have so many classes; where nothing says how many, COCO's are likelier than one more or less."""
+def of_so_many_classes(found: list[LayoutName], arrays: Outputs, classes: int | None) -> list[LayoutName]:
+    """The layouts that have so many classes; where nothing says how many, COCO's are likelier than one more or less.
+
+    Args:
+        found: layouts that fit.
+        arrays: the outputs.
+        classes: number of classes of objects, where the file or the user tells it.
+    """
     told = {name: LAYOUTS[name].classes(arrays) for name in found}
     if classes is None:
         likely = [name for name in found if told[name] in COCO]
@@ -171,13 +290,16 @@ def _of_so_many_classes(found: list[LayoutName], arrays: Outputs, classes: int |
 _HALF = 0.5
 
 
-def possible_kinds(values: NDArray[Any], names: int | None = None) -> list[ScoreKind]:
+def possible_kinds(values: NDArray[Any], names: int | None = None, *, paired: bool = True) -> list[ScoreKind]:
     """What ``(N, C)`` class values for a picture of noise can be.
 
     Args:
         values: of N queries and C classes.
         names: number of classes that have a name, where that is known: "no object" has none.
+        paired: they are an output of their own; those in rows with the boxes never go through a softmax.
     """
+    if not paired:
+        return ["sigmoid"] if values.size and values.min() < 0 else ["probabilities"]
     if not values.size or (values.min() >= 0 and values.max() <= 1):
         return ["probabilities"]
     count = values.shape[1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from tsuiseki.tracking.report.overlay import draw_label, track_colour, write_drawn
-from tsuiseki.tracking.report.page import embedded_video, html_page, listing, section
+from tsuiseki.tracking.report.overlay import draw_label, track_colour
+from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, section
 from tsuiseki.tracking.report.plots import inline_svg
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.tracks import FloorTrack
@@ -58,9 +58,12 @@ def dwell_seconds(tracks: Sequence[FloorTrack], floor: FloatArray, frame_rate: f
 
 
 def dwell_figure(tracks: Sequence[FloorTrack], floor: FloatArray, frame_rate: float, ink: str = "black") -> Figure:
-    """Where people spent how long, seconds a square metre."""
+    """Where people spent how long, seconds a square metre; a plain plan where nobody was."""
     figure, axes = _plan(floor, "Time spent", ink)
     seconds = dwell_seconds(tracks, floor, frame_rate) / CELL**2
+    if not seconds.any():
+        axes.text(0.5, 0.5, "nobody was here", transform=axes.transAxes, ha="center", color=ink)
+        return figure
     shown = axes.imshow(
         seconds, origin="lower", extent=(floor[0], floor[2], floor[1], floor[3]), cmap="magma", aspect="equal"
     )
@@ -120,14 +123,10 @@ def corners(rotated: FloatArray) -> FloatArray:
     return np.stack([x, y], axis=-1) + rotated[:, None, :2]
 
 
-def write_floor_overlay(path: Path, frames: Iterable[Frame], tracks: Sequence[FloorTrack], frame_rate: float) -> None:
-    """Write the video with its tracks as WebM.
-
-    Raises:
-        RunError: the video breaks off, or WebM cannot be written.
-    """
+def floor_painter(tracks: Sequence[FloorTrack], frame_rate: float) -> Callable[[Frame], ImageArray]:
+    """What draws the tracks into the frames of a video."""
     trail = max(1, round(TRAIL_SECONDS * frame_rate))
-    write_drawn(path, frames, frame_rate, lambda frame: draw_floor_tracks(frame.image, tracks, frame.index, trail))
+    return lambda frame: draw_floor_tracks(frame.image, tracks, frame.index, trail)
 
 
 @dataclass(frozen=True)
@@ -140,7 +139,7 @@ class FloorSection:
         floor: ``(4,)`` x1, y1, x2, y2, metres.
         camera: ``(2,)`` where it hangs, metres.
         frame_rate: frames per second.
-        video: overlay, where there is one.
+        folder: where an overlay may lie.
     """
 
     name: str
@@ -148,23 +147,23 @@ class FloorSection:
     floor: FloatArray
     camera: FloatArray
     frame_rate: float
-    video: Path | None = None
+    folder: Path
 
-    def html(self, number: int) -> str:
-        """Plan, dwell map and video."""
+    def html(self, number: int, inside: str) -> str:
+        """Plan, dwell map and video, which lies in the folder ``inside`` beside the page."""
         walked = sum(float(np.linalg.norm(np.diff(t.places, axis=0), axis=1).sum()) for t in self.tracks)
         who = "1 person" if len(self.tracks) == 1 else f"{len(self.tracks)} people"
         paths = inline_svg(lambda ink: floor_figure(self.tracks, self.floor, self.camera[None], ink), f"paths{number}")
         dwell = inline_svg(lambda ink: dwell_figure(self.tracks, self.floor, self.frame_rate, ink), f"dwell{number}")
         text = f'<p>{who}, {walked:.0f} m walked in all.</p><div class="plans">{paths}{dwell}</div>'
-        if self.video is not None:
-            text += embedded_video(self.video)
-        return text
+        return text + embedded_overlay(self.folder, inside=inside)
 
 
 def floor_page(cameras: Sequence[FloorSection], seconds: Mapping[str, float], facts: Mapping[str, str]) -> str:
     """`report.html` as text: floor plan, dwell map and overlay of each camera, and how it was made."""
-    sections = [section(each.name, each.html(k)) for k, each in enumerate(cameras)]
+    sections = [
+        section(each.name, each.html(k, each.name if len(cameras) > 1 else "")) for k, each in enumerate(cameras)
+    ]
     sections.append(section("Time in all", listing({name: f"{1000 * v:.0f} ms" for name, v in seconds.items()})))
     sections.append(section("How it was made", listing(facts)))
     introduction = "Each colour and number is one person; the thick side of a box is the feet's. Triangles are cameras."

@@ -1,30 +1,111 @@
-"""`tsuiseki track fisheye`: people under ceiling cameras, and where they are on the floor."""
+"""People under ceiling cameras, and where they are on the floor: in one call, and by `tsuiseki track fisheye`."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any
 
+from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
 from tsuiseki.tracking.cli.options import SeededOutput
-from tsuiseki.tracking.cli.run import Run, count, frames_expected
+from tsuiseki.tracking.cli.run import count, frames_expected
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.exported import (
+    AppearanceLike,
+    Describe,
+    Detect,
+    DetectorLike,
+    as_describer,
+    as_detector,
+)
+from tsuiseki.tracking.features.view_choice import devices_of
 from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, CeilingOptions, FisheyeSettings, FloorFlowSettings
-from tsuiseki.tracking.people.settings import Detecting
+from tsuiseki.tracking.fisheye.tracking import (
+    CeilingSource,
+    FloorMethod,
+    given_detections,
+    link_on_floor,
+    open_ceiling,
+    people_on_floor,
+)
+from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
+from tsuiseki.tracking.fisheye.view import BestScore, FloorGate, FoundBoxes
+from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.formats.rotated import write_rotated_detections
+from tsuiseki.tracking.formats.track3d import write_world
+from tsuiseki.tracking.people.settings import NONE, Detecting
+from tsuiseki.tracking.result import Result, StageTimes, Writer
+from tsuiseki.tracking.types import Detections, Frame
+from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.tracking.weights import shipped
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.cameras.person_model import PersonModel
-    from tsuiseki.tracking.features.exported import Describe, Detect
     from tsuiseki.tracking.fisheye.page import FloorSection
-    from tsuiseki.tracking.fisheye.tracking import CeilingSource
-    from tsuiseki.tracking.fisheye.view import FloorGate
-    from tsuiseki.tracking.types import Detections
-    from tsuiseki.tracking.types.tracks import FloorTrack
 
 DETECTING = Detecting(score_range=(0.0, 1.0))
 HUNGARIAN = FisheyeSettings()
+OPTIONS = CeilingOptions()
+
+
+def track_fisheye(
+    source: str | Path,
+    cameras: str | Path,
+    method: FloorMethod = "flow",
+    *,
+    camera: str | None = None,
+    detections: str | Path | None = None,
+    detector: DetectorLike | None = None,
+    appearance: AppearanceLike | None = None,
+    options: CeilingOptions = OPTIONS,
+    hungarian: FisheyeSettings = HUNGARIAN,
+    flow: FloorFlowSettings = DEFAULT_FLOW,
+    threads: int = 0,
+    device: Device = "auto",
+    seed: int = 0,
+) -> Result[FloorTrack]:
+    """Everyone under a ceiling camera: where each is in the image and on the floor, in metres.
+
+    Args:
+        source: a video file, a folder of images or a MOTChallenge sequence folder.
+        cameras: ``cameras.yaml`` with lens, pose and floor; `tsuiseki calibrate pose` writes it.
+        method: ``flow`` links the whole video at once; ``hungarian`` decides each frame.
+        camera: name of the entry in ``cameras``, where there are several.
+        detections: file of detections to use instead of a detector, see `tsuiseki track fisheye --help`.
+        detector: an exported detector's file, a `Detector`, or a function from an image to detections; by default the
+            shipped one.
+        appearance: an exported network's file, an `Appearance`, or a function from crops to rows; by default the
+            shipped one; ``"none"`` does without.
+        options: see `CeilingOptions`.
+        hungarian: settings of the method ``hungarian``.
+        flow: settings of the method ``flow``.
+        threads: CPU threads of the networks; 0 takes all.
+        device: what networks that are given as files run on, see `opened_on`.
+        seed: draws nothing; the methods here are exact.
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+        RunError: the video breaks off.
+    """
+    from tsuiseki.tracking.fisheye.page import floor_page
+
+    given: Any = {"detector": detector, "appearance": appearance, "threads": threads, "device": device}
+    files = None if detections is None else [Path(detections)]
+    (inputs,) = opened_ceiling([str(source)], Path(cameras), options, replace(DETECTING, **given), files, camera)
+    video, times = inputs.ceiling.source, StageTimes()
+    if video.live:
+        raise RequestError(f"expected a video that ends, got {video.name}, which is live; record it first")
+    made = {"method": method, "source": str(source), "seed": seed}
+    found = inputs.found(video.frames(), times)
+    result = floor_result(inputs, found, method, hungarian, flow, times, made)
+
+    def page(path: Path, folder: Path) -> None:
+        shown = {name: str(value) for name, value in made.items()}
+        path.write_text(floor_page([inputs.section(result, folder)], times.seconds, shown), encoding="utf-8")
+
+    return replace(result, files={**result.files, "report.html": page})
 
 
 def fisheye(
@@ -34,7 +115,7 @@ def fisheye(
     output: SeededOutput,
     ceiling: CeilingOptions,
     finding: Detecting = DETECTING,
-    method: Literal["hungarian", "flow"] | None = None,
+    method: FloorMethod | None = None,
     detections: list[Path] | None = None,
     hungarian: FisheyeSettings = HUNGARIAN,
     flow: FloorFlowSettings = DEFAULT_FLOW,
@@ -59,129 +140,167 @@ def fisheye(
         hungarian: settings of --method hungarian.
         flow: settings of --method flow.
     """
-    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
+    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.fisheye.page import floor_page
 
-    opened = _opened(source, cameras, ceiling, finding, detections)
-    done, lines = [], []
+    opened = opened_ceiling(source, cameras, ceiling, finding, detections)
+    sections, lines, made = [], [], output.given.settings
     with output.run() as run:
-        tell_reading(run, opened.detector)
-        for each, detect in zip(opened.views, opened.detect, strict=True):
+        tell_models(run, opened[0].detector, opened[0].describe)
+        for inputs in opened:
             if run.interrupted:
                 break
-            chosen = method or ("hungarian" if each.source.live else "flow")
-            shown, line = _tracked(run, opened, each, detect, ceiling, chosen, hungarian, flow)
-            done.append(shown)
-            lines.append(line)
-        tell_blank(opened.detector)
-        settings = {name: str(value) for name, value in output.given.settings.items()}
-        page = floor_page(done, run.times.seconds, settings)
+            name, video = inputs.ceiling.placed.name, inputs.ceiling.source
+            folder = "" if len(opened) == 1 else name
+            found = inputs.found(run.frames(video, record=ceiling.overlay), run.times)
+            steps = run.steps(found, f"tracking {name}", frames_expected(video))
+            chosen = method or ("hungarian" if video.live else "flow")
+            result = floor_result(inputs, steps, chosen, hungarian, flow, run.times, made)
+            run.save(result, partial(ceiling.draw, run, video, result, folder), folder)
+            sections.append(inputs.section(result, run.work / folder))
+            unstarted = inputs.scores.too_low(hungarian.start_score) if chosen == "hungarian" else ""
+            lines.append(f"{name}: {count(len(result), 'person', 'people')}{_left_out(inputs)}{unstarted}")
+        tell_blank(opened[0].detector)
+        page = floor_page(sections, run.times.seconds, {name: str(value) for name, value in made.items()})
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
         run.done("\n".join([*lines, f"results: {output.out}"]))
     return run.status
 
 
-@dataclass(frozen=True)
-class _Opened:
-    """What a run tracks with: views, what detects people in each, the detector behind that, and the describer."""
+def _left_out(inputs: CeilingInputs) -> str:
+    """What to tell of detections outside the floor."""
+    if inputs.gate.left_out == 0:
+        return ""
+    floor = ",".join(f"{value:g}" for value in inputs.ceiling.floor)
+    return f"; {count(inputs.gate.left_out, 'detection', 'detections')} left out, outside the floor {floor}"
 
-    views: list[CeilingSource]
-    detect: list[Detect | list[Detections]]
+
+@dataclass(frozen=True)
+class CeilingInputs:
+    """Where the people under one camera come from: everything is opened and checked, and no frame is read.
+
+    Attributes:
+        ceiling: the source and its camera.
+        options: how it is looked at.
+        detect: what finds people, or what was found in each frame.
+        detector: the detector behind that, where there is one.
+        describe: what describes their appearance, if anything does.
+        person: the model of a person.
+        gate: leaves out detections of nobody on the floor.
+        boxes: keeps what was found, where it is to be saved.
+        scores: watches the scores.
+    """
+
+    ceiling: CeilingSource
+    options: CeilingOptions
+    detect: Detect | Sequence[Detections]
     detector: Detect | None
     describe: Describe | None
     person: PersonModel
+    gate: FloorGate
+    boxes: FoundBoxes
+    scores: BestScore = field(default_factory=BestScore)
+
+    def found(self, frames: Iterable[Frame], times: StageTimes) -> Iterator[FloorDetections]:
+        """The people of each frame, located and described; ``times`` gets the stages."""
+        with times.measure("table"):
+            view = self.ceiling.view(self.options.tables, self.person).looking(self.describe, self.options.crops)
+        people = people_on_floor(frames, self.detect, view, times, self.ceiling.source.length, self.gate)
+        return self.scores.watched(self.boxes.watched(people) if self.options.save_detections else people)
+
+    def section(self, result: Result[FloorTrack], folder: Path) -> FloorSection:
+        """What the page shows of this camera; ``folder`` may hold an overlay."""
+        from tsuiseki.tracking.fisheye.page import FloorSection
+
+        placed = self.ceiling.placed
+        return FloorSection(
+            placed.name, result.tracks, self.ceiling.floor, placed.camera.position[:2], self.ceiling.rate, folder
+        )
 
 
-def _opened(
-    source: list[str], cameras: Path, ceiling: CeilingOptions, finding: Detecting, detections: list[Path] | None
-) -> _Opened:
-    """Sources, cameras and models, opened and checked."""
-    from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
-    from tsuiseki.tracking.features.exported import open_appearance, open_detector
-    from tsuiseki.tracking.fisheye.tracking import given_detections, open_ceiling
-    from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
-
+def opened_ceiling(
+    source: list[str],
+    cameras: Path,
+    options: CeilingOptions,
+    finding: Detecting,
+    detections: list[Path] | None,
+    only: str | None = None,
+) -> list[CeilingInputs]:
+    """Sources, cameras and models, opened and checked; of several cameras ``only`` that of a name."""
     if detections is not None and (len(detections) != len(source) or finding.detector is not None):
         raise RequestError(f"`detections`: expected {len(source)} files, one a source, and no `detector`")
-    network = None if str(finding.appearance) == "none" else finding.appearance or shipped("appearance_people")
-    person = PersonModel(height=ceiling.person_height, body_radius=ceiling.body_radius)
-    needs_images = detections is None or network is not None or ceiling.overlay
-    views = open_ceiling(source, cameras, ceiling.resize, needs_images=needs_images)
+    network = None if str(finding.appearance) == NONE else finding.appearance or shipped("appearance_people")
+    person = PersonModel(height=options.person_height, body_radius=options.body_radius)
+    needs_images = detections is None or network is not None or options.overlay
+    views = open_ceiling(source, cameras, options.resize, needs_images=needs_images, only=only)
     for each in views:
         check_height(each.placed.camera, person)
     found: list[Detect | list[Detections]] = []
     detector: Detect | None = None
     if detections is None:
-        path, options = finding.detector or shipped(DETECTORS[ceiling.view]), ceiling.detector_options
-        detector = found_by = open_detector(path, finding.score_threshold, threads=finding.threads, options=options)
-        found += [looking(found_by, each.placed.camera, ceiling.view, ceiling.unrolling) for each in views]
+        path, turned = finding.detector or shipped(DETECTORS[options.view]), options.view == "image"
+        how = finding.threads, options.detector_options, finding.device
+        found_by = as_detector(path, finding.score_threshold, *how, turned=turned)
+        detector = found_by
+        found += [looking(found_by, each.placed.camera, options.view, options.unrolling) for each in views]
     else:
         found += [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]
-    describe = None if network is None else open_appearance(network, finding.threads)
-    return _Opened(views, found, detector, describe, person)
+    describe = None if network is None else as_describer(network, finding.threads, device=finding.device)
+    gates = [FloorGate(each.placed.camera, each.floor, person.height / 2) for each in views]
+    return [
+        CeilingInputs(each, options, detect, detector, describe, person, gate, FoundBoxes(each.source))
+        for each, detect, gate in zip(views, found, gates, strict=True)
+    ]
 
 
-def _tracked(
-    run: Run,
-    opened: _Opened,
-    each: CeilingSource,
-    detect: Detect | list[Detections],
-    ceiling: CeilingOptions,
-    method: Literal["hungarian", "flow"],
+def floor_result(
+    inputs: CeilingInputs,
+    found: Iterable[FloorDetections],
+    method: FloorMethod,
     hungarian: FisheyeSettings,
     flow: FloorFlowSettings,
-) -> tuple[FloorSection, str]:
-    """Track under one camera and write what came of it; what the page needs, and a line for the user."""
-    from tsuiseki.tracking.fisheye.tracking import link_on_floor, people_on_floor
-    from tsuiseki.tracking.fisheye.view import BestScore, FloorGate, FoundBoxes
-    from tsuiseki.tracking.formats.rotated import write_rotated_detections
+    times: StageTimes,
+    settings: Mapping[str, Any],
+) -> Result[FloorTrack]:
+    """The result of a run under one camera, without its page.
 
-    with run.times.measure("table"):
-        view = each.view(ceiling.tables, opened.person).looking(opened.describe, ceiling.crops)
-    gate = FloorGate(each.placed.camera, each.floor, opened.person.height / 2)
-    people = people_on_floor(run.frames(each.source), detect, view, run.times, each.source.length, gate)
-    before, name = run.count, each.placed.name
-    prefix = "" if len(opened.views) == 1 else f"{name}/"
-    boxes, scores = FoundBoxes(each.source), BestScore()
-    kept = scores.watched(boxes.watched(people) if ceiling.save_detections else people)
-    watched = run.steps(kept, f"tracking {name}", frames_expected(each.source))
-    tracks = link_on_floor(watched, each.rate, method, hungarian, flow, run.times)
-    if ceiling.save_detections:
-        run.write(f"{prefix}detections.json", partial(write_rotated_detections, found=boxes.boxes))
-    shown = _written(run, each, tracks, prefix, ceiling.overlay)
-    run.facts[name] = {
+    Args:
+        inputs: of the camera.
+        found: the people of each frame.
+        method: how they are linked.
+        hungarian: settings of that method.
+        flow: likewise.
+        times: of the run.
+        settings: of the run.
+    """
+    from tsuiseki.tracking.fisheye.page import dwell_figure, floor_figure, floor_painter
+
+    ceiling = inputs.ceiling
+    floor, rate, camera = ceiling.floor, ceiling.rate, ceiling.placed.camera.position[None, :2]
+    tracks = link_on_floor(found, rate, method, hungarian, flow, times)
+    files: dict[str, Writer] = {
+        "tracks.txt": lambda path, _: write_tracks(path, [t.track for t in tracks]),
+        "world.csv": lambda path, _: write_world(path, tracks, ceiling.seconds),
+        "floor.png": lambda path, _: floor_figure(tracks, floor, camera).savefig(path, dpi=120, facecolor="white"),
+        "dwell.png": lambda path, _: dwell_figure(tracks, floor, rate).savefig(path, dpi=120, facecolor="white"),
+    }
+    if inputs.options.save_detections:
+        files["detections.json"] = lambda path, _: write_rotated_detections(path, inputs.boxes.boxes)
+    facts = {
         "method": method,
         "people": len(tracks),
-        "frames": run.count - before,
-        "frame_rate": each.rate,
-        "outside_floor": gate.left_out,
+        "frames": inputs.scores.frames,
+        "frame_rate": rate,
+        "outside_floor": inputs.gate.left_out,
     }
-    unstarted = scores.too_low(hungarian.start_score) if method == "hungarian" else ""
-    return shown, f"{name}: {count(len(tracks), 'person', 'people')}{_left_out(gate, each)}{unstarted}"
-
-
-def _left_out(gate: FloorGate, view: CeilingSource) -> str:
-    """What to tell of detections outside the floor."""
-    if gate.left_out == 0:
-        return ""
-    floor = ",".join(f"{value:g}" for value in view.floor)
-    return f"; {count(gate.left_out, 'detection', 'detections')} left out, outside the floor {floor}"
-
-
-def _written(run: Run, view: CeilingSource, tracks: list[FloorTrack], prefix: str, overlay: bool) -> FloorSection:
-    """Write what one camera gives; what the page needs of it."""
-    from tsuiseki.tracking.fisheye.page import FloorSection, dwell_figure, floor_figure, write_floor_overlay
-    from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.formats.track3d import write_world
-
-    position = view.placed.camera.position
-    run.write(f"{prefix}tracks.txt", lambda path: write_tracks(path, [t.track for t in tracks]))
-    run.write(f"{prefix}world.csv", lambda path: write_world(path, tracks, view.rate))
-    plan, dwell = floor_figure(tracks, view.floor, position[None, :2]), dwell_figure(tracks, view.floor, view.rate)
-    run.write(f"{prefix}floor.png", lambda path: plan.savefig(path, dpi=120, facecolor="white"))
-    run.write(f"{prefix}dwell.png", lambda path: dwell.savefig(path, dpi=120, facecolor="white"))
-    video = None
-    if overlay and not view.source.live:
-        frames = run.watched(view.source.frames(), f"drawing {view.placed.name}", frames_expected(view.source))
-        video = run.draw(f"{prefix}overlay.webm", lambda path: write_floor_overlay(path, frames, tracks, view.rate))
-    return FloorSection(view.placed.name, tracks, view.floor, position[:2], view.rate, video)
+    return Result(
+        tracks,
+        ceiling.source.name,
+        rate,
+        (ceiling.placed.camera.width, ceiling.placed.camera.height),
+        settings,
+        facts={ceiling.placed.name: facts, **devices_of(inputs.detector, inputs.describe)},
+        seconds=times.seconds,
+        files=files,
+        painter=floor_painter(tracks, rate),
+    )

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from tsuiseki.tracking.association.costs import ObservationCost
+from tsuiseki.tracking.cli.options import Drawing
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
-from tsuiseki.tracking.options import Shared
 
 MOST_TILES = 16
 
@@ -128,7 +128,7 @@ DEFAULT_FLOW = FloorFlowSettings()
 
 
 @dataclass(frozen=True, kw_only=True)
-class CeilingOptions(Shared):
+class CeilingOptions(Drawing):
     """How ceiling cameras and the people under them are looked at, and what is written.
 
     Attributes:
@@ -142,7 +142,6 @@ class CeilingOptions(Shared):
         resize: where images have another size than the calibration, scale it: cut, where they show a part of what was
             calibrated, widen, where they show more at the sides.
         tables: folder that keeps the tables of the cameras.
-        overlay: also write videos with the rotated boxes drawn in.
         save_detections: also write detections.json: the rotated box and score of every detection, as --detections and
             tsuiseki evaluate detection read them.
     """
@@ -155,5 +154,4 @@ class CeilingOptions(Shared):
     body_radius: float = 0.25
     resize: Literal["no", "cut", "widen"] = "no"
     tables: Path = Path("out/cache/person-tables")
-    overlay: bool = False
     save_detections: bool = False

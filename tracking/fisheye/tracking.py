@@ -24,7 +24,7 @@ from tsuiseki.tracking.formats.rotated import (
     read_rotated_labels,
 )
 from tsuiseki.tracking.result import StageTimes
-from tsuiseki.tracking.types import Detections, FloatArray, Frame
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, IntArray
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import Source, open_source
@@ -53,6 +53,11 @@ class CeilingSource:
         """Frames per second."""
         return self.placed.frame_rate or self.source.frame_rate
 
+    def seconds(self, frames: IntArray) -> FloatArray:
+        """``(N,)`` times of 0-based ``frames`` ``(N,)``, as fast as the camera file says."""
+        source = self.source
+        return source.times.at(frames, source.frame_rate) * (1.0 if source.live else source.frame_rate / self.rate)
+
     def view(self, tables: Path, person: PersonModel) -> CeilingView:
         """What finds people's places, with the table of boxes that the folder ``tables`` keeps."""
         camera = self.placed.camera
@@ -60,7 +65,12 @@ class CeilingSource:
 
 
 def open_ceiling(
-    sources: Sequence[str], cameras: Path, resize: Scaling = "no", *, needs_images: bool = True
+    sources: Sequence[str],
+    cameras: Path,
+    resize: Scaling = "no",
+    *,
+    needs_images: bool = True,
+    only: str | None = None,
 ) -> list[CeilingSource]:
     """Sources with their cameras, checked against each other.
 
@@ -69,12 +79,18 @@ def open_ceiling(
         cameras: the camera file.
         resize: how a calibration is scaled to images of another size.
         needs_images: refuse a sequence that is text only.
+        only: name of the camera to take; by default all.
 
     Raises:
-        RequestError: the numbers differ, there are no images, a calibration is of another size, or one of several
-            sources is live.
+        RequestError: there is no such camera, the numbers differ, there are no images, a calibration is of another
+            size, or one of several sources is live.
     """
     placed = read_cameras(cameras)
+    if only is not None:
+        names = ", ".join(entry.name for entry in placed)
+        placed = [entry for entry in placed if entry.name == only]
+        if not placed:
+            raise RequestError(f"`camera`: expected one of {names} in {cameras}, got {only}")
     if len(sources) != len(placed):
         raise RequestError(
             f"expected one source for each camera, got {len(sources)} sources and {len(placed)} cameras in {cameras}"

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.cameras.panorama import CylinderView, DownwardView
 from tsuiseki.tracking.cameras.person_model import FloorCamera
 from tsuiseki.tracking.cameras.projective import Camera
-from tsuiseki.tracking.features.exported import Detect, SizedDetect
+from tsuiseki.tracking.features.exported import Detect
 from tsuiseki.tracking.fisheye.settings import UnrollingSettings
 from tsuiseki.tracking.geometry import rotated_intersections
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray
@@ -199,9 +199,11 @@ TILE = (480, 640)
 
 
 def looking(
-    detector: SizedDetect, camera: FloorCamera, look: CeilingLook, unrolling: UnrollingSettings | None = None
+    detector: Detect, camera: FloorCamera, look: CeilingLook, unrolling: UnrollingSettings | None = None
 ) -> Detect:
     """``detector`` as it looks at a ceiling camera's images: at them as they are, or at the views they unroll into."""
     if look == "image":
         return detector
-    return UnrolledDetector(detector, camera, detector.input_size or TILE, unrolling)
+    # A function does not say the size of its input.
+    size: tuple[int, int] | None = getattr(detector, "input_size", None)
+    return UnrolledDetector(detector, camera, size or TILE, unrolling)

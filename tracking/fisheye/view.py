@@ -162,10 +162,12 @@ class BestScore:
     """Watches the scores of what passes through.
 
     Attributes:
+        frames: so far.
         number: of detections so far.
         best: the highest score so far; infinite where a detection has none, for it may always start a track.
     """
 
+    frames: int = 0
     number: int = 0
     best: float = -np.inf
 
@@ -173,6 +175,7 @@ class BestScore:
         """The same, frame by frame."""
         for each in people:
             scores = each.detections.scores
+            self.frames += 1
             self.number += len(scores)
             self.best = max(self.best, float(np.nan_to_num(scores, nan=np.inf).max(initial=-np.inf)))
             yield each

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.rows import read_text, whole
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import ActingTrack
@@ -50,15 +51,15 @@ def read_acting_tracks(path: Path) -> tuple[list[ActingTrack], tuple[str, ...]]:
     Raises:
         RequestError: the file is missing, no such file, or says nothing of actions.
     """
-    if not path.is_file():
-        raise RequestError(f"expected tracks.json of `tsuiseki track drone` at {path}, found no such file")
     try:
-        values = json.loads(path.read_text(encoding="utf-8"))
+        values = json.loads(read_text(path, "tracks.json of `tsuiseki track drone`"))
         names = tuple(str(name) for name in values["actions"])
         if values["version"] != VERSION:
             raise ValueError(f"version {values['version']}")
         people = [_person(entry, len(names)) for entry in values["tracks"]]
-    except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
+    except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
+        if isinstance(error, RequestError):
+            raise
         raise RequestError(f"{path}: expected tracks.json of `tsuiseki track drone`, got {error!r}") from error
     if not names:
         raise RequestError(f"{path} says nothing of actions; track with `method` flow-saf or flow-maf")
@@ -69,7 +70,10 @@ def _person(entry: dict[str, Any], actions: int) -> ActingTrack:
     boxes = corners_from_xywh(np.asarray(entry["boxes"], dtype=np.float64).reshape(-1, 4) - ONE_BASED)
     frames = np.asarray(entry["frames"], dtype=np.int64) - 1
     observed = np.asarray(entry["observed"], dtype=np.bool_)
-    track = Track(int(entry["id"]), frames, boxes, np.asarray(entry["scores"]), observed)
+    identity = whole(str(entry["id"]))
+    if identity is None:
+        raise ValueError(f"id {entry['id']!r}, which is no whole number")
+    track = Track(identity, frames, boxes, np.asarray(entry["scores"]), observed)
     if "single" not in entry:
         return ActingTrack(track)
     single, multi = (np.asarray(entry[name], dtype=np.float64) for name in ("single", "multi"))

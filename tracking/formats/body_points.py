@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.rows import NamedRows, Rows, read_named_rows, read_rows, whole_number
 from tsuiseki.tracking.formats.sleap_hdf5 import is_hdf5, read_sleap_hdf5
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.tracks import PointTable
 
 DLC_FIRST = "scorer"
@@ -44,15 +45,14 @@ def read_poses_file(path: Path) -> PointTable:
 
 def _text_table(path: Path) -> PointTable:
     """The points in a CSV file."""
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
-    first = [cell.strip() for cell in rows[0]] if rows else []
+    rows = read_rows(path, "points of animals")
+    first = rows.cells[0] if rows.cells else []
     if first[:1] == [DLC_FIRST]:
-        return _deeplabcut(path, rows)
+        return _deeplabcut(rows)
     if "frame_idx" in first:
-        return _sleap(path, first, rows[1:])
+        return _named(read_named_rows(path, "points of animals"), (".x", ".y", ".score"), "frame_idx", "track", 0)
     if first[:2] == ["frame", "id"]:
-        return _ours(path, first, rows[1:])
+        return _named(read_named_rows(path, "points of animals"), ("_x", "_y", "_score"), "frame", "id", 1)
     raise RequestError(
         f"{path}: expected SLEAP's analysis CSV (track,frame_idx,…), DeepLabCut's (scorer,…) or frame,id,head_x,…, "
         f"got {','.join(first)[:60]}"
@@ -101,46 +101,26 @@ def _by_frame(table: PointTable) -> list[int]:
     return sorted(range(len(table)), key=lambda n: (int(table.frames[n]), table.tracks[n]))
 
 
-def _sleap(path: Path, header: list[str], rows: Sequence[Sequence[str]]) -> PointTable:
-    nodes = tuple(name[:-2] for name in header if name.endswith(".x"))
-    frame = header.index("frame_idx")
-    track = header.index("track") if "track" in header else None
-    names = [str(row[track]).strip() if track is not None else "" for row in rows]
-    return _table(path, nodes, header, rows, (".x", ".y", ".score"), [row[frame] for row in rows], names, 0)
-
-
-def _ours(path: Path, header: list[str], rows: Sequence[Sequence[str]]) -> PointTable:
-    nodes = tuple(name[:-2] for name in header if name.endswith("_x") and f"{name[:-2]}_y" in header)
-    frames, names = [row[0] for row in rows], [row[1].strip() for row in rows]
-    return _table(path, nodes, header, rows, ("_x", "_y", "_score"), frames, names, 1)
-
-
-def _table(
-    path: Path,
-    nodes: tuple[str, ...],
-    header: list[str],
-    rows: Sequence[Sequence[str]],
-    ends: tuple[str, str, str],
-    frames: Sequence[str],
-    names: Sequence[str],
-    first: int,
-) -> PointTable:
+def _named(table: NamedRows, ends: tuple[str, str, str], frame: str, track: str, first: int) -> PointTable:
     """From one line an animal in a frame; ``ends`` follow a node's name in the header."""
+    nodes = [name.removesuffix(ends[0]) for name in table.names if name.endswith(ends[0])]
+    nodes = [node for node in nodes if node + ends[1] in table.names]
     if not nodes:
         raise RequestError(
-            f"{path}: expected columns such as head{ends[0]} and head{ends[1]}, got {','.join(header)[:80]}"
+            f"{table.path}: expected columns such as head{ends[0]} and head{ends[1]}, got {','.join(table.names)[:80]}"
         )
-    values = np.full((len(rows), len(nodes), 3), np.nan)
-    for k, node in enumerate(nodes):
-        for part, end in enumerate(ends):
-            if f"{node}{end}" in header:
-                column = header.index(f"{node}{end}")
-                values[:, k, part] = [_number(path, n + 2, row, column) for n, row in enumerate(rows)]
-    numbers = np.array([_frame(path, n + 2, text) for n, text in enumerate(frames)], dtype=np.int64) - first
-    return PointTable(nodes, numbers, tuple(names), values[:, :, :2], values[:, :, 2])
+    values = np.full((len(table.rows), len(nodes), 3), np.nan)
+    for n, (line, row) in enumerate(table.rows):
+        for k, node in enumerate(nodes):
+            values[n, k] = [_number(table.path, line, row.get(node + end, "")) for end in ends]
+    frames = [whole_number(table.path, line, frame, row[frame], first, LAST_FRAME) for line, row in table.rows]
+    names = tuple(row.get(track, "") for _, row in table.rows)
+    return PointTable(tuple(nodes), np.array(frames, np.int64) - first, names, values[:, :, :2], values[:, :, 2])
 
 
-def _deeplabcut(path: Path, rows: Sequence[Sequence[str]]) -> PointTable:
+def _deeplabcut(table: Rows) -> PointTable:
+    path, width = table.path, max(map(len, table.cells))
+    rows = [row + [""] * (width - len(row)) for row in table.cells]
     heads = {row[0].strip(): row for row in rows[:4] if row[0].strip() in (DLC_FIRST, *DLC_ROWS)}
     if "bodyparts" not in heads or "coords" not in heads:
         raise RequestError(f"{path}: expected the lines scorer, bodyparts and coords at its beginning")
@@ -149,15 +129,15 @@ def _deeplabcut(path: Path, rows: Sequence[Sequence[str]]) -> PointTable:
     used = [n for n in range(1, len(coords)) if coords[n].strip() in ("x", "y", "likelihood")]
     nodes = tuple(dict.fromkeys(parts[n].strip() for n in used))
     names = list(dict.fromkeys(who[n].strip() for n in used))
-    lines = rows[len(heads) :]
+    lines, numbers = rows[len(heads) :], table.lines[len(heads) :]
     values = np.full((len(lines), len(names), len(nodes), 3), np.nan)
     for n in used:
         place = names.index(who[n].strip()), nodes.index(parts[n].strip())
         part = ("x", "y", "likelihood").index(coords[n].strip())
-        values[:, place[0], place[1], part] = [_number(path, i + len(heads) + 1, row, n) for i, row in enumerate(lines)]
+        values[:, place[0], place[1], part] = [_number(path, i, row[n]) for i, row in zip(numbers, lines, strict=True)]
     # Labels name the image in one column or in three; predictions count frames.
     index = [next((cell for cell in reversed(row[: used[0]]) if cell.strip()), "") for row in lines]
-    frames = np.array([_frame(path, i + len(heads) + 1, text) for i, text in enumerate(index)], dtype=np.int64)
+    frames = np.array([_frame(path, i, text) for i, text in zip(numbers, index, strict=True)], dtype=np.int64)
     flat = values.reshape(-1, len(nodes), 3)
     return PointTable(nodes, np.repeat(frames, len(names)), tuple(names * len(lines)), flat[:, :, :2], flat[:, :, 2])
 
@@ -169,8 +149,7 @@ def _frame(path: Path, line: int, text: str) -> int:
     return int(digits[-1])
 
 
-def _number(path: Path, line: int, row: Sequence[str], column: int) -> float:
-    text = row[column].strip() if column < len(row) else ""
+def _number(path: Path, line: int, text: str) -> float:
     try:
         return float(text) if text else np.nan
     except ValueError as error:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.columns import finite_number
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, whole_number
 from tsuiseki.tracking.types import STATUSES, Status
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.tracks import BodyTrack
@@ -39,10 +39,7 @@ def read_fields(path: Path) -> tuple[str, ...]:
     Raises:
         RequestError: there is no file, or it begins with something else.
     """
-    if not path.is_file():
-        raise RequestError(f"expected states at {path}, found no file")
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        columns = next(csv.reader(file, skipinitialspace=True), [])
+    columns = read_named_rows(path, "states").names
     if columns[:2] != ["frame", "id"]:
         raise RequestError(f"{path}: expected the columns frame,id,… in its first line, got {','.join(columns)[:80]}")
     return tuple(name for name in columns[2:] if name not in LAST_COLUMNS)
@@ -58,17 +55,10 @@ def read_states(path: Path, fields: Sequence[str] | None = None) -> list[BodyTra
     Raises:
         RequestError: it is no such file, a column is missing, or a value is not what it should be.
     """
-    if not path.is_file():
-        raise RequestError(f"expected states at {path}, found no file")
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        reader = csv.DictReader(file, skipinitialspace=True)
-        columns = list(reader.fieldnames or [])
-        wanted = list(fields) if fields else [c for c in columns if c not in ("frame", "id", *LAST_COLUMNS)]
-        missing = [name for name in ("frame", "id", *wanted) if name not in columns]
-        if missing or not wanted:
-            expected = ",".join(("frame", "id", *(wanted or ("a", "b", "theta", "..."))))
-            raise RequestError(f"{path}: expected the columns {expected} in its first line, got {','.join(columns)}")
-        rows = [_row(path, line, row, wanted) for line, row in enumerate(reader, start=2)]
+    table = read_named_rows(path, "states")
+    wanted = list(fields) if fields else [name for name in table.names if name not in ("frame", "id", *LAST_COLUMNS)]
+    table.need(("frame", "id", *(wanted or ("a", "b", "theta"))))
+    rows = [_row(path, line, row, wanted) for line, row in table.rows]
     if not rows:
         raise RequestError(f"{path}: expected at least one state, got none")
     return [_track(path, identity, rows) for identity in sorted({row[1] for row in rows})]
@@ -88,14 +78,11 @@ def _track(path: Path, identity: int, rows: list[Row]) -> BodyTrack:
 
 
 def _row(path: Path, line: int, row: dict[str, str], fields: Sequence[str]) -> Row:
-    frame, identity = (finite_number(path, line, name, row[name]) for name in ("frame", "id"))
-    for name, value in (("frame", frame), ("id", identity)):
-        if not 1 <= value <= LAST_FRAME or value != int(value):
-            expected = f"a whole number from 1 to {LAST_FRAME} in column {name}"
-            raise RequestError(f"{path}:{line}: expected {expected}, got {value:g}")
+    frame = whole_number(path, line, "frame", row["frame"], 1, LAST_FRAME)
+    identity = whole_number(path, line, "id", row["id"], 1)
     status = row.get("status") or "tracking"
     if status not in STATUSES:
         raise RequestError(f"{path}:{line}: expected a status of {', '.join(STATUSES)}, got {status!r}")
     values = [finite_number(path, line, name, row[name]) for name in fields]
     score = finite_number(path, line, "score", row.get("score") or "1")
-    return int(frame) - 1, int(identity), values, score, status
+    return frame - 1, identity, values, score, status

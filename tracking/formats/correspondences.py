@@ -6,7 +6,6 @@ name; rows without it belong to one camera).
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.columns import finite_number
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, whole_number
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
@@ -60,20 +59,11 @@ def read_floor_points(path: Path) -> Correspondences:
 
 
 def _read(path: Path, columns: Sequence[str]) -> list[Correspondences]:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RequestError(f"{path}: expected a CSV file with columns {', '.join(columns)}, cannot read it") from error
-    rows = csv.DictReader(text.splitlines(), skipinitialspace=True)
-    names = [name.strip() for name in rows.fieldnames or []]
-    rows.fieldnames = names
-    missing = [name for name in columns if name not in names]
-    if missing:
-        raise RequestError(f"{path}: expected a header with columns {', '.join(columns)}, found no {missing[0]}")
+    table = read_named_rows(path, f"a CSV file with columns {', '.join(columns)}", columns)
     found: dict[str, list[tuple[int, list[float]]]] = {}
-    for row in rows:
-        values = [finite_number(path, rows.line_num, n, row[n]) if n in columns else 0.0 for n in COLUMNS]
-        found.setdefault((row.get("camera") or "camera1").strip(), []).append((rows.line_num, values))
+    for line, row in table.rows:
+        values = [finite_number(path, line, n, row[n]) if n in columns else 0.0 for n in COLUMNS]
+        found.setdefault(row.get("camera") or "camera1", []).append((line, values))
     if not found:
         raise RequestError(f"{path}: expected rows of points, found none")
     return [_group(name, lines) for name, lines in found.items()]
@@ -94,31 +84,19 @@ def read_ball_points(path: Path) -> FloatArray:
     Raises:
         RequestError: the file or a column is missing, a value is no number, or a frame stands twice.
     """
-    if not path.is_file():
-        raise RequestError(f"expected a CSV with a ball's pixels at {path}, found no file")
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        reader = csv.DictReader(file, skipinitialspace=True)
-        header = [name.strip().lower() for name in reader.fieldnames or []]
-        reader.fieldnames = header
-        rows = list(reader)
-    missing = [name for name in ("frame", "x", "y") if name not in header]
-    if missing:
-        raise RequestError(f"{path}: expected the columns frame,x,y in its first line, found no {missing[0]}")
-    visible = next((name for name in VISIBLE if name in header), None)
+    table = read_named_rows(path, "a CSV with a ball's pixels", ("frame", "x", "y"))
+    visible = next((name for name in table.names if name.lower() in VISIBLE), None)
     first, shift = (1, 0.0) if visible is None else (0, HALF_PIXEL)
     found: dict[int, tuple[float, float]] = {}
-    for line, row in enumerate(rows, start=2):
-        frame = finite_number(path, line, "frame", row["frame"]) - first
-        if frame != int(frame) or not 0 <= frame <= LAST_FRAME:
-            raise RequestError(
-                f"{path}:{line}: expected a whole number from {first} in column frame, got {row['frame']}"
-            )
-        if int(frame) in found:
+    for line, row in table.rows:
+        frame = whole_number(path, line, "frame", row["frame"], first, LAST_FRAME + first) - first
+        if frame in found:
             raise RequestError(f"{path}:{line}: expected each frame once, got {row['frame']} again")
-        empty = not (row["x"] or "").strip() and not (row["y"] or "").strip()
-        hidden = empty or (visible is not None and finite_number(path, line, visible, row[visible]) == 0)
+        hidden = not (row["x"] or row["y"])
+        if visible is not None and not hidden:
+            hidden = finite_number(path, line, visible, row[visible]) == 0
         place = (np.nan, np.nan) if hidden else tuple(finite_number(path, line, name, row[name]) for name in ("x", "y"))
-        found[int(frame)] = (place[0] + shift, place[1] + shift)
+        found[frame] = (place[0] + shift, place[1] + shift)
     if not any(np.isfinite(place[0]) for place in found.values()):
         raise RequestError(f"{path}: expected at least one frame that shows the ball, got none")
     pixels = np.full((max(found) + 1, 2), np.nan)

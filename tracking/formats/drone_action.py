@@ -17,6 +17,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import is_sequence, list_images
 from tsuiseki.tracking.formats.okutama import actions_of
+from tsuiseki.tracking.formats.rows import read_rows
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
@@ -141,14 +142,8 @@ def read_drone_action_boxes(path: str | Path, length: int | None = None) -> Grou
         RequestError: the file is malformed, or has rows for another number of frames.
     """
     path = Path(path)
-    lines = path.read_text(encoding="utf-8", errors="replace").rstrip().splitlines()
-    rows = np.empty((len(lines), 4))
-    for k, line in enumerate(lines):
-        try:
-            x, y, width, height = (float(cell) for cell in line.replace(",", " ").split())
-            rows[k] = x, y, width, height
-        except ValueError:
-            raise RequestError(f"{path}:{k + 1}: expected x,y,width,height, got {line[:80]}") from None
+    table = read_rows(path, "boxes").without_heading(4)
+    rows = table.numbers("x,y,width,height")
     if length is not None and len(rows) != length:
         raise RequestError(f"{path}: expected a row for each of {length} frames, got {len(rows)}")
     seen = np.flatnonzero(np.isfinite(rows).all(axis=1))

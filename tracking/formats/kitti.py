@@ -15,8 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot_sequence import list_images
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.formats.rows import read_rows, whole_number
+from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -71,28 +73,24 @@ def read_kitti(path: str | Path, length: int | None = None) -> GroundTruth:
             beyond the drive.
     """
     path = Path(path)
-    if not path.is_file():
-        raise RequestError(f"expected KITTI tracking labels at {path}, found no such file")
-    kinds, rows = list[str](), list[list[float]]()
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
-        cells = line.split()
-        if not cells:
-            continue
+    given = read_rows(path, "KITTI tracking labels").without_heading(len(EXPECTED.split()))
+    rows = np.empty((len(given.cells), 6))
+    ids = np.empty(len(given.cells), dtype=np.int64)
+    for k, (line, cells) in enumerate(zip(given.lines, given.cells, strict=True)):
         try:
-            # Frame, track, occlusion, and the box.
-            row = [float(cells[k]) for k in (0, 1, 4, 6, 7, 8, 9)]
+            # Frame, occlusion, and the box.
+            rows[k] = [float(cells[column]) for column in (0, 4, 6, 7, 8, 9)]
         except (ValueError, IndexError):
-            raise _unusable(path, number, EXPECTED, line) from None
-        if not (0 <= row[0] < LAST_FRAME and row[0] == int(row[0])):
-            raise _unusable(path, number, f"a frame number from 0 to {LAST_FRAME - 1}", line)
-        if not (row[5] > row[3] and row[6] > row[4]):
-            raise _unusable(path, number, "right beyond left and bottom below top", line)
-        kinds.append(cells[2])
-        rows.append(row)
-    return _truth(path, kinds, np.array(rows).reshape(-1, 7), length)
+            raise given.error(k, EXPECTED) from None
+        if not (0 <= rows[k, 0] < LAST_FRAME and rows[k, 0] == int(rows[k, 0])):
+            raise given.error(k, f"a frame number from 0 to {LAST_FRAME - 1}")
+        if not (rows[k, 4] > rows[k, 2] and rows[k, 5] > rows[k, 3]):
+            raise given.error(k, "right beyond left and bottom below top")
+        ids[k] = whole_number(path, line, "track", cells[1])
+    return _truth(path, [cells[2] for cells in given.cells], ids, rows, length)
 
 
-def _truth(path: Path, kinds: list[str], rows: FloatArray, length: int | None) -> GroundTruth:
+def _truth(path: Path, kinds: list[str], ids: IntArray, rows: FloatArray, length: int | None) -> GroundTruth:
     counted, ignored = np.array([kind == COUNTED for kind in kinds]), np.isin(kinds, IGNORED)
     if not counted.any():
         raise RequestError(f"{path}: no usable box: expected pedestrians, of the type {COUNTED}")
@@ -102,19 +100,16 @@ def _truth(path: Path, kinds: list[str], rows: FloatArray, length: int | None) -
             f"{path}: labels reach frame {frames.max()}, but the drive has {length} images, counted from 0; are these "
             "the labels of another drive?"
         )
-    people, times = np.unique(rows[counted][:, :2], axis=0, return_counts=True)
+    compare_with_picture(path, rows[:, 2:6])
+    people, times = np.unique(np.column_stack([frames, ids])[counted], axis=0, return_counts=True)
     if (times > 1).any():
-        frame, track = people[times > 1][0].astype(int)
+        frame, track = people[times > 1][0]
         raise RequestError(f"{path}: expected a pedestrian once a frame, got track {track} twice in frame {frame}")
     return GroundTruth(
         frames=frames,
-        ids=rows[:, 1].astype(np.int64),
-        boxes=rows[:, 3:7],
+        ids=ids,
+        boxes=rows[:, 2:6],
         evaluated=counted,
         ignored=ignored,
-        visibility=VISIBLE[np.clip(rows[:, 2], 0, 3).astype(np.int64)],
+        visibility=VISIBLE[np.clip(rows[:, 1], 0, 3).astype(np.int64)],
     ).select(np.argsort(frames, kind="stable"))
-
-
-def _unusable(path: Path, number: int, expected: str, line: str) -> RequestError:
-    return RequestError(f"{path}:{number}: expected {expected}, got {line[:80]}")

@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.columns import finite_number
+from tsuiseki.tracking.formats.rows import NamedRows, finite_number, read_named_rows, read_text
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.measurements import (
     BirthPlace,
@@ -44,21 +44,23 @@ def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Sc
         RequestError: a column is missing, a value is no number, a covariance is not positive definite, or a row is
             earlier than the one before it.
     """
-    header, rows = _rows(path)
-    clock = "time" if "time" in header else "frame"
-    _need(path, header, [clock, *names])
-    errors = _error_columns(path, header, names)
+    table = read_named_rows(path, "a CSV of measurements")
+    clock = "time" if "time" in table.names else "frame"
+    table.need([clock, *names])
+    errors = _error_columns(table, names)
+    if not table.rows:
+        raise RequestError(f"{path}: expected at least one row of measurements, got none")
     times: list[float] = []
     found: list[FloatArray] = []
     spreads: list[FloatArray] = []
-    for line, row in rows:
+    for line, row in table.rows:
         time = finite_number(path, line, clock, row.get(clock))
         if times and time < times[-1]:
             raise RequestError(
                 f"{path}:{line}: expected rows in order of {clock}, got {time:g} after {times[-1]:g}; sort it"
             )
         times.append(time)
-        if all(not (row[name] or "").strip() for name in names):
+        if all(not row[name] for name in names):
             found.append(np.full(len(names), np.nan))
             spreads.append(np.eye(len(names)))
             continue
@@ -98,20 +100,18 @@ def _filled(path: Path, scans: list[Scan], period: float, width: int) -> list[Sc
     return filled
 
 
-def _error_columns(path: Path, header: Sequence[str], names: Sequence[str]) -> list[str]:
+def _error_columns(table: NamedRows, names: Sequence[str]) -> list[str]:
     """The columns of the errors: none, ``sd_`` or ``cov_``."""
     deviations = [f"sd_{name}" for name in names]
     covariances = [f"cov_{a}_{b}" for a, b in combinations_with_replacement(names, 2)]
     for columns in (covariances, deviations):
-        if any(column in header for column in columns):
-            _need(path, header, columns)
+        if any(column in table.names for column in columns):
+            table.need(columns)
             return columns
     return []
 
 
-def _covariance(
-    path: Path, line: int, row: dict[str, str | None], names: Sequence[str], errors: Sequence[str]
-) -> FloatArray:
+def _covariance(path: Path, line: int, row: dict[str, str], names: Sequence[str], errors: Sequence[str]) -> FloatArray:
     values = [finite_number(path, line, column, row.get(column)) for column in errors]
     if not values:
         return np.eye(len(names))
@@ -126,25 +126,6 @@ def _covariance(
     if not np.linalg.eigvalsh(covariance)[0] > 0:
         raise RequestError(f"{path}:{line}: expected a positive definite covariance, got {covariance.tolist()}")
     return covariance
-
-
-def _rows(path: Path) -> tuple[list[str], list[tuple[int, dict[str, str | None]]]]:
-    if not path.is_file():
-        raise RequestError(f"expected a CSV of measurements at {path}, found no file")
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        reader = csv.DictReader(file, skipinitialspace=True)
-        header = [name.strip() for name in reader.fieldnames or []]
-        reader.fieldnames = header
-        rows = [(line, row) for line, row in enumerate(reader, start=2)]
-    if not rows:
-        raise RequestError(f"{path}: expected at least one row of measurements, got none")
-    return header, rows
-
-
-def _need(path: Path, header: Sequence[str], columns: Sequence[str]) -> None:
-    missing = [column for column in columns if column not in header]
-    if missing:
-        raise RequestError(f"{path}: expected the columns {','.join(columns)} in its first line, found no {missing[0]}")
 
 
 def write_sensed_tracks(path: Path, tracks: Sequence[SensedTrack], dimensions: int) -> None:
@@ -182,11 +163,9 @@ def read_sensing_model(path: Path) -> SensingModel:
     Raises:
         RequestError: it is no YAML, or a key or value is not as expected.
     """
-    if not path.is_file():
-        raise RequestError(f"expected a YAML file with the model of the sensor at {path}, found no file")
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        content = yaml.safe_load(read_text(path, "a YAML file with the model of the sensor"))
+    except yaml.YAMLError as error:
         raise RequestError(f"{path}: expected YAML, got {' '.join(str(error).split())}") from error
     try:
         return sensing_model(content or {})

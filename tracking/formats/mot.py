@@ -23,6 +23,8 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.rows import Rows, read_rows, whole_number
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
@@ -44,9 +46,12 @@ def read_ground_truth(path: str | Path) -> GroundTruth:
         RequestError: the file is missing, malformed, names an id twice in a frame, or has no box to evaluate.
     """
     path = Path(path)
-    rows, lines = read_rows(path, {9, 10}, "ground truth")
-    frames, ids = rows[:, 0].astype(np.int64) - 1, rows[:, 1].astype(np.int64)
+    rows, ids, lines = _read(path, 9, "ground truth")
+    if not len(rows):
+        raise RequestError(f"{path} is empty: expected rows of ground truth")
+    frames = rows[:, 0].astype(np.int64) - 1
     _refuse_repeated(path, lines, frames, ids)
+    compare_with_picture(path, boxes_of(rows))
     active = rows[:, 6] != 0
     if rows.shape[1] == 10:
         evaluated, ignored, visibility = active, np.zeros(len(rows), dtype=np.bool_), np.ones(len(rows))
@@ -106,7 +111,7 @@ def read_classed_detections(
     `read_detections`.
     """
     path = Path(path)
-    rows, lines = read_rows(path, {6, 7, 8, 9, 10}, "detections", detected=True)
+    rows, _, lines = _read(path, 6, "detections", detected=True)
     if rows.shape[1] == 6:  # boxes without scores
         rows = np.column_stack([rows, np.full(len(rows), np.nan)])
     if np.any(np.diff(rows[:, 0]) < 0):
@@ -116,6 +121,7 @@ def read_classed_detections(
     if score_range is not None:
         _refuse_scores_outside(path, rows[:, 6], lines, score_range)
     rows = rows[_used(path, rows, lines, length)]
+    compare_with_picture(path, boxes_of(rows))
     _tell_two_scales(path, rows[:, 6])
     frames, boxes, scores = rows[:, 0].astype(np.int64) - 1, boxes_of(rows), rows[:, 6]
     classes = rows[:, 7].astype(np.int64) if rows.shape[1] > 7 else np.full(len(rows), -1)
@@ -195,10 +201,10 @@ def read_tracks(path: str | Path) -> list[Track]:
         RequestError: the file is missing or malformed, or names an id twice in a frame.
     """
     path = Path(path)
-    if path.is_file() and not path.read_text(encoding="utf-8", errors="replace").strip():
+    rows, ids, lines = _read(path, 6, "tracks")
+    if not len(rows):
         return []
-    rows, lines = read_rows(path, {6, 7, 8, 9, 10}, "tracks")
-    frames, ids = rows[:, 0].astype(np.int64) - 1, rows[:, 1].astype(np.int64)
+    frames = rows[:, 0].astype(np.int64) - 1
     if ids.min() < 0:
         raise RequestError(
             f"{path}:{lines[np.argmin(ids)]}: expected ids of tracks, got {ids.min()}; are these detections?"
@@ -206,6 +212,7 @@ def read_tracks(path: str | Path) -> list[Track]:
     _refuse_repeated(path, lines, frames, ids)
     ids = ids + (1 if ids.min() == 0 else 0)
     boxes = boxes_of(rows)
+    compare_with_picture(path, boxes)
     scores = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))
     order = np.lexsort([frames, ids])
     tracks = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
@@ -241,49 +248,70 @@ def _nothing_usable(path: Path, rows: FloatArray, active: BoolArray) -> str:
 
 
 SCORE = 6  # Column of the score, counted from 0.
+MOST = 10
+# What stands in the fifth column where boxes are written as corners.
+CORNER = re.compile(r"(bb_?)?(x_?2|x_?max|right|x_?br)", re.IGNORECASE)
 
 
-def read_rows(path: Path, columns: set[int], what: str, detected: bool = False) -> tuple[FloatArray, IntArray]:
-    """The numbers of a text file, ``(N, columns)``, checked row by row, and the line ``(N,)`` that each stands in.
+def _read(path: Path, fewest: int, what: str, detected: bool = False) -> tuple[FloatArray, IntArray, IntArray]:
+    """The numbers of a text file, ``(N, columns)``, checked row by row, the ids ``(N,)``, and the lines ``(N,)``.
 
     Detections may be without width or height, without a score, which is NaN then, and none at all.
     """
-    if not path.is_file():
-        raise RequestError(f"expected {what} at {path}, found no such file")
-    try:
-        # Some editors put a mark before the first character.
-        text = path.read_text(encoding="utf-8-sig").rstrip().splitlines()
-    except UnicodeDecodeError as error:
-        raise RequestError(f"{path}: expected a text file of {what}, got something binary") from error
-    first = 1
-    if len(text) > 1 and _is_heading(text[0]):
-        shown = text[0][:60]
-        warnings.warn(f"{path}: the first line, {shown!r}, is a heading and left out", InputWarning, stacklevel=3)
-        text, first = text[1:], 2
-    if not text and detected:
+    given = read_rows(path, what)
+    rows = given.without_heading(fewest)
+    if len(rows.cells) < len(given.cells):
+        _check_heading(path, given.cells[0])
+    if not rows.cells and detected:
         warnings.warn(f"{path} is empty: nothing was detected", InputWarning, stacklevel=3)
-        return np.empty((0, SCORE + 1)), np.empty(0, dtype=np.int64)
-    if not text:
-        raise RequestError(f"{path} is empty: expected rows of {what}")
-    lines = np.arange(first, first + len(text))
-    cells = [line.rstrip(", ").split(",") for line in text]
-    width = len(cells[0])
-    allowed = f"{min(columns)} to {max(columns)}" if len(columns) > 2 else " or ".join(map(str, sorted(columns)))
-    for number, row in zip(lines.tolist(), cells, strict=True):
-        if detected and len(row) == SCORE and width == SCORE + 1:
-            row.append("")
-        if len(row) != width or len(row) not in columns:
-            raise RequestError(f"{path}:{number}: expected {allowed} numbers separated by commas, got {len(row)}")
-        if detected and width > SCORE and not row[SCORE].strip():
-            row[SCORE] = "nan"
+    if not rows.cells:
+        return np.empty((0, fewest + 1)), np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    cells = _even(rows, fewest, detected)
     try:
-        rows = np.array(cells, dtype=np.float64)
+        values = np.array(cells, dtype=np.float64)
     except ValueError:
-        told = zip(lines.tolist(), cells, strict=True)
-        line, bad = next((number, cell) for number, row in told for cell in row if not _is_number(cell))
-        raise RequestError(f"{path}:{line}: expected numbers separated by commas, got {bad.strip()!r}") from None
-    _refuse_impossible(path, rows, lines, detected)
-    return rows, lines
+        bad, k = next((cell, k) for k, row in enumerate(cells) for cell in row if not _is_number(cell))
+        raise RequestError(
+            f"{path}:{rows.lines[k]}: expected numbers separated by {rows.separator}, got {bad!r}"
+        ) from None
+    lines = np.array(rows.lines)
+    _refuse_impossible(path, values, lines, detected)
+    ids = [whole_number(path, line, "id", row[1]) for line, row in zip(rows.lines, cells, strict=True)]
+    return values, np.array(ids, dtype=np.int64), lines
+
+
+def _check_heading(path: Path, names: list[str]) -> None:
+    """Refuse a file whose heading says that its columns are others."""
+    if "frame" in ",".join(names[1:]).lower() and "frame" not in names[0].lower():
+        raise RequestError(f"{path}: expected the frame in the first column, got the heading {','.join(names)[:80]}")
+    if len(names) > 4 and CORNER.fullmatch(names[4]):
+        raise RequestError(
+            f"{path}: expected x, y, width and height in columns 3 to 6, got corners by the heading "
+            f"{','.join(names)[:80]}; subtract x1 and y1 from the last two"
+        )
+
+
+def _even(rows: Rows, fewest: int, detected: bool) -> list[list[str]]:
+    """The cells of rows of one width, of which those after the tenth are left out, and a missing score is NaN."""
+    cells, width = rows.cells, len(rows.cells[0])
+    if detected and width > SCORE:
+        for row in cells:
+            if len(row) == SCORE and width == SCORE + 1:
+                row.append("nan")
+            elif len(row) > SCORE and not row[SCORE]:
+                row[SCORE] = "nan"
+    odd = next((k for k, row in enumerate(cells) if len(row) != width), 0)
+    if len(cells[odd]) != width or width < fewest or (fewest == MOST - 1 and width > MOST):
+        allowed = f"{fewest} or more" if fewest < MOST - 1 else f"{fewest} or {MOST}"
+        raise RequestError(
+            f"{rows.path}:{rows.lines[odd]}: expected {allowed} numbers separated by {rows.separator}, got "
+            f"{len(cells[odd])}"
+        )
+    if width > MOST:
+        said = f"{rows.path}: {width} columns; those after column {MOST} are left out"
+        warnings.warn(said, InputWarning, stacklevel=4)
+        cells = [row[:MOST] for row in cells]
+    return cells
 
 
 def _is_number(cell: str) -> bool:
@@ -292,11 +320,6 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _is_heading(line: str) -> bool:
-    """Whether a line begins with a name, and not with a number, of which NaN is one."""
-    return bool(re.match(r"[\s\"]*(?!nan\b|inf\b)[A-Za-z_]", line, re.IGNORECASE))
 
 
 def _refuse_impossible(path: Path, rows: FloatArray, lines: IntArray, detected: bool) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.formats.rows import read_text
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
@@ -139,12 +140,13 @@ def write_sequence_info(
 def _read_info(path: Path) -> dict[str, str]:
     if not path.is_file():
         return {}
+    text = read_text(path, "a sequence's settings")
     parser = configparser.ConfigParser(interpolation=None)
     parser.optionxform = str  # type: ignore[assignment,method-assign]  # keys are written in camel case
     try:
-        parser.read(path, encoding="utf-8")
+        parser.read_string(text)
         return dict(parser["Sequence"])
-    except (configparser.Error, KeyError, UnicodeDecodeError) as error:
+    except (configparser.Error, KeyError) as error:
         raise RequestError(f"{path}: expected a section [Sequence] with name, seqLength, …: {error!r}") from error
 
 

@@ -8,7 +8,6 @@ in ``MultiActionLabels`` everybody gets another one every 180 frames.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,8 +19,9 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, is_sequence, list_images, read_sequence
+from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text, rows_of, whole_number
 from tsuiseki.tracking.geometry import areas, clip_boxes
-from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.types import BoolArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
@@ -32,7 +32,6 @@ Protocol = Literal["published", "lenient"]
 # As the label files spell what the thesis calls otherwise.
 FILE_NAMES = {"Handshaking": "Hand Shaking"}
 _SPELLINGS = {name.replace(" ", "").lower(): name for name in OKUTAMA_ACTIONS}
-_ROW = re.compile(r"(\d+(?: -?\d+(?:\.\d+)?){4} \d+ [01] [01] [01])((?: \"[^\"]*\")*)\s*")
 
 
 def read_okutama(
@@ -50,25 +49,22 @@ def read_okutama(
             lost lies outside the frame, or an id stands twice in a frame.
     """
     path = Path(path)
-    if not path.is_file():
-        raise RequestError(f"expected Okutama-Action labels at {path}, found no such file")
-    lines = path.read_text(encoding="utf-8", errors="replace").rstrip().splitlines()
-    if not lines:
+    rows = read_rows(path, "Okutama-Action labels").without_heading(9)
+    if not rows.cells:
         raise RequestError(f"{path} is empty: expected rows of labels")
-    numbers = np.empty((len(lines), 9))
-    actions = np.zeros((len(lines), len(class_names)), dtype=np.bool_)
-    for k, line in enumerate(lines):
-        match = _ROW.fullmatch(line)
-        if match is None:
-            raise RequestError(f"{path}:{k + 1}: {_complaint(line)}")
-        numbers[k] = [float(word) for word in match[1].split()]
-        if numbers[k, 5] >= LAST_FRAME:
-            raise RequestError(f"{path}:{k + 1}: expected a frame below {LAST_FRAME}, got {numbers[k, 5]:g}")
-        for name in re.findall(r'"([^"]*)"', match[2])[1:]:
-            actions[k, _index(name, class_names, f"{path}:{k + 1}")] = True
+    numbers, ids = np.empty((len(rows.cells), 9)), np.empty(len(rows.cells), dtype=np.int64)
+    actions = np.zeros((len(rows.cells), len(class_names)), dtype=np.bool_)
+    for k, (line, cells) in enumerate(zip(rows.lines, rows.cells, strict=True)):
+        if complaint := _complaint(cells, rows.texts[k]):
+            raise rows.error(k, complaint)
+        numbers[k] = [float(cell) for cell in cells[:9]]
+        ids[k] = whole_number(path, line, "track_id", cells[0], first=0)
+        whole_number(path, line, "frame", cells[5], first=0, last=LAST_FRAME - 1)
+        for name in cells[10:]:
+            actions[k, _index(name, class_names, f"{path}:{line}")] = True
     labels = ActionLabels(
         frames=numbers[:, 5].astype(np.int64),
-        ids=numbers[:, 0].astype(np.int64),
+        ids=ids,
         boxes=numbers[:, 1:5] * np.tile(np.array(size) / LABEL_SIZE, 2),
         lost=numbers[:, 6] == 1,
         occluded=numbers[:, 7] == 1,
@@ -76,40 +72,40 @@ def read_okutama(
         actions=actions,
         class_names=class_names,
     )
-    return _checked(labels, numbers, size, path)
+    return _checked(labels, rows, size)
 
 
-def _checked(labels: ActionLabels, numbers: FloatArray, size: tuple[int, int], path: Path) -> ActionLabels:
+def _checked(labels: ActionLabels, rows: Rows, size: tuple[int, int]) -> ActionLabels:
     inside = clip_boxes(labels.boxes, *size)
     empty = ~labels.lost & (areas(inside) <= 0)
     if empty.any():
-        k = int(np.argmax(empty))
-        box = " ".join(f"{v:g}" for v in numbers[k, 1:5])
-        raise RequestError(
-            f"{path}:{k + 1}: expected xmin ymin xmax ymax of a box in {LABEL_SIZE[0]}x{LABEL_SIZE[1]}, got {box}; "
-            "mark a person out of view as lost"
+        width, height = LABEL_SIZE
+        raise rows.error(
+            int(np.argmax(empty)),
+            f"xmin ymin xmax ymax of a box in {width}x{height} (mark a person out of view as lost)",
         )
     kept = ~labels.lost
     _, first = np.unique(np.column_stack([labels.frames, labels.ids])[kept], axis=0, return_index=True)
     if len(first) < kept.sum():
         k = int(np.flatnonzero(kept)[np.setdiff1d(np.arange(int(kept.sum())), first)[0]])
-        raise RequestError(f"{path}:{k + 1}: id {labels.ids[k]} stands twice in frame {labels.frames[k]}")
+        raise RequestError(f"{rows.path}:{rows.lines[k]}: id {labels.ids[k]} stands twice in frame {labels.frames[k]}")
     boxes = np.where(labels.lost[:, None], np.array([0.0, 0.0, 1.0, 1.0]), inside)
     return replace(labels, boxes=boxes)
 
 
-def _complaint(line: str) -> str:
-    """What is wrong with a row that does not fit."""
-    words = line.split(" ")
-    shown = line if len(line) < 80 else line[:77] + "..."
-    if len(words) > 9 and all(re.fullmatch(r"-?\d+(\.\d+)?", w) for w in words[:9]):
-        if any(flag not in ("0", "1") for flag in words[6:9]):
-            return f"expected lost, occluded and generated as 0 or 1, then names in double quotes, got {shown}"
-        for name, word in (("track_id", words[0]), ("frame", words[5])):
-            if not re.fullmatch(r"\d+", word):
-                return f"expected a {name} that is a whole number from 0, got {word}"
-        return f'expected names in double quotes, as "Person" "Walking", got {" ".join(words[9:])[:80]}'
-    return f'expected track_id xmin ymin xmax ymax frame lost occluded generated "Person" "Action" …, got {shown}'
+def _complaint(cells: list[str], text: str) -> str:
+    """What a row that does not fit should have; empty where it fits."""
+    try:
+        numbers = np.array(cells[:9], dtype=np.float64)
+    except ValueError:
+        numbers = np.empty(0)
+    if len(numbers) < 9 or not np.isfinite(numbers).all():
+        return 'track_id xmin ymin xmax ymax frame lost occluded generated "Person" "Action" …'
+    if any(flag not in ("0", "1") for flag in cells[6:9]):
+        return "lost, occluded and generated as 0 or 1, then names in double quotes"
+    if text.count('"') < 2 * len(cells[9:]):
+        return 'names in double quotes, as "Person" "Walking"'
+    return ""
 
 
 def _index(name: str, class_names: tuple[str, ...], place: str) -> int:
@@ -200,9 +196,8 @@ def is_okutama(folder: Path) -> bool:
 
 def is_okutama_file(path: Path) -> bool:
     """Whether ``path`` is a label file: what stands in the tenth column is a word, as in no other format here."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        words = file.readline().split(" ")
-    return len(words) > 9 and words[9].lstrip('"')[:1].isalpha()
+    (cells, *_) = rows_of(read_text(path, "labels")[:4000], path).cells or [[]]
+    return len(cells) > 9 and cells[9][:1].isalpha()
 
 
 def clip_labelled_by(path: Path) -> MotSequence | None:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.rows import read_rows, read_text, whole
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 
 HABBOF_WORDS = 6
@@ -42,13 +43,13 @@ class RotatedBoxes:
 def is_rotated(path: Path) -> bool:
     """Whether ``path`` has labels of rotated boxes: JSON with annotations, or a folder of HABBOF's text files."""
     if path.is_dir():
-        texts = (text.read_text(encoding="utf-8", errors="replace") for text in sorted(path.glob("*.txt")))
-        return next((text for text in texts if text.strip()), "").startswith("person ")
+        files = (read_rows(text, "labels").cells for text in sorted(path.glob("*.txt")))
+        return next((cells for cells in files if cells), [[""]])[0][0] == "person"
     if path.suffix.lower() != ".json" or not path.is_file():
         return False
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = json.loads(read_text(path, "JSON"))
+    except ValueError:
         return False
     return isinstance(content, dict) and isinstance(content.get("annotations"), list)
 
@@ -134,8 +135,8 @@ _Row = tuple[str, list[float], int, float]
 
 def _json(path: Path) -> Any:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        return json.loads(read_text(path, "JSON"))
+    except ValueError as error:
         raise RequestError(f"{path}: expected JSON, got something else or nothing") from error
 
 
@@ -147,25 +148,26 @@ def _row(entry: Any, where: str) -> _Row:
     score = entry.get("score", 1.0)
     try:
         values = [float(v) for v in box]  # type: ignore[union-attr]
-        number, certainty = -1 if person is None else int(person), float(score)
+        number, certainty = -1 if person is None else whole(str(person)), float(score)
+        if number is None:
+            raise ValueError
     except (TypeError, ValueError) as error:
-        raise RequestError(f"{where}: expected numbers in bbox, person_id and score, got {box!r}") from error
+        got = f"{box!r}, {person!r} and {score!r}"
+        raise RequestError(f"{where}: expected numbers in bbox, person_id and score, got {got}") from error
     return str(entry["image_id"]), _checked(values, where), number, certainty
 
 
 def _habbof_rows(path: Path) -> list[_Row]:
+    table = read_rows(path, "labels of HABBOF")
     rows: list[_Row] = []
-    for k, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines()):
-        words = line.split()
-        if not words:
-            continue
-        if len(words) != HABBOF_WORDS:
-            raise RequestError(f"{path}:{k + 1}: expected person cx cy w h degrees, got {line[:60]}")
+    for k, (line, cells) in enumerate(zip(table.lines, table.cells, strict=True)):
         try:
-            values = [float(word) for word in words[1:]]
-        except ValueError as error:
-            raise RequestError(f"{path}:{k + 1}: expected five numbers after person, got {line[:60]}") from error
-        rows.append((path.stem, _checked(values, f"{path}:{k + 1}"), -1, 1.0))
+            _, *values = [float(cell) if column else 0.0 for column, cell in enumerate(cells)]
+        except ValueError:
+            values = []
+        if len(cells) != HABBOF_WORDS or not values:
+            raise table.error(k, "person cx cy w h degrees")
+        rows.append((path.stem, _checked(values, f"{path}:{line}"), -1, 1.0))
     return rows
 
 

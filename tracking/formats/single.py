@@ -21,9 +21,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot_sequence import list_images
+from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import FloatArray
 
@@ -116,10 +119,8 @@ def read_attributes(path: Path) -> dict[str, frozenset[str]]:
     """
     if path.is_dir():
         return _scored_attributes(path)
-    if not path.is_file():
-        raise RequestError(f"expected a list of sequences and attributes at {path}, found none")
     result = {}
-    for number, line in enumerate(path.read_text(encoding="utf-8-sig").splitlines(), 1):
+    for number, line in enumerate(read_text(path, "a list of sequences and attributes").splitlines(), 1):
         if line.strip():
             name, _, rest = line.strip().replace("\t", " ").partition(" ")
             result[same_name(name)] = _attribute_set(rest, f"{path}, line {number}")
@@ -152,10 +153,10 @@ def read_published(folder: Path) -> dict[str, PublishedScores]:
         path = folder / f"{name}.json"
         if path.is_file():
             try:
-                content = json.loads(path.read_text(encoding="utf-8"))
+                content = json.loads(read_text(path, "JSON"))
                 success, precision = (tuple(map(float, content[k])) for k in ("successRateList", "precisionList"))
                 result[name] = PublishedScores(success, precision, tuple(map(str, content["seqs"])))
-            except (UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
+            except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
                 raise RequestError(f"{path}: expected scores of tracker_benchmark, cannot read them") from error
     if "ALL" not in result:
         raise RequestError(f"expected score files of tracker_benchmark, ALL.json and others, in {folder}")
@@ -228,14 +229,14 @@ def _first_of_part(labels: Path) -> int:
 
 def _own_attributes(folder: Path) -> frozenset[str]:
     path = folder / "attrs.txt"
-    return _attribute_set(path.read_text(encoding="utf-8"), str(path)) if path.is_file() else frozenset()
+    return _attribute_set(read_text(path, "attributes"), str(path)) if path.is_file() else frozenset()
 
 
 def _first_number(folder: Path) -> int | None:
     """Number of the first labelled image, where the sequence says or is known for it."""
     try:
-        start = json.loads((folder / "cfg.json").read_text(encoding="utf-8")).get("startFrame")
-    except (OSError, json.JSONDecodeError, UnicodeDecodeError, AttributeError):
+        start = json.loads(read_text(folder / "cfg.json", "JSON")).get("startFrame")
+    except (RequestError, json.JSONDecodeError, AttributeError):
         start = None
     return start if isinstance(start, int) else FIRST_NUMBERS.get(folder.name.lower())
 
@@ -251,7 +252,17 @@ def _paired(
     if len(used) < len(boxes):
         raise RequestError(f"{name}: expected an image for each of its {len(boxes)} boxes, found {len(used)}")
     used = used[: len(boxes)]
+    compare_with_picture(name, boxes, _size(used[0]))
     return SingleSequence(name, used, boxes, attributes, len(images) - len(used))
+
+
+def _size(path: Path) -> tuple[int, int] | None:
+    """Width and height of a picture; None where it is broken, which reading it tells."""
+    try:
+        with Image.open(path) as picture:
+            return picture.size
+    except OSError:
+        return None
 
 
 def _number(path: Path) -> int | None:
@@ -283,42 +294,30 @@ def read_boxes(path: str | Path) -> FloatArray:
             some of a row are NaN, or the first frame has no box with an area.
     """
     path = Path(path)
-    if not path.is_file():
-        raise RequestError(f"expected a text file with one box a line at {path}, found none")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise RequestError(f"{path}: expected text, found bytes that are none") from error
-    rows = [_numbers(line, path, number) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    table = read_rows(path, "a text file with one box a line").without_heading(RECTANGLE)
+    rows = [_numbers(table, k) for k in range(len(table.cells))]
     if not rows:
         raise RequestError(f"{path}: expected one box a line, found an empty file")
-    if len({len(row) for row in rows}) > 1:
-        odd = next(n for n, row in enumerate(rows, 1) if len(row) != len(rows[0]))
-        raise RequestError(
-            f"{path}: expected {len(rows[0])} numbers in every line, found {len(rows[odd - 1])} in box {odd}"
-        )
+    odd = next((k for k, row in enumerate(rows) if len(row) != len(rows[0])), None)
+    if odd is not None:
+        raise table.error(odd, f"{len(rows[0])} numbers as in every line")
     values = np.array(rows)
     boxes = corners_from_xywh(values - [1, 1, 0, 0]) if values.shape[1] == RECTANGLE else polygon_hulls(values)
     _check_first(boxes, path)
+    compare_with_picture(path, boxes)
     return boxes
 
 
-def _numbers(line: str, path: Path, number: int) -> list[float]:
-    words = [word for word in re.split(r"[\s,;]+", line.strip()) if word]
+def _numbers(table: Rows, row: int) -> list[float]:
     try:
-        values = [float(word) for word in words]
+        values = [float(cell) for cell in table.cells[row]]
     except ValueError:
         values = []
     if len(values) not in (RECTANGLE, POLYGON):
-        raise RequestError(
-            f"{path}, line {number}: expected x,y,width,height or four corners, got {line.strip()[:60]!r}"
-        )
+        raise table.error(row, "x,y,width,height or four corners")
     missing = sum(map(math.isnan, values))
     if any(map(math.isinf, values)) or 0 < missing < len(values):
-        raise RequestError(
-            f"{path}, line {number}: expected finite numbers, or NaN in all of them for a hidden target, "
-            f"got {line.strip()[:60]!r}"
-        )
+        raise table.error(row, "finite numbers, or NaN in all of them for a hidden target")
     return values
 
 
@@ -357,8 +356,8 @@ def read_result(path: str | Path) -> FloatArray:
     if path.suffix.lower() != ".json":
         return read_boxes(path)
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        content = json.loads(read_text(path, "JSON"))
+    except json.JSONDecodeError as error:
         raise RequestError(f"{path}: expected a result of tracker_benchmark in JSON, cannot read it") from error
     return _json_boxes(content, path)
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import csv
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows
 from tsuiseki.tracking.geometry import xywh_from_corners
-from tsuiseki.tracking.types import Position
+from tsuiseki.tracking.types import FloatArray, IntArray, Position
 from tsuiseki.tracking.types.tracks import FloorTrack, Path3D
 
 COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -42,33 +42,26 @@ def read_path3d(path: Path) -> Path3D:
     Raises:
         RequestError: the file is missing, lacks a column, has no row, or a value is no number.
     """
-    try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8-sig").splitlines(), skipinitialspace=True))
-    except (OSError, UnicodeDecodeError) as error:
-        raise RequestError(f"{path}: expected a CSV file with columns time, x, y, z, cannot read it") from error
-    if not rows:
+    table = read_named_rows(path, "a CSV file with columns time, x, y, z", HEADER[:4])
+    if not table.rows:
         raise RequestError(f"{path}: expected a header and rows of positions, found none")
-    try:
-        values = np.array([[float(row[name]) for name in HEADER[:4]] for row in rows])
-    except (KeyError, TypeError, ValueError) as error:
-        raise RequestError(f"{path}: expected numbers in the columns time, x, y, z, got {error}") from error
-    if not all(math.isfinite(v) for v in values.ravel()):
-        raise RequestError(f"{path}: expected finite numbers in the columns time, x, y, z, got NaN or infinity")
+    values = np.array([[finite_number(path, line, name, row[name]) for name in HEADER[:4]] for line, row in table.rows])
     return Path3D(values[:, 0], values[:, 1:])
 
 
 FLOOR_HEADER = "id,time,x,y,left,top,width,height,rx,ry,rw,rh,degrees"
 
 
-def write_world(path: Path, tracks: Sequence[FloorTrack], frame_rate: float) -> None:
-    """Write ``tracks`` by time, then by id."""
+def write_world(path: Path, tracks: Sequence[FloorTrack], seconds: Callable[[IntArray], FloatArray]) -> None:
+    """Write ``tracks`` by time, then by id; ``seconds`` gives the times of 0-based frames."""
     rows = []
     for each in tracks:
         boxes = xywh_from_corners(each.track.boxes) + np.array([1, 1, 0, 0])
         degrees = (np.degrees(each.rotated[:, 4:]) + 180) % 360 - 180
         values = np.concatenate([each.places, boxes, each.rotated[:, :4], degrees], axis=1)
-        for frame, line in zip(each.track.frames.tolist(), values.tolist(), strict=True):
+        times = seconds(each.track.frames).tolist()
+        for frame, time, line in zip(each.track.frames.tolist(), times, values.tolist(), strict=True):
             x, y, *rest = line
             text = ",".join([f"{x:.4f}", f"{y:.4f}", *(f"{v:.2f}" for v in rest)])
-            rows.append((frame, each.track.id, f"{each.track.id},{frame / frame_rate:.4f},{text}\n"))
+            rows.append((frame, each.track.id, f"{each.track.id},{time:.4f},{text}\n"))
     path.write_text(FLOOR_HEADER + "\n" + "".join(line for *_, line in sorted(rows)), encoding="utf-8")

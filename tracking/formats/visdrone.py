@@ -16,12 +16,15 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot_sequence import list_images
+from tsuiseki.tracking.formats.rows import Rows, read_rows, whole_number
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 
+COLUMNS = "frame,id,left,top,width,height,score,category,truncation,occlusion"
 IGNORED_REGION, PEDESTRIAN, PEOPLE, MOST = 0, 1, 2, 11
 VISIBLE = np.array([1.0, 0.75, 0.25])
 
@@ -72,50 +75,44 @@ def read_visdrone(path: str | Path, length: int | None = None) -> GroundTruth:
         RequestError: the file is missing, malformed, has no person to evaluate, or labels frames beyond the clip.
     """
     path = Path(path)
-    if not path.is_file():
-        raise RequestError(f"expected VisDrone-MOT labels at {path}, found no such file")
-    lines = path.read_text(encoding="utf-8", errors="replace").split()
-    rows = np.empty((len(lines), 10))
-    for k, line in enumerate(lines):
-        cells = line.rstrip(",").split(",")
-        try:
-            rows[k] = [float(c) for c in cells]
-        except ValueError:
-            expected = "frame,id,left,top,width,height,score,category,truncation,occlusion"
-            raise RequestError(f"{path}:{k + 1}: expected {expected}, got {line[:80]}") from None
+    given = read_rows(path, "VisDrone-MOT labels").without_heading(10)
+    rows = given.numbers(COLUMNS)
     # Crowds are fenced in by regions that may be as thin as a line.
     wide = (rows[:, 4] > 0) & (rows[:, 5] > 0)
-    _check(path, rows, wide, length)
+    _check(given, rows, wide, length)
+    ids = [whole_number(path, line, "id", cells[1]) for line, cells in zip(given.lines, given.cells, strict=True)]
     rows = rows[wide]
     people = np.isin(rows[:, 7], (PEDESTRIAN, PEOPLE))
     counted = people & (rows[:, 6] != 0)
     if not counted.any():
         raise RequestError(f"{path}: no usable box: expected pedestrians (1) or people (2) with score 1")
     ignored = (rows[:, 7] == IGNORED_REGION) | (rows[:, 6] == 0)
+    boxes = corners_from_xywh(rows[:, 2:6])
+    compare_with_picture(path, boxes)
     order = np.argsort(rows[:, 0], kind="stable")
     occlusion = np.clip(rows[:, 9], 0, 2).astype(np.int64)
     return GroundTruth(
         frames=rows[:, 0].astype(np.int64) - 1,
-        ids=rows[:, 1].astype(np.int64),
-        boxes=corners_from_xywh(rows[:, 2:6]),
+        ids=np.array(ids, dtype=np.int64)[wide],
+        boxes=boxes,
         evaluated=counted,
         ignored=ignored,
         visibility=VISIBLE[occlusion],
     ).select(order)
 
 
-def _check(path: Path, rows: FloatArray, wide: BoolArray, length: int | None) -> None:
+def _check(given: Rows, rows: FloatArray, wide: BoolArray, length: int | None) -> None:
+    framed = (rows[:, 0] >= 1) & (rows[:, 0] <= LAST_FRAME) & (rows[:, 0] % 1 == 0)
     counts = np.isin(rows[:, 7], (PEDESTRIAN, PEOPLE)) & (rows[:, 6] != 0)
     for bad, expected in (
-        ((rows[:, 0] < 1) | (rows[:, 0] > LAST_FRAME), f"a frame number from 1 to {LAST_FRAME}"),
+        (~framed, f"a frame number from 1 to {LAST_FRAME}"),
         (~np.isin(rows[:, 7], np.arange(MOST + 1)), f"a category of 0-{MOST}"),
         (counts & ~wide, "a positive width and height"),
     ):
         if bad.any():
-            k = int(np.argmax(bad))
-            raise RequestError(f"{path}:{k + 1}: expected {expected}, got {','.join(f'{v:g}' for v in rows[k])}")
+            raise given.error(int(np.argmax(bad)), expected)
     if length is not None and len(rows) and rows[:, 0].max() > length:
         raise RequestError(
-            f"{path}: labels reach frame {rows[:, 0].max():g}, but the clip has {length} images; "
+            f"{given.path}: labels reach frame {rows[:, 0].max():g}, but the clip has {length} images; "
             "are these the labels of another clip?"
         )

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.evaluation.calls import evaluate_target as evaluate_target
     from tsuiseki.tracking.features.exported import Appearance as Appearance
     from tsuiseki.tracking.features.exported import Detector as Detector
+    from tsuiseki.tracking.fisheye.run import track_fisheye as track_fisheye
+    from tsuiseki.tracking.fisheye.settings import CeilingOptions as CeilingOptions
     from tsuiseki.tracking.formats.mot import read_tracks as read_tracks
     from tsuiseki.tracking.formats.mot import write_tracks as write_tracks
     from tsuiseki.tracking.interchange import as_detections as as_detections
@@ -57,6 +59,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.points.settings import PointSettings as PointSettings
     from tsuiseki.tracking.points.tracker import PointTracker as PointTracker
     from tsuiseki.tracking.single.run import follow as follow
+    from tsuiseki.tracking.single.run import track_single as track_single
     from tsuiseki.tracking.sphere.points import track_sphere_points as track_sphere_points
     from tsuiseki.tracking.sphere.run import follow_sphere as follow_sphere
     from tsuiseki.tracking.sphere.run import track_sphere as track_sphere

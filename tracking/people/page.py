@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.evaluation.coverage import spans
-from tsuiseki.tracking.report.page import BOXES_NOTE, embedded_video, html_page, listing, seconds_table, section
+from tsuiseki.tracking.report.page import BOXES_NOTE, embedded_overlay, html_page, listing, seconds_table, section
 from tsuiseki.tracking.report.timeline import Bar, timeline
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import Track
@@ -15,11 +15,9 @@ from tsuiseki.tracking.types import Track
 
 def people_page(result: Result[Track], folder: Path) -> str:
     """The page as HTML, self-contained; it shows the overlay that lies in ``folder``, where one does."""
-    overlay = next(iter(sorted(folder.glob("overlay.*"))), None)
-    video = "" if overlay is None else embedded_video(overlay, "tracks", BOXES_NOTE)
     frames = result.frames["frame"]
     sections = [
-        section("Tracks", video),
+        section("Tracks", embedded_overlay(folder, label="tracks", note=BOXES_NOTE)),
         section("Who was followed when", _timeline(result)),
         section("Time", seconds_table(result.seconds, len(frames))),
         section("How it was made", listing({name: str(result.settings[name]) for name in ("method", "source")})),

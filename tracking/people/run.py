@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 
@@ -17,23 +15,21 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
     Args:
         seed: of random numbers; kept in run.json, for the methods here draw none.
     """
-    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
+    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.people.tracking import open_people, people_result
-    from tsuiseki.tracking.report.overlay import write_overlay
 
     source = video.open(timed=True)
     opened = open_people(source, finding, linking, output.seed)
     with output.run() as run:
-        tell_reading(run, opened.inputs.detect)
+        tell_models(run, opened.inputs.detect, opened.inputs.describe)
         found = opened.inputs.found(run.frames(source, record=video.overlay), run.times)
         steps = run.steps(found, total=frames_expected(source))
         result, lines = people_result(opened, steps, run.times, {"method": linking.method, "source": video.source})
         for line in lines:
             print(line)
         tell_blank(opened.inputs.detect)
-        overlay = partial(write_overlay, tracks=result, frame_rate=source.frame_rate)
-        run.save(result, draw=lambda: video.draw(run, source, overlay))
+        run.save(result, lambda: video.draw(run, source, result))
         who, length = count(len(result), "person", "people"), count(run.count, "frame", "frames")
         run.done(f"{who} in {length}: {output.out / 'tracks.txt'}")
     return run.status

@@ -15,8 +15,9 @@ from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import count, frames_expected
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box, parse_colour
-from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_model, sensing_model
-from tsuiseki.tracking.formats.sensed_points import is_point_file, read_points
+from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_model, sensing_model, write_sensed_tracks
+from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.formats.sensed_points import is_point_file, read_points, write_point_tracks
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.people.inputs import given_detections
 from tsuiseki.tracking.people.tracker import shifted
@@ -31,10 +32,10 @@ from tsuiseki.tracking.points.settings import (
     SetMethod,
 )
 from tsuiseki.tracking.points.tracker import BlobTracker, MeasurementTracker, PointTracker, SingleBlobTracker
+from tsuiseki.tracking.result import Result, StageTimes, Writer
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
-from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
-from tsuiseki.tracking.video.source import Source, open_source
+from tsuiseki.tracking.video.source import Source
 
 AnyBlobTracker: TypeAlias = BlobTracker | SingleBlobTracker | PointTracker
 USUAL_EXTENT = (640.0, 480.0)
@@ -48,7 +49,7 @@ def track_blobs(
     settings: BlobSettings | None = None,
     frames: str | None = None,
     seed: int = 0,
-) -> list[Track]:
+) -> Result[Track]:
     """Every object of a colour in a video, each with an id.
 
     Args:
@@ -67,12 +68,7 @@ def track_blobs(
     opened, tracker = _prepared(source, colour, settings, frames, seed)
     if opened.live and opened.frames_wanted.last is None:
         raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_blobs")
-    first: int | None = None
-    for frame in opened.frames():
-        first = frame.index if first is None else first
-        tracker.update(frame)
-    # The tracker of a single one counts frames as the video does.
-    return [shifted(t, 0 if isinstance(tracker, SingleBlobTracker) else first or 0) for t in tracker.tracks()]
+    return blob_result(opened, tracker, opened.frames(), StageTimes(), {"source": str(source), "seed": seed})
 
 
 def follow_blobs(
@@ -94,7 +90,7 @@ def track_points(
     *,
     settings: PointSettings | None = None,
     seed: int = 0,
-) -> list[Track]:
+) -> Result[Track]:
     """Targets behind measured points or boxes, each with an id.
 
     Args:
@@ -107,9 +103,8 @@ def track_points(
         RequestError: a frame is neither; the message says what was expected.
     """
     tracker = PointTracker(settings or PointSettings(), extent, seed)
-    for found in measured:
-        tracker.update(as_measured(found, tracker.settings.box))
-    return tracker.tracks()
+    steps = (as_measured(found, tracker.settings.box) for found in measured)
+    return blob_result(None, tracker, steps, StageTimes(), {"seed": seed})
 
 
 def follow_points(
@@ -159,10 +154,8 @@ def chosen_colour(source: Source, colour: ColourLike) -> ColourRange:
 def _prepared(
     source: str | Path | int, colour: ColourLike, settings: BlobSettings | None, frames: str | None, seed: int
 ) -> tuple[Source, BlobTracker | SingleBlobTracker]:
-    opened, settings = open_source(str(source), parse_frames(frames)), settings or BlobSettings()
-    if not opened.has_images:
-        raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
-    return opened, colour_tracker(chosen_colour(opened, colour), settings, seed)
+    opened = Video(source=str(source), frames=frames).open(images=True)
+    return opened, colour_tracker(chosen_colour(opened, colour), settings or BlobSettings(), seed)
 
 
 def colour_tracker(colour: ColourRange, settings: BlobSettings, seed: int = 0) -> BlobTracker | SingleBlobTracker:
@@ -202,15 +195,42 @@ def read_measurements(
     return found[wanted.first : last + 1]
 
 
-def blob_result(tracker: AnyBlobTracker, first: int, count: int) -> tuple[list[Track], dict[str, list[Any]]]:
-    """The tracks in the frames of the video, and what happened in each of ``count`` frames from ``first``, 0-based."""
+def blob_result(
+    source: Source | None, tracker: AnyBlobTracker, steps: Iterable[Any], times: StageTimes, settings: Mapping[str, Any]
+) -> Result[Track]:
+    """The result of a run.
+
+    Args:
+        source: the video, where there is one.
+        tracker: a fresh one.
+        steps: what it takes of each frame.
+        times: of the run.
+        settings: of the run.
+    """
+    from tsuiseki.tracking.report.overlay import Overlay
+
+    update: Callable[[Any], object] = tracker.update
+    count, first = 0, 0 if source is None else source.frames_wanted.first
+    for count, step in enumerate(steps, start=1):  # noqa: B007
+        with times.measure("track"):
+            update(step)
     columns: dict[str, list[Any]] = {"frame": list(range(first + 1, first + count + 1))}
     if isinstance(tracker, SingleBlobTracker):
+        # It counts frames as the video does.
         columns |= {"score": [e.score for e in tracker.estimates], "status": [e.status for e in tracker.estimates]}
-        return tracker.tracks(), columns
+        tracks = tracker.tracks()
+    else:
+        tracks = [shifted(track, first) for track in tracker.tracks()]
     if isinstance(tracker, BlobTracker):
         columns["expected_count"] = [round(number, 4) for number in tracker.expected]
-    return [shifted(track, first) for track in tracker.tracks()], columns
+    files: dict[str, Writer] = {
+        "tracks.txt": lambda path, _: write_tracks(path, tracks),
+        "points.csv": lambda path, _: write_point_tracks(path, tracks),
+    }
+    known: dict[str, Any] = {"settings": settings, "seconds": times.seconds, "frames": columns, "files": files}
+    if source is None:
+        return Result(tracks, **known)
+    return Result.of(source, tracks, **known, painter=Overlay(tracks, source.frame_rate).draw)
 
 
 def said_of_counts(counts: Sequence[float] | None, preset: BlobPreset) -> list[str]:
@@ -269,25 +289,15 @@ def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
     Args:
         seed: of the particles.
     """
-    from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.formats.sensed_points import write_point_tracks
-    from tsuiseki.tracking.report.overlay import write_overlay
-
     source = video.open(images=choice.detections is None)
     tracker, measured = opened_blobs(choice, source, output.seed)
-    update: Callable[[Any], object] = tracker.update
     with output.run() as run:
         seen: Iterable[Any] = run.frames(source, record=video.overlay) if measured is None else measured
-        for frame in run.steps(seen, total=frames_expected(source) if measured is None else len(measured)):
-            with run.times.measure("track"):
-                update(frame)
-        tracks, run.columns = blob_result(tracker, source.frames_wanted.first, run.count)
-        run.write("tracks.txt", lambda path: write_tracks(path, tracks))
-        run.write("points.csv", lambda path: write_point_tracks(path, tracks))
-        video.draw(run, source, lambda path, again: write_overlay(path, again, tracks, source.frame_rate))
-        objects = count(len(tracks), "object", "objects")
-        summary = f"{objects} in {run.count} frames: {output.out / 'tracks.txt'}"
-        run.done("\n".join([summary, *said_of_counts(run.columns.get("expected_count"), choice.preset)]))
+        steps = run.steps(seen, total=frames_expected(source) if measured is None else len(measured))
+        result = blob_result(source, tracker, steps, run.times, output.given.settings)
+        run.save(result, lambda: video.draw(run, source, result))
+        summary = f"{count(len(result), 'object', 'objects')} in {run.count} frames: {output.out / 'tracks.txt'}"
+        run.done("\n".join([summary, *said_of_counts(result.frames.get("expected_count"), choice.preset)]))
     return run.status
 
 
@@ -301,7 +311,7 @@ def track_measurements(
     period: float = 1.0,
     seed: int = 0,
     lag: Lag = 0,
-) -> list[SensedTrack]:
+) -> Result[SensedTrack]:
     """Targets behind the measurements of a sensor, each with an id, at every scan.
 
     Args:
@@ -320,9 +330,7 @@ def track_measurements(
     chosen = as_model(model)
     scans = read_scans(Path(measured), chosen.sensor.columns, period) if isinstance(measured, str | Path) else measured
     tracker = MeasurementTracker(with_region(chosen, scans), method, particles, seed, lag)
-    for scan in scans:
-        tracker.update(scan)
-    return tracker.tracks(shortest)
+    return sensed_result(tracker, scans, shortest, StageTimes(), {"method": method, "seed": seed})
 
 
 def follow_measurements(
@@ -361,6 +369,51 @@ def with_region(model: SensingModel, scans: Sequence[Scan]) -> SensingModel:
     return model if model.region else replace(model, region=region_of(scans))
 
 
+def sensed_result(
+    tracker: MeasurementTracker, steps: Iterable[Scan], shortest: int, times: StageTimes, settings: Mapping[str, Any]
+) -> Result[SensedTrack]:
+    """The result of a run.
+
+    Args:
+        tracker: a fresh one.
+        steps: scans in order of time.
+        shortest: tracks of fewer scans are left out.
+        times: of the run.
+        settings: of the run.
+    """
+    model, done = tracker.model, list[Scan]()
+    for scan in steps:
+        with times.measure("track"):
+            tracker.update(scan)
+        done.append(scan)
+    every = tracker.tracks()
+    tracks = [track for track in every if len(track) >= shortest]
+    numbers = Counter(int(scan) for track in every for scan in track.scans)
+
+    def draw(path: Path, _: Path) -> None:
+        from tsuiseki.tracking.points.page import tracks_figure
+
+        figure = tracks_figure(tracks, [positions_of(model, scan.measurements) for scan in done])
+        figure.savefig(path, facecolor="white")
+
+    return Result(
+        tracks,
+        settings=settings,
+        facts={"region": [list(pair) for pair in model.region]},
+        seconds=times.seconds,
+        frames={
+            "frame": list(range(1, len(done) + 1)),
+            "time": [scan.time for scan in done],
+            "measurements": [len(scan.measurements) for scan in done],
+            "targets": [numbers[scan] for scan in range(len(done))],
+        },
+        files={
+            "tracks.csv": lambda path, _: write_sensed_tracks(path, tracks, model.sensor.dimensions),
+            "tracks.png": draw,
+        },
+    )
+
+
 def points(
     file: Path,
     /,
@@ -389,32 +442,14 @@ def points(
             only).
         seed: of the particles.
     """
-    from tsuiseki.tracking.formats.measurements import write_sensed_tracks
-    from tsuiseki.tracking.points.page import tracks_figure
-
     if not period > 0 or shortest < 1:
         raise RequestError(f"expected a `period` above 0 and `shortest` from 1, got {period:g} and {shortest}")
     chosen = read_sensing_model(model)
     scans = read_scans(file, chosen.sensor.columns, period)
-    chosen = with_region(chosen, scans)
-    tracker = MeasurementTracker(chosen, method, particles, output.seed, lag)
+    tracker = MeasurementTracker(with_region(chosen, scans), method, particles, output.seed, lag)
     with output.run() as run:
-        run.facts["region"] = [list(pair) for pair in chosen.region]
-        for scan in run.steps(scans, total=len(scans)):
-            with run.times.measure("track"):
-                tracker.update(scan)
-        every = tracker.tracks()
-        tracks = [track for track in every if len(track) >= shortest]
-        numbers = Counter(int(scan) for track in every for scan in track.scans)
-        done = scans[: run.count]
-        run.columns = {
-            "frame": list(range(1, run.count + 1)),
-            "time": [scan.time for scan in done],
-            "measurements": [len(scan.measurements) for scan in done],
-            "targets": [numbers[scan] for scan in range(run.count)],
-        }
-        run.write("tracks.csv", lambda path: write_sensed_tracks(path, tracks, chosen.sensor.dimensions))
-        figure = tracks_figure(tracks, [positions_of(chosen, scan.measurements) for scan in done])
-        run.draw("tracks.png", lambda path: figure.savefig(path, facecolor="white"))
-        run.done(f"{count(len(tracks), 'target', 'targets')} in {run.count} scans: {output.out / 'tracks.csv'}")
+        steps = run.steps(scans, total=len(scans))
+        result = sensed_result(tracker, steps, shortest, run.times, output.given.settings)
+        run.save(result)
+        run.done(f"{count(len(result), 'target', 'targets')} in {run.count} scans: {output.out / 'tracks.csv'}")
     return run.status

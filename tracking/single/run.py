@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,9 +16,10 @@ from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import Run, frames_expected
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import list_images
-from tsuiseki.tracking.formats.single import find_single_sequences, has_labels
+from tsuiseki.tracking.formats.single import find_single_sequences, has_labels, write_boxes
 from tsuiseki.tracking.geometry import corners_from_xywh
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.report.overlay import Overlay
+from tsuiseki.tracking.result import Result, StageTimes, Writer
 from tsuiseki.tracking.single.settings import (
     SingleChoice,
     SingleMethod,
@@ -27,9 +28,12 @@ from tsuiseki.tracking.single.settings import (
     warn_if_not_asked,
 )
 from tsuiseki.tracking.single.tracker import SingleTracker, follow_target
-from tsuiseki.tracking.types import Estimate, FloatArray, Frame, ImageArray, Status
+from tsuiseki.tracking.types import STATUSES, Estimate, FloatArray, Frame, ImageArray, Status, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.video.source import Source, open_source
+
+# Frames that the trail of a target goes back.
+TRAIL = 49
 
 
 def follow(
@@ -63,13 +67,44 @@ def follow(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off, or changes its size.
     """
+    opened, wanted = _opened(source, box, frames)
+    return follow_frames(opened.frames(), wanted, single_tracker(method, preset, seed), StageTimes())
+
+
+def track_single(
+    source: str | Path | int,
+    box: Sequence[float] | ArrayLike | None = None,
+    method: SingleMethod | SingleTracker = "combined",
+    *,
+    preset: SinglePreset = "robust",
+    frames: str | None = None,
+    seed: int = 0,
+) -> Result[Track]:
+    """One target of any kind through a whole video: one track, with what is known of the run.
+
+    Arguments and errors are those of `follow`. The track has a box in every frame, where the target is not tracked
+    without support by it; ``frames`` of the result has the score and the status.
+    """
+    opened, wanted = _opened(source, box, frames)
+    if opened.live and opened.frames_wanted.last is None:
+        raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow")
+    tracker, times = single_tracker(method, preset, seed), StageTimes()
+    followed = follow_frames(opened.frames(), wanted, tracker, times)
+    name = method if isinstance(method, str) else type(method).__name__
+    return single_result(opened, followed, times, {"method": name, "source": str(source), "seed": seed})
+
+
+def _opened(
+    source: str | Path | int, box: Sequence[float] | ArrayLike | None, frames: str | None
+) -> tuple[Source, FloatArray]:
+    """The video and the target in its first frame, checked."""
     opened, labelled = open_single(source, frames)
     wanted = labelled if box is None else np.asarray(box, dtype=np.float64)
     if wanted is None:
         raise RequestError(f"{opened.name} has no labels; expected the `box` of the target in the first frame")
     if wanted.shape != (4,):
         raise RequestError(f"expected a `box` of four numbers x1, y1, x2, y2, got shape {wanted.shape}")
-    return follow_frames(opened.frames(), wanted, single_tracker(method, preset, seed), StageTimes())
+    return opened, wanted
 
 
 def follow_frames(
@@ -140,20 +175,57 @@ def parse_box(text: str) -> FloatArray:
     return corners_from_xywh(numbers)
 
 
-def columns_of(estimates: Sequence[Estimate]) -> dict[str, list[Any]]:
-    """What happened in each frame, for ``run.json``: its number from 1, score and status."""
-    return {
-        "frame": [e.frame + 1 for e in estimates],
-        "score": [round(e.score, 5) for e in estimates],
-        "status": [e.status for e in estimates],
-    }
+def single_result(
+    source: Source,
+    followed: Iterable[tuple[Frame, Estimate]],
+    times: StageTimes,
+    settings: Mapping[str, Any],
+    constants: Mapping[str, Any] | None = None,
+    plot: bool = False,
+) -> Result[Track]:
+    """The result of a run.
+
+    Args:
+        source: the video.
+        followed: its frames with the target, see `follow_frames`.
+        times: of the run.
+        settings: of the run.
+        constants: of the method, for ``facts``.
+        plot: also save a plot of the scores.
+    """
+    estimates = [estimate for _, estimate in followed]
+    track = Track(
+        1,
+        np.array([e.frame for e in estimates]),
+        np.array([e.box for e in estimates]).reshape(-1, 4),
+        np.array([e.score for e in estimates]),
+        np.array([e.status == "tracking" for e in estimates], dtype=np.bool_),
+    )
+    files: dict[str, Writer] = {"boxes.txt": lambda path, _: write_boxes(path, track.boxes)}
+    if plot:
+        from tsuiseki.tracking.report.plots import save_peaks
+
+        files["peaks.png"] = lambda path, _: save_peaks(estimates, path)
+    return Result.of(
+        source,
+        [track],
+        settings=settings,
+        facts={} if constants is None else {"constants": constants},
+        seconds=times.seconds,
+        frames={
+            "frame": [e.frame + 1 for e in estimates],
+            "score": [round(e.score, 5) for e in estimates],
+            "status": [e.status for e in estimates],
+        },
+        files=files,
+        painter=Overlay([track], 1.0, trail_seconds=TRAIL).draw,
+    )
 
 
-def summary_of(estimates: Sequence[Estimate]) -> str:
+def summary_of(statuses: Sequence[Status]) -> str:
     """How many frames there are, and how many of each status."""
-    counts = {status: sum(e.status == status for e in estimates) for status in get_args(Status)}
-    parts = [f"{count} {status}" for status, count in counts.items() if count]
-    return f"{len(estimates)} frames ({', '.join(parts)})"
+    parts = [f"{count} {status}" for status in STATUSES if (count := statuses.count(status))]
+    return f"{len(statuses)} frames ({', '.join(parts)})"
 
 
 def single(
@@ -174,30 +246,18 @@ def single(
         select: draw the box with the mouse, on a page in the browser whose address is printed.
         plot: also plot the scores, peaks.png.
     """
-    import numpy as np
-
-    from tsuiseki.tracking.formats.single import write_boxes
-    from tsuiseki.tracking.report.plots import save_peaks
-    from tsuiseki.tracking.single.page import write_target_overlay
-
     source, labelled = open_single(video.source, video.frames)
     source = video.open(images=True) if labelled is None else source
     given = _first_box(source, box, select, labelled)
     tracker, constants = choice.tracker(output.seed)
-    estimates: list[Estimate] = []
     with output.run() as run:
-        run.facts["constants"] = constants
         wanted = partial(_drawn, run) if given is None else given
         followed = follow_frames(run.frames(source, record=video.overlay), wanted, tracker, run.times)
-        estimates.extend(estimate for _, estimate in run.steps(followed, total=frames_expected(source)))
+        steps = run.steps(followed, total=frames_expected(source))
+        result = single_result(source, steps, run.times, output.given.settings, constants, plot)
         warn_if_not_asked(tracker)
-        run.columns = columns_of(estimates)
-        run.write("boxes.txt", lambda path: write_boxes(path, np.array([e.box for e in estimates])))
-        if plot:
-            run.write("peaks.png", lambda path: save_peaks(estimates, path))
-        rate = source.frame_rate
-        video.draw(run, source, lambda path, again: write_target_overlay(path, again, estimates, rate))
-        run.done(f"{summary_of(estimates)}: {output.out / 'boxes.txt'}")
+        run.save(result, lambda: video.draw(run, source, result))
+        run.done(f"{summary_of(result.frames['status'])}: {output.out / 'boxes.txt'}")
     return run.status
 
 

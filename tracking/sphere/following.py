@@ -201,6 +201,7 @@ class SphereRun:
         tracker: the filter.
         start: where the ball is looked for first.
         seen: what the cameras see at these moments; of live ones, from now on.
+        radius: of the ball, metres; 0 of a point.
         sources: the videos, where there are some.
     """
 
@@ -210,6 +211,7 @@ class SphereRun:
     tracker: SphereTracker
     start: Start
     seen: Callable[[Sequence[Moment]], Iterable[Seen]]
+    radius: float
     sources: Sequence[Source] = ()
 
     @property
@@ -217,7 +219,7 @@ class SphereRun:
         """Frames of the longest video; None of live cameras."""
         return max(map(len, self.stamps)) if self.stamps else None
 
-    def run(self, rng: np.random.Generator, times: StageTimes, watch: Watched) -> SphereLog:
+    def run(self, rng: np.random.Generator, times: StageTimes, watch: Watched = iter) -> SphereLog:
         """See `run_sphere`."""
         return run_sphere(self.tracker, self.start, self._moments(), rng, times, watch)
 

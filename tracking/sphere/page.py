@@ -16,10 +16,12 @@ from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path, distance_to_position
+from tsuiseki.tracking.formats.track3d import write_track3d
 from tsuiseki.tracking.report.overlay import write_drawn
-from tsuiseki.tracking.report.page import embedded_video, html_page, listing, scrolling, section
+from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, scrolling, section
 from tsuiseki.tracking.report.plots import COLOURS, inline_svg
-from tsuiseki.tracking.sphere.following import SphereLog
+from tsuiseki.tracking.result import Result, StageTimes
+from tsuiseki.tracking.sphere.following import SphereLog, SphereRun
 from tsuiseki.tracking.types import STATUSES, FloatArray, Frame, ImageArray, Position
 from tsuiseki.tracking.types.tracks import Path3D
 
@@ -190,20 +192,14 @@ def _whole(point: FloatArray) -> tuple[int, int]:
     return round(float(point[0] - 0.5)), round(float(point[1] - 0.5))
 
 
-def write_sphere_overlay(
-    path: Path,
-    frames: Iterable[Frame],
-    frame_rate: float,
-    log: SphereLog,
-    camera: PinholeCamera,
-    radius: float,
-    view: int,
-) -> None:
-    """Write the video of one camera with the ball's outline, up to the last frame that was used.
+def write_sphere_overlay(path: Path, frames: Iterable[Frame], chosen: SphereRun, log: SphereLog, view: int) -> None:
+    """Write the video of camera ``view`` with the ball's outline, up to the last frame that was used.
 
     Raises:
         RunError: the video breaks off, or cannot be written.
     """
+    placed = chosen.placed[view]
+    frame_rate = placed.frame_rate or chosen.sources[view].frame_rate
     at = {m.frames[view]: k for k, m in enumerate(log.moments) if m.frames[view] is not None}
     points = np.array([p.point for p in log.positions])
     last = max((frame for frame in at if frame is not None), default=-1)
@@ -213,32 +209,64 @@ def write_sphere_overlay(
         if moment is None:
             return frame.image
         trail = points[max(moment - TRAIL_MOMENTS, 0) : moment + 1]
-        return draw_sphere(frame.image, camera, log.positions[moment], radius, view, trail)
+        return draw_sphere(frame.image, placed.camera, log.positions[moment], chosen.radius, view, trail)
 
     write_drawn(path, takewhile(lambda frame: frame.index <= last, frames), frame_rate, draw)
 
 
-def sphere_page(
+def sphere_result(
+    chosen: SphereRun,
     log: SphereLog,
-    cameras: Sequence[PlacedCamera],
-    radius: float,
+    times: StageTimes,
+    settings: Mapping[str, Any],
+    truth: Path3D | None = None,
+) -> Result[Position]:
+    """The result of a run: the ball's position at each moment.
+
+    Args:
+        chosen: what ran.
+        log: what was found.
+        times: of the run.
+        settings: of the run.
+        truth: the true path to compare with on the page, where it is known.
+    """
+    positions, cameras = log.positions, chosen.placed
+
+    def plot(path: Path, _: Path) -> None:
+        path_figure(positions, cameras, truth).savefig(path, dpi=120, facecolor="white")
+
+    def page(path: Path, folder: Path) -> None:
+        path.write_text(sphere_page(chosen, log, truth, folder, times.seconds, settings), encoding="utf-8")
+
+    return Result(
+        positions,
+        source=", ".join(source.name for source in chosen.sources),
+        settings=settings,
+        seconds=times.seconds,
+        frames=log.columns(),
+        files={"track3d.csv": lambda path, _: write_track3d(path, positions), "path.png": plot, "report.html": page},
+    )
+
+
+def sphere_page(
+    chosen: SphereRun,
+    log: SphereLog,
     truth: Path3D | None,
-    videos: Sequence[Path | None],
+    folder: Path,
     seconds: Mapping[str, float],
     settings: Mapping[str, Any],
 ) -> str:
     """The page as HTML, self-contained.
 
     Args:
+        chosen: what ran.
         log: what was found.
-        cameras: that looked.
-        radius: of the ball, m; 0 where measured points were followed and none was told.
         truth: the true path, where it is known.
-        videos: overlays, one a camera, where there is one.
+        folder: where overlays may lie.
         seconds: per stage of the run.
         settings: of the run, plain values.
     """
-    positions = log.positions
+    positions, cameras, radius = log.positions, chosen.placed, chosen.radius
     sections = [
         ("What was found", _summary(log, cameras, seconds)),
         ("Distance to the truth", "" if truth is None else _distances(positions, truth)),
@@ -248,7 +276,8 @@ def sphere_page(
             scrolling(inline_svg(lambda ink: deviation_figure(positions, truth, ink), "uncertainty")),
         ),
     ]
-    sections += [(f"Overlay of {cameras[k].name}", embedded_video(video)) for k, video in enumerate(videos) if video]
+    videos = [(placed.name, embedded_overlay(folder, f"overlay{k}")) for k, placed in enumerate(cameras, start=1)]
+    sections += [(f"Overlay of {name}", video) for name, video in videos if video]
     facts = {name: str(value) for name, value in settings.items() if value is not None}
     sections.append(("How it was made", listing(facts)))
     ball = f"A ball of {100 * radius:g} cm radius" if radius > 0 else "A point"

@@ -14,8 +14,9 @@ from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.resampling import Covering
 from tsuiseki.tracking.formats.correspondences import read_ball_points
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.result import Result, StageTimes
 from tsuiseki.tracking.sphere.following import Seen, SphereRun, Start
+from tsuiseki.tracking.sphere.page import sphere_result
 from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.tracker import SphereTracker
 from tsuiseki.tracking.sphere.views import PointLikelihood, Views
@@ -38,7 +39,7 @@ def track_sphere_points(
     deviation: float = 2.0,
     radius: float = 0.0,
     seed: int = 0,
-) -> list[Position]:
+) -> Result[Position]:
     """Where a ball is in space, from its pixels in every camera.
 
     Args:
@@ -54,14 +55,14 @@ def track_sphere_points(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: no two cameras show the ball at about one time.
     """
-    chosen = sphere_points_run(files, cameras, start=start, settings=settings, deviation=deviation, radius=radius)
-    return chosen.run(np.random.default_rng(seed), StageTimes(), lambda items: items).positions
+    chosen, times = sphere_points_run(files, cameras, start, settings, deviation, radius), StageTimes()
+    log = chosen.run(np.random.default_rng(seed), times)
+    return sphere_result(chosen, log, times, {"points": [str(file) for file in files], "seed": seed})
 
 
 def sphere_points_run(
     files: Sequence[str | Path],
     cameras: str | Path,
-    *,
     start: ArrayLike | None = None,
     settings: SphereSettings | None = None,
     deviation: float = 2.0,
@@ -105,7 +106,7 @@ def sphere_points_run(
             yield moment, [None if f is None or np.isnan(f[0]) else f for f in found]
 
     begin = Start(place, settings.spread, settings.particles, search, SPEED)
-    return SphereRun(placed, stamps, settings.tolerance, tracker, begin, seen)
+    return SphereRun(placed, stamps, settings.tolerance, tracker, begin, seen, radius)
 
 
 def _placed_by_rays(

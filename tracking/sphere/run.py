@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,10 +16,11 @@ from tsuiseki.tracking.cameras.volume import check_volume, common_volume
 from tsuiseki.tracking.cli.options import Drawing, SeededOutput
 from tsuiseki.tracking.cli.run import Run
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.result import Result, StageTimes
 from tsuiseki.tracking.sphere.following import Seen, SphereLog, SphereRun, Start, check_start
+from tsuiseki.tracking.sphere.page import distances_to_truth, sphere_result, write_sphere_overlay
 from tsuiseki.tracking.sphere.search import find_ball
-from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen_motion, frame_count
+from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen_motion, frame_times
 from tsuiseki.tracking.sphere.tracker import SphereTracker
 from tsuiseki.tracking.sphere.views import (
     BackgroundLikelihood,
@@ -63,7 +64,7 @@ def track_sphere(
     *,
     seed: int = 0,
     **keywords: Unpack[SphereKeywords],
-) -> list[Position]:
+) -> Result[Position]:
     """Where a ball of known radius is in space, at every moment.
 
     Args:
@@ -80,7 +81,9 @@ def track_sphere(
     chosen = sphere_run(sources, cameras, radius, **keywords)
     if chosen.length is None:
         raise RequestError("live cameras do not end by themselves; use follow_sphere")
-    return chosen.run(np.random.default_rng(seed), StageTimes(), lambda items: items).positions
+    times = StageTimes()
+    log = chosen.run(np.random.default_rng(seed), times)
+    return sphere_result(chosen, log, times, {"source": [str(source) for source in sources], "seed": seed})
 
 
 def follow_sphere(
@@ -136,7 +139,7 @@ def sphere_run(
         videos = [checked_frames(source, camera) for source, camera in zip(opened, placed, strict=True)]
         return moments_with_images(moments, videos)
 
-    return SphereRun(placed, stamps, settings.tolerance, _tracker(settings, weigh, radius), begin, seen, opened)
+    return SphereRun(placed, stamps, settings.tolerance, _tracker(settings, weigh, radius), begin, seen, radius, opened)
 
 
 def _start(
@@ -219,7 +222,7 @@ def chosen_likelihood(
     if backgrounds is None:
         pictures = []
         for source in sources:
-            step = max(1, frame_count(source) // BACKGROUND_FRAMES)
+            step = max(1, len(frame_times(source)) // BACKGROUND_FRAMES)
             pictures.append(median_background([f.image for f in source.frames() if f.index % step == 0]))
         return BackgroundLikelihood(cameras, pictures)
     if len(backgrounds) != len(cameras):
@@ -290,13 +293,20 @@ def sphere(
     elif source or drawing.overlay or backgrounds or volume:
         raise RequestError("`points`: expected no videos, `overlay`, `backgrounds` or `volume` beside it")
     else:
-        chosen = sphere_points_run(
-            points, cameras, start=start, settings=settings, deviation=deviation, radius=radius or 0.0, times=times
-        )
+        chosen = sphere_points_run(points, cameras, start, settings, deviation, radius or 0.0, times)
     if drawing.overlay and chosen.length is None:
         raise RequestError("`overlay`: expected recorded videos, which can be played again; got live cameras")
+    rng = np.random.default_rng(output.seed)
     with output.run() as run:
-        _follow(run, drawing, chosen, radius or 0.0, true_path)
+        run.sources += chosen.sources
+
+        def watched(seen: Iterable[Seen]) -> Iterator[Seen]:
+            return run.steps(seen if chosen.length else run.unending(seen), total=chosen.length)
+
+        log = chosen.run(rng, run.times, watched)
+        result = sphere_result(chosen, log, run.times, output.given.settings, true_path)
+        run.save(result, partial(_draw, run, drawing, chosen, log))
+        run.done(_summary(result, true_path, output.out / "track3d.csv"))
     return run.status
 
 
@@ -306,32 +316,11 @@ def _needed(radius: float | None) -> float:
     return radius
 
 
-def _follow(run: Run, drawing: Drawing, chosen: SphereRun, radius: float, true_path: Path3D | None) -> None:
-    """Follow the ball and write the files of the result."""
-    import numpy as np
-
-    from tsuiseki.tracking.formats.track3d import write_track3d
-    from tsuiseki.tracking.sphere.page import path_figure, sphere_page
-
-    rng = np.random.default_rng(run.output.random_seed)
-    log = chosen.run(rng, run.times, lambda items: run.steps(items, total=chosen.length))
-    run.columns = log.columns()
-    run.write("track3d.csv", lambda path: write_track3d(path, log.positions))
-    plot = path_figure(log.positions, chosen.placed, true_path)
-    run.write("path.png", lambda path: plot.savefig(path, dpi=120, facecolor="white"))
-    videos = _overlays(run, drawing, chosen, log, radius) if drawing.overlay else []
-    page = sphere_page(log, chosen.placed, radius, true_path, videos, run.times.seconds, run.output.given.settings)
-    run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
-    run.done(_summary(log, true_path, run.output.out / "track3d.csv"))
-
-
-def _summary(log: SphereLog, truth: Path3D | None, file: Path) -> str:
+def _summary(positions: Sequence[Position], truth: Path3D | None, file: Path) -> str:
     """In how many moments the ball is known, and how far from the truth."""
-    from tsuiseki.tracking.sphere.page import distances_to_truth
-
-    found = sum(p.status == "tracking" for p in log.positions)
-    summary = f"ball known in {found} of {len(log.positions)} moments: {file}"
-    away = np.empty(0) if truth is None else distances_to_truth(log.positions, truth)
+    found = sum(p.status == "tracking" for p in positions)
+    summary = f"ball known in {found} of {len(positions)} moments: {file}"
+    away = np.empty(0) if truth is None else distances_to_truth(positions, truth)
     if len(away):
         summary += f"\n{100 * away.mean():.2f} cm from the true position in the mean, {100 * away.max():.2f} at most"
     return summary
@@ -347,16 +336,11 @@ def _corners(volume: tuple[float, float, float, float, float, float] | None) -> 
     return np.array(volume).reshape(2, 3)
 
 
-def _overlays(run: Run, drawing: Drawing, chosen: SphereRun, log: SphereLog, radius: float) -> list[Path | None]:
-    """A video for each camera."""
-    from tsuiseki.tracking.sphere.page import write_sphere_overlay
-
-    def draw(view: int, path: Path) -> None:
-        source, camera = chosen.sources[view], chosen.placed[view]
-        rate = camera.frame_rate or source.frame_rate
-        frames = run.watched(source.frames(), f"drawing {camera.name}", source.length)
-        write_sphere_overlay(path, frames, rate, log, camera.camera, radius, view)
-
-    with run.times.measure("overlay"):
-        names = [f"overlay{view + 1}.{drawing.overlay_format}" for view in range(len(chosen.sources))]
-        return [run.draw(name, partial(draw, view)) for view, name in enumerate(names)]
+def _draw(run: Run, drawing: Drawing, chosen: SphereRun, log: SphereLog) -> None:
+    """A video for each camera, where that is wanted."""
+    if not drawing.overlay:
+        return
+    for view, (source, placed) in enumerate(zip(chosen.sources, chosen.placed, strict=True)):
+        frames = run.watched(source.frames(), f"drawing {placed.name}", source.length)
+        write = partial(write_sphere_overlay, frames=frames, chosen=chosen, log=log, view=view)
+        run.draw(f"overlay{view + 1}.{drawing.overlay_format}", write)

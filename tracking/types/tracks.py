@@ -25,6 +25,11 @@ class ActingTrack:
     single: FloatArray | None = None
     multi: FloatArray | None = None
 
+    @property
+    def id(self) -> int:
+        """Of the track."""
+        return self.track.id
+
 
 @dataclass(frozen=True)
 class BodyTrack:
@@ -96,6 +101,11 @@ class FloorTrack:
     track: Track
     rotated: FloatArray
     places: FloatArray
+
+    @property
+    def id(self) -> int:
+        """Of the track."""
+        return self.track.id
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.rows import read_rows
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
 
 
@@ -74,17 +74,14 @@ def read_timestamps(path: Path) -> FloatArray:
     Raises:
         RequestError: a line is no number, or times do not increase.
     """
-    try:
-        rows = [row for row in csv.reader(path.read_text(encoding="utf-8-sig").splitlines()) if row]
-    except (OSError, UnicodeDecodeError) as error:
-        raise RequestError(f"{path}: expected a text file with one time a line, cannot read it") from error
+    rows = read_rows(path, "a text file with one time a line")
     times = []
-    for number, row in enumerate(rows):
+    for number, row in enumerate(rows.cells):
         try:
             times.append(float(row[0]))
         except ValueError as error:
             if number > 0:
-                raise RequestError(f"{path}: line {number + 1}: expected seconds, got {row[0]!r}") from error
+                raise rows.error(number, "seconds") from error
     if not times or not np.isfinite(times).all() or (np.diff(times) <= 0).any():
         raise RequestError(f"{path}: expected increasing times in seconds, got {len(times)} that are not")
     return np.array(times)

@@ -369,7 +369,7 @@ def test_pictures_are_normalised_as_the_layout_or_the_user_says(tmp_path, option
 
 
 BAD_FILES = {
-    r"expected a float32 or float16 input, got uint8": {"kind": TensorProto.UINT8},
+    r"expected a float32 or float16 input, got int32": {"kind": TensorProto.INT32},
     r"channels before the rows \(N, 3, H, W\), got batchx64x96x3": {"shape": ("batch", HEIGHT, WIDTH, 3)},
     r"pictures of 3 channels": {"shape": ("batch", 1, HEIGHT, WIDTH)},
     r"expected pictures \(N, 3, H, W\) as input": {"shape": ("batch", 12)},

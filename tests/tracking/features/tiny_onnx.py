@@ -17,7 +17,7 @@ def save_constant(
     Those named in ``plain`` have no batch axis, as torchvision's.
     """
     constants, nodes, infos = {}, [], []
-    constants["axes"] = np.arange(1 if len(shape) == 4 else 0, len(shape))
+    constants["axes"] = np.arange(1 if len(shape) == 4 and not plain else 0, len(shape))
     constants["nothing"] = np.zeros(1, np.float32)
     nodes += [
         helper.make_node("Cast", ["images"], ["floats"], to=TensorProto.FLOAT),

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 import yaml
 
+import tsuiseki
+from tests.tracking.features.tiny_onnx import save_constant
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.fisheye import page as floor
 from tsuiseki.tracking.fisheye.tracking import CeilingSource
+from tsuiseki.tracking.report import overlay
 from tsuiseki.tracking.video import source as video
 
 LENS = "2 -100 0\n2 150 60\n120 160\n1 0 0\n240 320\n"
@@ -52,6 +54,21 @@ def test_given_boxes_become_places(room, tmp_path, method, capsys):
     # The model is 1.7 m high and stands still; people differ, and lift their arms.
     assert np.median(away) < 0.5
     assert main(["evaluate", "people", str(room / "camera1"), str(out / "camera1")]) == 0
+
+
+def test_the_call_gives_and_saves_what_the_command_writes(room, tmp_path):
+    out, tables = tmp_path / "out", tmp_path / "out-tables"
+    assert track(room, out, *given(room), "--appearance", "none") == 0
+    options = tsuiseki.CeilingOptions(tables=tables)
+    files = {"cameras": room / "cameras.yaml", "detections": room / "camera2.txt"}
+    found = tsuiseki.track_fisheye(room / "camera2", **files, camera="camera2", appearance="none", options=options)
+    assert [person.id for person in found] == list(found.by_id)
+    saved = found.save(tmp_path / "saved")
+    for name in ("tracks.txt", "world.csv", "floor.png", "dwell.png"):
+        assert (saved / name).read_bytes() == (out / "camera2" / name).read_bytes(), name
+    assert "camera2" in (saved / "report.html").read_text()
+    with pytest.raises(tsuiseki.RequestError, match=r"expected one of camera1, camera2 in .*, got c"):
+        tsuiseki.track_fisheye(room / "camera2", **files, camera="c")
 
 
 def test_the_pictures_are_looked_at_with_the_shipped_appearance(room, tmp_path):
@@ -99,6 +116,18 @@ def test_rotated_boxes_of_a_network_are_tracked(room, tmp_path):
     assert len(rows) == len((room / "camera1.txt").read_text().splitlines())
     # The model turns a box by half a turn where the feet are at its other end.
     assert set(rows["degrees"].tolist()) <= {45.0, -135.0}
+
+
+def test_a_network_of_turned_boxes_keeps_their_angles(room, tmp_path):
+    rows = np.zeros((300, 7), np.float32)
+    rows[0] = [150, 60, 40, 16, 0.9, 0, np.radians(20)]  # it lies: the longer side is the height of a person
+    metadata = {"task": "obb", "names": "{0: 'person'}"}
+    path = save_constant(tmp_path / "o.onnx", {"output0": rows}, shape=("n", 3, 240, 320), metadata=metadata)
+    more = ["--view", "image", "--detector", str(path), "--save-detections", *rotated(room, tmp_path)[2:]]
+    assert track(room, tmp_path / "out", *more, sources=("camera1",)) == 0
+    found = json.loads((tmp_path / "out" / "detections.json").read_text())
+    assert len(found) == 4
+    np.testing.assert_allclose(found[0]["bbox"], [150, 60, 16, 40, -70], atol=1e-3)
 
 
 def test_scores_too_low_to_start_a_track_are_told(room, tmp_path, capsys):
@@ -404,7 +433,7 @@ def test_an_interrupt_in_the_second_camera_keeps_the_first(room, tmp_path, monke
             signal.raise_signal(number)
         return original(*values, **named)
 
-    where, name = (floor, "write_floor_overlay") if when == "drawing" else (CeilingSource, "view")
+    where, name = (overlay, "write_drawn") if when == "drawing" else (CeilingSource, "view")
     original = getattr(where, name)
     monkeypatch.setattr(where, name, begins)
     out = tmp_path / "out"

@@ -101,9 +101,9 @@ def test_written_labels_are_read_back(okutama, tmp_path):
         ('0 5000 10 5050 90 0 0 0 0 "Person" "Walking"', "expected xmin ymin xmax ymax of a box in 3840x2160"),
         ('0 90 10 50 90 0 0 0 0 "Person" "Walking"', "expected xmin ymin xmax ymax of a box"),
         ('0 1 1 9 9 0 0 2 0 "Person" "Walking"', "expected lost, occluded and generated as 0 or 1"),
-        ('-1 1 1 9 9 0 0 0 0 "Person"', "expected a track_id that is a whole number from 0, got -1"),
-        ('0 1 1 9 9 1.5 0 0 0 "Person"', "expected a frame that is a whole number from 0, got 1.5"),
-        ("0,1,1,9,9,0,0,0,0", "expected track_id xmin ymin xmax ymax frame"),
+        ('-1 1 1 9 9 0 0 0 0 "Person"', "expected a whole number from 0 to 9223372036854775807 in column track_id"),
+        ('0 1 1 9 9 1.5 0 0 0 "Person"', "expected a whole number from 0 to 9999999 in column frame"),
+        ("0,1,1,9,9,0,0,0", "expected track_id xmin ymin xmax ymax frame"),
     ],
 )
 def test_broken_okutama_rows_are_named(tmp_path, row, complaint):
@@ -210,7 +210,7 @@ def test_drone_action_clips_carry_their_class(tmp_path):
     with pytest.raises(RequestError, match="expected a row for each of 4 frames, got 3"):
         read_drone_action_boxes(labels, 4)
     labels.write_text("11,21,30,40\n11\n")
-    with pytest.raises(RequestError, match=r"HD.txt:2: expected x,y,width,height, got 11"):
+    with pytest.raises(RequestError, match=r"HD.txt:2: expected x,y,width,height, separated by commas, got 11"):
         read_drone_action_boxes(labels)
     # Cut at different places of one take; names of folders may have dots.
     for name in ("S8.1", "S8.2"):

@@ -39,13 +39,13 @@ def test_a_hidden_target_is_a_row_of_nan(tmp_path):
     ("text", "said"),
     [
         ("", "empty file"),
-        ("1,2,3\n", "line 1: expected x,y,width,height or four corners, got '1,2,3'"),
-        ("1,2,3,4\na,b,c,d\n", "line 2"),
-        ("1,2,3,4\n1,NaN,3,4\n", "line 2: expected finite numbers, or NaN in all of them"),
-        ("1,2,3,inf\n", "line 1: expected finite numbers"),
+        ("1,2,3\n", "gt.txt:1: expected x,y,width,height or four corners, separated by commas, got 1,2,3"),
+        ("1,2,3,4\na,b,c,d\n", "gt.txt:2: expected x,y"),
+        ("1,2,3,4\n1,NaN,3,4\n", "gt.txt:2: expected finite numbers, or NaN in all of them"),
+        ("1,2,3,inf\n", "gt.txt:1: expected finite numbers"),
         ("NaN,NaN,NaN,NaN\n1,1,2,2\n", "expected a box with an area in the first frame"),
         ("1,2,0,4\n", "expected a box with an area in the first frame"),
-        ("1,2,3,4\n1,2,3,4,5,6,7,8\n", "expected 4 numbers in every line, found 8 in box 2"),
+        ("1,2,3,4\n1,2,3,4,5,6,7,8\n", "gt.txt:2: expected 4 numbers as in every line"),
     ],
 )
 def test_broken_labels_are_one_clear_line(tmp_path, text, said):

@@ -54,5 +54,5 @@ def test_wrong_files_are_refused_in_one_line(tmp_path, text, message):
 
 
 def test_no_file_is_refused(tmp_path):
-    with pytest.raises(RequestError, match="found no file"):
+    with pytest.raises(RequestError, match="found no such file"):
         read_states(tmp_path / "none.csv")

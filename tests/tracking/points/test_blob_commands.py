@@ -68,7 +68,7 @@ def test_points_and_boxes_are_tracked_alike(clip, tmp_path):
         (["--colour", "reddish"], "expected a colour"),
         (["--colour-box", "0,0,0,5"], "width and height above 0"),
         (["--colour-box", "9000,9000,5,5"], "expected a box inside the image"),
-        (["--detections", "missing.csv"], "found none"),
+        (["--detections", "missing.csv"], "found no such file"),
         (["--colour", "red", "--particles", "0"], "at least one particle"),
     ],
 )

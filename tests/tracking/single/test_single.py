@@ -13,7 +13,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.calls import evaluate_target
 from tsuiseki.tracking.formats.single import read_boxes
-from tsuiseki.tracking.single.run import follow
+from tsuiseki.tracking.single.run import follow, track_single
 from tsuiseki.tracking.single.settings import make_tracker
 
 BOX = np.array([30, 40, 60, 80.0])
@@ -49,6 +49,11 @@ def test_the_command_writes_what_the_function_gives(folder: Path, tmp_path: Path
     words = ["track", "single", str(folder), "--box", "30,40,30,40", "--method", "kcf", "--frames", "1-6"]
     assert main([*words, "--out", str(tmp_path / "out")]) == 0
     np.testing.assert_allclose(seen, read_boxes(tmp_path / "out" / "boxes.txt"), atol=0.01)
+    (whole,) = found = track_single(folder, BOX, "kcf", frames="1-6")
+    np.testing.assert_array_equal(whole.boxes, seen)
+    assert found.frames["status"] == ["tracking"] * 6
+    written, saved = (tmp_path / "out" / "boxes.txt").read_text(), found.save(tmp_path / "saved")
+    assert (saved / "boxes.txt").read_text() == written
 
 
 def test_frames_come_as_they_are_asked_for(folder: Path) -> None:

@@ -91,7 +91,7 @@ def test_an_offset_shifts_one_video_against_the_other(film, track):
         (["--offsets", "0"], {}, "--offsets: expected 2 values"),
         (["--particles", "3"], {}, "--particles: expected at least 10"),
         (["--backgrounds", "a.png,b.png"], {}, "--backgrounds: expected only with the likelihood background"),
-        (["--truth", "nowhere.csv"], {}, "nowhere.csv: expected a CSV file"),
+        (["--truth", "nowhere.csv"], {}, "nowhere.csv, found no such file"),
         (["--motion", "flying"], {}, "--motion: expected one of"),
         (["--preset", "paper"], {}, "--start: expected x, y, z with the preset paper"),
     ],
@@ -262,7 +262,7 @@ def test_live_cameras_refuse_what_needs_a_recording(film, tmp_path, capsys):
     assert "got a live camera" in capsys.readouterr().err
 
 
-def test_a_film_is_followed_as_it_is_tracked(film):
+def test_a_film_is_followed_as_it_is_tracked(film, tmp_path):
     import tsuiseki
 
     start = read_path3d(film / "truth.csv").points[0]
@@ -273,3 +273,5 @@ def test_a_film_is_followed_as_it_is_tracked(film):
     tracked = tsuiseki.track_sphere(films, **asked)
     assert [p.time for p in followed] == [p.time for p in tracked]
     np.testing.assert_array_equal([p.point for p in followed], [p.point for p in tracked])
+    saved = {path.name for path in tracked.save(tmp_path / "saved").iterdir()}
+    assert saved == {"track3d.csv", "path.png", "report.html", "run.json"}

@@ -1,0 +1,283 @@
+"""Rows of text as trackers, annotators and spreadsheets write them: one reader for all formats of rows.
+
+Cells are separated by commas, semicolons, tabs or spaces, as in the first row of numbers, and may stand in double
+quotes. Blank lines, lines that begin with # or %, and separators at a line's end are passed over. A comma within a
+number is a decimal one where it does not separate cells. The text is UTF-8 or UTF-16, or else Latin-1.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.types import FloatArray
+
+SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
+MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+COMMENT = ("#", "%")
+LARGEST_ID = 2**63 - 1
+_EMPTY = '\t,;" \ufeff'
+_END_OF_LINE = re.compile(r"\r+\n|\r")
+_BINARY = re.compile(r"[\x00-\x08]")
+_NUMBER = re.compile(r"[\s\"]*([-+.\d]|nan\b|inf\b)", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"([-+]?\d*),(\d+(?:[eE][-+]?\d+)?)")
+
+
+def read_text(path: Path, what: str) -> str:
+    """The text of a file without the mark that some editors put before the first character.
+
+    Args:
+        path: of the file.
+        what: it holds, for the message.
+
+    Raises:
+        RequestError: there is no such file, or it is binary.
+    """
+    if not path.is_file():
+        raise RequestError(f"expected {what} at {path}, found no such file")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise RequestError(f"{path}: expected {what}, cannot read the file ({error.strerror})") from error
+    name = next((name for mark, name in MARKS.items() if data.startswith(mark)), None)
+    if name is None and len(data) > 1 and 0 in data[:2]:
+        name = "utf-16-be" if data[0] == 0 else "utf-16-le"
+    try:
+        text = data.decode(name or "utf-8")
+    except UnicodeDecodeError:
+        text = "\0" if name else data.decode("latin-1")
+    if _BINARY.search(text):
+        raise RequestError(f"{path}: expected a text file of {what}, got something binary")
+    return text
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows of a text.
+
+    Attributes:
+        path: of the file.
+        cells: of each row, without spaces and quotes about them, up to the last that is not empty.
+        lines: of each row in the file, from 1.
+        texts: of each row, as it stands in the file.
+        separator: the name of what separates cells.
+        comment: the last comment before the first row.
+    """
+
+    path: Path
+    cells: list[list[str]]
+    lines: list[int]
+    texts: list[str]
+    separator: str
+    comment: str = ""
+
+    def error(self, row: int, expected: str) -> RequestError:
+        """Row number ``row``, from 0, is not as ``expected``."""
+        return RequestError(
+            f"{self.path}:{self.lines[row]}: expected {expected}, separated by {self.separator}, got "
+            f"{self.texts[row][:80]}"
+        )
+
+    def numbers(self, columns: str) -> FloatArray:
+        """``(N, C)`` the cells as numbers.
+
+        Args:
+            columns: names of all, separated by commas.
+
+        Raises:
+            RequestError: a cell is none, or a row has another number of them.
+        """
+        count = columns.count(",") + 1
+        values = np.empty((len(self.cells), count))
+        for k, cells in enumerate(self.cells):
+            try:
+                values[k] = np.array(cells, dtype=np.float64).reshape(count)
+            except ValueError:
+                raise self.error(k, columns) from None
+        return values
+
+    def without_heading(self, columns: int) -> Rows:
+        """The rows below the first, where that is of words and names ``columns`` or has rows below it."""
+        first = self.cells[0] if self.cells else [""]
+        if not first[0] or any(map(_NUMBER.match, first)) or (len(self.cells) == 1 and len(first) < columns):
+            return self
+        shown = self.texts[0][:60]
+        warnings.warn(f"{self.path}: the first line, {shown!r}, is a heading and left out", InputWarning, stacklevel=4)
+        return Rows(self.path, self.cells[1:], self.lines[1:], self.texts[1:], self.separator)
+
+
+def read_rows(path: Path, what: str) -> Rows:
+    """The rows of a file.
+
+    Raises:
+        RequestError: see `read_text`.
+    """
+    return rows_of(read_text(path, what), path)
+
+
+def rows_of(text: str, path: Path) -> Rows:
+    """The rows of a text that stands at ``path``.
+
+    Raises:
+        RequestError: a cell never ends.
+    """
+    if "\r" in text:
+        text = _END_OF_LINE.sub("\n", text)
+    filled = [(n, line) for n, line in enumerate(text.split("\n"), start=1) if line.strip(_EMPTY)]
+    kept = [(n, line) for n, line in filled if not line.lstrip(_EMPTY).startswith(COMMENT)]
+    lines, texts = [n for n, _ in kept], [line.strip(" \ufeff") for _, line in kept]
+    separator = _separator(texts)
+    try:
+        cells = _cells(texts, separator)
+    except csv.Error as error:
+        raise RequestError(f"{path}: expected rows of cells, got something else ({error})") from error
+    if separator != "," and "," in text:
+        _mend_decimal_commas(path, cells)
+    comment = next((line for n, line in filled[::-1] if kept and n < kept[0][0]), "")
+    return Rows(path, cells, lines, texts, SEPARATORS[separator], comment.strip("".join(COMMENT) + _EMPTY))
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """What separates the cells of the first row of numbers, or of the first row where none is of numbers."""
+    numbers = next((line for line in lines if _NUMBER.match(line)), "")
+    for line in (numbers, *lines[:1]):
+        bare = re.sub(r"\s*([,;])\s*", r"\1", re.sub(r'"[^"]*"', "q", line))
+        for separator in SEPARATORS:
+            if separator in bare:
+                return separator
+    return ","
+
+
+def _cells(texts: Sequence[str], separator: str) -> list[list[str]]:
+    """The cells of each text, without the empty ones at its end."""
+    found = []
+    for text in texts:
+        here = separator if separator in text else _separator([text])
+        bare = text.rstrip(f"{here}\t ")
+        if '"' in text:
+            row = next(csv.reader([bare], delimiter=here, skipinitialspace=True))
+        else:
+            row = bare.split(None if here == " " else here)
+        found.append([cell.strip() for cell in row] if " " in bare else row)
+    return found
+
+
+def _mend_decimal_commas(path: Path, cells: list[list[str]]) -> None:
+    example = ""
+    for row in cells:
+        for k, cell in enumerate(row):
+            if "," in cell and (match := _DECIMAL_COMMA.fullmatch(cell)):
+                example, row[k] = example or cell, f"{match[1]}.{match[2]}"
+    if example:
+        shown = example.replace(",", ".")
+        warnings.warn(f"{path}: decimal commas, such as {example}, are read as {shown}", InputWarning, stacklevel=4)
+
+
+@dataclass(frozen=True)
+class NamedRows:
+    """The rows of a text whose first row names the columns.
+
+    Attributes:
+        path: of the file.
+        names: of the columns.
+        rows: line and cells by name of each row; a cell that is missing is empty.
+        separator: the name of what separates cells.
+    """
+
+    path: Path
+    names: list[str]
+    rows: list[tuple[int, dict[str, str]]]
+    separator: str
+
+    def need(self, columns: Sequence[str]) -> None:
+        """Refuse the file where one of the columns is missing.
+
+        Raises:
+            RequestError: it is.
+        """
+        missing = [column for column in columns if column not in self.names]
+        if missing:
+            raise RequestError(
+                f"{self.path}: expected the columns {','.join(columns)} in its first line, found no {missing[0]} among "
+                f"{','.join(self.names)[:80] or 'none'}, separated by {self.separator}"
+            )
+
+
+def read_named_rows(path: Path, what: str, columns: Sequence[str] = ()) -> NamedRows:
+    """The rows of a file with a heading, which may be a comment, or in capitals where ``columns`` are not.
+
+    Raises:
+        RequestError: see `read_text`; a column is missing, or a row has more cells than the heading.
+    """
+    rows = read_rows(path, what)
+    cells, lines = rows.cells, rows.lines
+    if rows.comment and cells and _NUMBER.match(cells[0][0]):
+        names = _cells([rows.comment], _separator([rows.comment]))[0]
+    else:
+        names, cells, lines = cells[0] if cells else [], cells[1:], lines[1:]
+    if not set(columns) <= set(names) and set(columns) <= {name.lower() for name in names}:
+        names = [name.lower() for name in names]
+    found = []
+    for line, row in zip(lines, cells, strict=True):
+        if len(row) > len(names) and names:
+            raise RequestError(
+                f"{path}:{line}: expected {len(names)} cells separated by {rows.separator}, as in the heading, got "
+                f"{len(row)}"
+            )
+        found.append((line, {**dict.fromkeys(names, ""), **dict(zip(names, row, strict=False))}))
+    table = NamedRows(path, names, found, rows.separator)
+    table.need(columns)
+    return table
+
+
+def finite_number(path: Path, line: int, name: str, text: str | None) -> float:
+    """The number in column ``name`` of a line, counted from 1.
+
+    Raises:
+        RequestError: ``text`` is missing, no number, or not finite.
+    """
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise RequestError(f"{path}:{line}: expected a finite number in column {name}, got {text!r}")
+    return value
+
+
+def whole_number(
+    path: Path, line: int, name: str, text: str | None, first: int = -LARGEST_ID, last: int = LARGEST_ID
+) -> int:
+    """The whole number from ``first`` to ``last`` in column ``name`` of a line, exactly; 7.0 and 7e0 are 7.
+
+    Raises:
+        RequestError: ``text`` is missing, a word, a fraction, or outside the range.
+    """
+    value = whole(text or "")
+    if value is None or not first <= value <= last:
+        reach = "of 64 bits" if first == -LARGEST_ID else f"from {first} to {last}"
+        raise RequestError(f"{path}:{line}: expected a whole number {reach} in column {name}, got {text!r}")
+    return value
+
+
+def whole(text: str) -> int | None:
+    """The whole number of 64 bits that a text stands for, exactly; None where it stands for none.
+
+    >>> [whole(text) for text in ("9007199254740993", "7.0", "-1", "7.5", "a", "1e999999999")]
+    [9007199254740993, 7, -1, None, None, None]
+    """
+    try:
+        value = Decimal(text)
+    except InvalidOperation:
+        return None
+    fits = value.is_finite() and -LARGEST_ID <= value <= LARGEST_ID and value == value.to_integral_value()
+    return int(value) if fits else None
