@@ -108,6 +108,7 @@ def _adapt(
     # What cannot be learnt from, or looked with, is refused before anything is looked at.
     layout_of(start)
     looking = _teacher(teacher, options, settings.device)
+    teacher = None if teacher is None else shipped_or_file("detector", teacher)
     sources, work = request["sources"], output.out / WORK
     with output.run() as run:
         tell_models(run, looking)

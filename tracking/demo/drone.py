@@ -72,8 +72,7 @@ def _write(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> No
     source, best = demo.source, results[list(results)[-1]]
     rate, painter = source.frame_rate, best.painter
     assert painter is not None
-    with run.times.measure("draw the overlay"):
-        overlay = run.draw(OVERLAY_FILE, lambda path: write_drawn(path, source.frames(), rate, painter))
+    overlay = run.draw(OVERLAY_FILE, lambda path: write_drawn(path, source.frames(), rate, painter))
     for method, name in DRONE_METHODS.items():
         run.save(results[name], folder=method)
         record_method(run, results[name].settings, run.times.seconds, run.columns)

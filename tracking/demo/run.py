@@ -117,8 +117,7 @@ def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]
         record_method(run, settings, seconds, log.columns(tracks))
     run.facts["models"] = names
     source, best = demo.source, demo.tracks[list(demo.tracks)[-1]]
-    with run.times.measure("overlay"):
-        overlay = run.draw(OVERLAY_FILE, lambda path: write_overlay(path, source.frames(), best, source.frame_rate))
+    overlay = run.draw(OVERLAY_FILE, lambda path: write_overlay(path, source.frames(), best, source.frame_rate))
     facts = {f"{kind} model": name for kind, name in names.items()} | {"seed": str(run.output.random_seed)}
     report = street_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts))
     run.write(REPORT_FILE, lambda path: write_report(path, report))

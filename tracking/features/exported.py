@@ -210,7 +210,7 @@ def open_detector(
     try:
         found = Detector(path, score_threshold, iou_threshold, threads, device)
     except MissingCardError:
-        return ForeignDetector(path, score_threshold, iou_threshold, threads, options, device, turned=turned)
+        return ForeignDetector(path, score_threshold, iou_threshold, threads, options, device, turned)
     if options not in (None, DetectorOptions()):
         raise RequestError(f"{path} tells all by itself; leave the detector options out")
     return found

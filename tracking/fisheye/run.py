@@ -280,7 +280,7 @@ def floor_result(
     tracks = link_on_floor(found, rate, method, hungarian, flow, times)
     files: dict[str, Writer] = {
         "tracks.txt": lambda path, _: write_tracks(path, [t.track for t in tracks]),
-        "world.csv": lambda path, _: write_world(path, tracks, rate),
+        "world.csv": lambda path, _: write_world(path, tracks, ceiling.seconds),
         "floor.png": lambda path, _: floor_figure(tracks, floor, camera).savefig(path, dpi=120, facecolor="white"),
         "dwell.png": lambda path, _: dwell_figure(tracks, floor, rate).savefig(path, dpi=120, facecolor="white"),
     }
