@@ -13,6 +13,7 @@ from typing import TypeAlias, get_args
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.features.box_check import BoxCheck
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import (
     Appearance,
@@ -32,16 +33,17 @@ from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detector
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.mot import read_classed_detections
-from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.people.looks import given_looks, looked_at, stride_of
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray, IntArray
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped
 
-GivenDetections: TypeAlias = str | Path | Sequence[DetectionsLike]
+GivenDetections: TypeAlias = str | Path | Iterable[DetectionsLike]
+DETECTOR = "the detector"
 
 
 @dataclass(frozen=True)
@@ -111,12 +113,15 @@ class PeopleInputs:
     ) -> Iterator[tuple[Frame, Detections]]:
         """The frames themselves with who was found there; see `found`."""
         times, last = times or StageTimes(), -1
-        images = self.source.frames() if frames is None else frames
+        images, check = self.source.frames() if frames is None else frames, self._box_check()
         for frame, found in stream(images, self.detect, self.describe, self.batch_size, times, self.workers):
             if last < 0 and self.workers > 1:
                 # Trackers use it late; loaded while networks look at the next frames it takes no time.
                 Thread(target=_load_parts, name="tsuiseki-load").start()
             last = frame.index
+            if check is not None and check.what == DETECTOR:
+                check.size = frame.image.shape[1], frame.image.shape[0]
+                check.add(found.boxes)
             if self.ground is not None:
                 with times.measure("ground"):
                     found = self.ground.weighed(found, frame.image.shape[0])
@@ -124,7 +129,16 @@ class PeopleInputs:
                 with times.measure("camera"):
                     self._show_camera(frame.image, found.boxes)
             yield frame, found
+        if check is not None:
+            check.tell()
         self._check_all_used(last)
+
+    def _box_check(self) -> BoxCheck | None:
+        """What compares boxes with pictures, where a function or somebody else's network finds them."""
+        network = inner_detector(self.detect)
+        if isinstance(network, ForeignDetector):
+            return network.check
+        return None if isinstance(network, Detector | Sequence) else BoxCheck(DETECTOR)
 
     def _show_camera(self, image: ImageArray, boxes: FloatArray) -> None:
         if isinstance(self.camera, CameraPath):
@@ -170,12 +184,14 @@ def given_detections(
         RequestError: see `read_detections` and `as_detections`; or the video is shorter.
     """
     if not isinstance(given, str | Path):
+        given = list(given)
         if source.length is not None and len(given) > source.length:
             raise RequestError(
                 f"expected detections for {source.length} frames, one entry a frame, got {len(given)}; are these the "
                 "detections of another video?"
             )
-        return [as_detections(entry) for entry in given]
+        counted = BadBoxes()
+        return compared([as_detections(entry, counted=counted) for entry in given], "the detections", source)
     # The header of a video file only estimates its length: what is too much shows when the video has ended.
     found, classes = read_classed_detections(given, source.length, score_range)
     if len(named := classes_of(classes)) > 1:
@@ -185,6 +201,18 @@ def given_detections(
             InputWarning,
             stacklevel=2,
         )
+    return compared(found, str(given), source)
+
+
+def compared(found: list[Detections], what: str, source: Source) -> list[Detections]:
+    """Given detections as they are, once they are compared with the pictures; see `BoxCheck`.
+
+    Raises:
+        RequestError: they are shares of the picture.
+    """
+    check = BoxCheck(what, image_size(source))
+    check.add(np.concatenate([np.empty((0, 4)), *(one.boxes for one in found)]))
+    check.tell()
     return found
 
 
@@ -326,4 +354,4 @@ def classed_detections(source: Source, finding: PeopleFinding) -> tuple[list[Det
     if missing := [number for number in finding.classes or () if number not in there]:
         named = ", ".join(map(str, there)) or "none"
         raise RequestError(f"`classes`: expected classes of {finding.detections} ({named}), got {missing[0]}")
-    return found, classes
+    return compared(found, str(finding.detections), source), classes
