@@ -16,7 +16,7 @@ from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory,
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
-from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, refuse_heaps
 from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.people.whole_flow import WholeFlow
 from tsuiseki.tracking.types import FloatArray, Targets, Track
@@ -162,6 +162,7 @@ class FlowTracker:
         found = as_detections(detections, counted=self.bad)
         if isinstance(self._changes, ProjectsAppearance):
             found = self._changes.projected(found)
+        refuse_heaps(found)
         looks = self._flow.input.looks
         self._flow.input.meet(time)
         self._given += len(found)
