@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.devices import Device, device_of
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.box_check import BoxCheck
 from tsuiseki.tracking.features.detector_layouts import LAYOUTS, TENSORFLOW, TURNED, Size, paired, with_probabilities
@@ -52,6 +53,7 @@ class ForeignDetector:
         iou_threshold: of the non-maximum suppression, where the network does none itself; in [0, 1].
         threads: CPU threads; 0 takes all cores.
         options: what the file does not tell.
+        device: what to run on, see `opened_on`; afterwards what it runs on.
         turned: turned boxes come with their angles, the longer side as height; by default as upright boxes about them.
 
     Attributes:
@@ -72,13 +74,14 @@ class ForeignDetector:
         iou_threshold: float = 0.5,
         threads: int = 0,
         options: DetectorOptions | None = None,
-        *,
+        device: Device = "auto",
         turned: bool = False,
     ) -> None:
         options, self.turned = options or DetectorOptions(), turned
         self.path, self.score_threshold, self.iou_threshold = Path(path), score_threshold, iou_threshold
         self._apart = True
-        self.session = open_session(path, threads)
+        self.session = open_session(path, threads, device)
+        self.device = device_of(self.session)
         self.metadata: Mapping[str, str] = self.session.get_modelmeta().custom_metadata_map
         names = {plain_name(x.name): x.name for x in self.session.get_outputs()}
         first = self.session.get_inputs()[0].shape
@@ -319,8 +322,9 @@ class ForeignDetector:
     def _usual_input(self, trial: Mapping[str, NDArray[Any]]) -> ImageInput:
         """What the family wants its pictures to be."""
         usual = LAYOUTS[self.layout].input
-        # RT-DETR and D-FINE take plain pixels, DETR and its other descendants, with 91 classes, ImageNet's.
-        if self.layout == "detr" and self.scores == "sigmoid" and "pred_boxes" in trial:
+        # RT-DETR and D-FINE take plain pixels. RF-DETR, which gives dets and labels, and whatever has the 91 classes of
+        # DETR take ImageNet's.
+        if self.layout == "detr" and self.scores == "sigmoid" and "dets" not in trial:
             of_detr = paired(list(trial.values()))[1].shape[1] == max(COCO)
             usual = usual if of_detr else ImageInput("stretch")
         own = self._wanted.dtype == np.uint8  # it normalises them itself

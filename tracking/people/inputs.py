@@ -12,6 +12,7 @@ from typing import TypeAlias, get_args
 
 import numpy as np
 
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.box_check import BoxCheck
 from tsuiseki.tracking.features.camera_path import CameraPath
@@ -32,6 +33,7 @@ from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detector
 from tsuiseki.tracking.features.views import parse_view
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_classed_detections
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
@@ -191,9 +193,13 @@ def given_detections(
                 "detections of another video?"
             )
         counted = BadBoxes()
-        return compared([as_detections(entry, counted=counted) for entry in given], "the detections", source)
+        rows = [as_detections(entry, counted=counted) for entry in given]
+        compare_with_picture(
+            "`detections`", np.concatenate([np.empty((0, 4)), *(r.boxes for r in rows)]), image_size(source)
+        )
+        return rows
     # The header of a video file only estimates its length: what is too much shows when the video has ended.
-    found, classes = read_classed_detections(given, source.length, score_range)
+    found, classes = _read(given, source, score_range)
     if len(named := classes_of(classes)) > 1:
         shown = ",".join(map(str, named))
         warnings.warn(
@@ -201,19 +207,16 @@ def given_detections(
             InputWarning,
             stacklevel=2,
         )
-    return compared(found, str(given), source)
-
-
-def compared(found: list[Detections], what: str, source: Source) -> list[Detections]:
-    """Given detections as they are, once they are compared with the pictures; see `BoxCheck`.
-
-    Raises:
-        RequestError: they are shares of the picture.
-    """
-    check = BoxCheck(what, image_size(source))
-    check.add(np.concatenate([np.empty((0, 4)), *(one.boxes for one in found)]))
-    check.tell()
     return found
+
+
+def _read(
+    path: str | Path, source: Source, score_range: tuple[float, float] | None
+) -> tuple[list[Detections], list[IntArray]]:
+    """The detections in a file and their classes, compared with the pictures of the source."""
+    found, classes = read_classed_detections(path, source.length, score_range)
+    compare_with_picture(path, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), image_size(source))
+    return found, classes
 
 
 def looks_of(
@@ -282,7 +285,7 @@ def people_detect(
         raise RequestError(f"{source.name} has no images to find people in; give `detections`")
     detector = shipped(default) if finding.detector is None else finding.detector
     threads = finding.threads if threads is None else threads
-    found = as_detector(detector, finding.score_threshold, threads, finding.detector_options)
+    found = as_detector(detector, finding.score_threshold, threads, finding.detector_options, finding.device)
     if wanted == (1, None) or not isinstance(found, Detector | ForeignDetector):
         return found
     return ViewedDetector(found, wanted, frame_rate=source.frame_rate)
@@ -313,6 +316,7 @@ def people_describer(
     appearance: AppearanceLike | None,
     threads: int = 0,
     options: AppearanceOptions | None = None,
+    device: Device = "auto",
 ) -> Describe | None:
     """What describes appearance, where it is compared and there are images.
 
@@ -322,6 +326,7 @@ def people_describer(
         appearance: a file, a network or a function; by default the shipped network; ``"none"`` for none.
         threads: CPU threads of the network.
         options: what a file of another project does not tell.
+        device: of the network.
 
     Raises:
         RequestError: the method does not compare appearance; see `as_describer`.
@@ -334,7 +339,7 @@ def people_describer(
         return None
     if appearance is None and not source.has_images:
         return None
-    return as_describer(shipped("appearance_people") if appearance is None else appearance, threads, options)
+    return as_describer(shipped("appearance_people") if appearance is None else appearance, threads, options, device)
 
 
 def classed_detections(source: Source, finding: PeopleFinding) -> tuple[list[Detections], list[IntArray]]:
@@ -345,13 +350,16 @@ def classed_detections(source: Source, finding: PeopleFinding) -> tuple[list[Det
         finding: names MOTChallenge's det.txt with classes in column 8, and the classes that must be among them.
 
     Raises:
-        RequestError: no file is given, it is missing or broken, or there is none of a class.
+        RequestError: no file is given, it is missing or broken, a class is named twice, or there is none of it.
     """
     if finding.detections is None:
         raise RequestError("expected `classes` with `detections`, whose column 8 they stand in, got no detections")
-    found, classes = read_classed_detections(finding.detections, source.length, finding.score_range)
+    wanted = finding.classes or []
+    if twice := [number for number in wanted if wanted.count(number) > 1]:
+        raise RequestError(f"`classes`: expected each class once, got {twice[0]} twice")
+    found, classes = _read(finding.detections, source, finding.score_range)
     there = classes_of(classes)
-    if missing := [number for number in finding.classes or () if number not in there]:
+    if missing := [number for number in wanted if number not in there]:
         named = ", ".join(map(str, there)) or "none"
         raise RequestError(f"`classes`: expected classes of {finding.detections} ({named}), got {missing[0]}")
-    return compared(found, str(finding.detections), source), classes
+    return found, classes
