@@ -14,7 +14,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
 
 if TYPE_CHECKING:
-    from tsuiseki.datamodules.scenes.clip import Clip
+    pass
 
 T = TypeVar("T")
 LARGEST, LONGEST = 16_384, 1_000_000
@@ -265,7 +265,7 @@ def sprites(
     return _fill(output, told, write)
 
 
-def _make(output: SeededOutput, length: Length, plan: partial[Clip[Any]], more: str = "") -> int:
+def _make(output: SeededOutput, length: Length, plan: partial[Any], more: str = "") -> int:
     """Plan a clip of the settings that ``plan`` holds and let it fill the output folder; ``more`` is said of it."""
     for name, most in MOST.items():
         if (value := getattr(plan.args[0], name, 0)) > most:
