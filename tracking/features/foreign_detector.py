@@ -317,8 +317,9 @@ class ForeignDetector:
     def _usual_input(self, trial: Mapping[str, NDArray[Any]]) -> ImageInput:
         """What the family wants its pictures to be."""
         usual = LAYOUTS[self.layout].input
-        # RT-DETR and D-FINE take plain pixels, DETR and its other descendants, with 91 classes, ImageNet's.
-        if self.layout == "detr" and self.scores == "sigmoid" and "pred_boxes" in trial:
+        # RT-DETR and D-FINE take plain pixels. RF-DETR, which gives dets and labels, and whatever has the 91 classes of
+        # DETR take ImageNet's.
+        if self.layout == "detr" and self.scores == "sigmoid" and "dets" not in trial:
             of_detr = paired(list(trial.values()))[1].shape[1] == max(COCO)
             usual = usual if of_detr else ImageInput("stretch")
         own = self._wanted.dtype == np.uint8  # it normalises them itself

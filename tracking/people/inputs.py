@@ -334,13 +334,16 @@ def classed_detections(source: Source, finding: PeopleFinding) -> tuple[list[Det
         finding: names MOTChallenge's det.txt with classes in column 8, and the classes that must be among them.
 
     Raises:
-        RequestError: no file is given, it is missing or broken, or there is none of a class.
+        RequestError: no file is given, it is missing or broken, a class is named twice, or there is none of it.
     """
     if finding.detections is None:
         raise RequestError("expected `classes` with `detections`, whose column 8 they stand in, got no detections")
+    wanted = finding.classes or []
+    if twice := [number for number in wanted if wanted.count(number) > 1]:
+        raise RequestError(f"`classes`: expected each class once, got {twice[0]} twice")
     found, classes = _read(finding.detections, source, finding.score_range)
     there = classes_of(classes)
-    if missing := [number for number in finding.classes or () if number not in there]:
+    if missing := [number for number in wanted if number not in there]:
         named = ", ".join(map(str, there)) or "none"
         raise RequestError(f"`classes`: expected classes of {finding.detections} ({named}), got {missing[0]}")
     return found, classes
