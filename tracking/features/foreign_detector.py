@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.devices import Device, device_of
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.features.box_check import BoxCheck
 from tsuiseki.tracking.features.detector_layouts import LAYOUTS, TENSORFLOW, TURNED, Size, paired, with_probabilities
 from tsuiseki.tracking.features.foreign_options import DetectorOptions, ImageInput, LayoutName, ScoreKind
 from tsuiseki.tracking.features.layout_recognition import (
@@ -51,6 +53,7 @@ class ForeignDetector:
         iou_threshold: of the non-maximum suppression, where the network does none itself; in [0, 1].
         threads: CPU threads; 0 takes all cores.
         options: what the file does not tell.
+        device: what to run on, see `opened_on`; afterwards what it runs on.
         turned: turned boxes come with their angles, the longer side as height; by default as upright boxes about them.
 
     Attributes:
@@ -58,6 +61,7 @@ class ForeignDetector:
         person: number of the class of people, as the outputs count it.
         scores: what the class values are; None for layouts in which they can be but one thing.
         input: what becomes of a picture.
+        check: compares its boxes with the pictures.
 
     Raises:
         RequestError: the file is no such detector, several layouts fit it, or its class of people is unknown.
@@ -70,13 +74,14 @@ class ForeignDetector:
         iou_threshold: float = 0.5,
         threads: int = 0,
         options: DetectorOptions | None = None,
-        *,
+        device: Device = "auto",
         turned: bool = False,
     ) -> None:
         options, self.turned = options or DetectorOptions(), turned
         self.path, self.score_threshold, self.iou_threshold = Path(path), score_threshold, iou_threshold
         self._apart = True
-        self.session = open_session(path, threads)
+        self.session = open_session(path, threads, device)
+        self.device = device_of(self.session)
         self.metadata: Mapping[str, str] = self.session.get_modelmeta().custom_metadata_map
         names = {plain_name(x.name): x.name for x in self.session.get_outputs()}
         first = self.session.get_inputs()[0].shape
@@ -94,6 +99,7 @@ class ForeignDetector:
             raise RequestError(f"{path}: turned boxes want pictures of one scale; leave `detector_options.resize` out")
         self.person = self._choose_person(list(trial.values()), options)
         self._gave: set[bool] = set()
+        self.check = BoxCheck(f"{self.path}, read as layout {self.layout}")
 
     def __str__(self) -> str:
         """How the file is read, in words."""
@@ -144,6 +150,8 @@ class ForeignDetector:
         good = np.flatnonzero((scores >= self.score_threshold) & (scores > 0))
         good = good[np.argsort(-scores[good], kind="stable")][:_MOST_CANDIDATES]
         boxes, scores = boxes[good], scores[good].clip(0, 1)
+        self.check.size = fitted[1], fitted[0]
+        self.check.add(boxes[:, :4])
         if self.layout in TURNED:
             return self._turned(boxes / (*scale, *scale, 1), scores, size)
         boxes = clip_boxes(boxes / np.tile(scale, 2), size[1], size[0])
@@ -314,8 +322,9 @@ class ForeignDetector:
     def _usual_input(self, trial: Mapping[str, NDArray[Any]]) -> ImageInput:
         """What the family wants its pictures to be."""
         usual = LAYOUTS[self.layout].input
-        # RT-DETR and D-FINE take plain pixels, DETR and its other descendants, with 91 classes, ImageNet's.
-        if self.layout == "detr" and self.scores == "sigmoid" and "pred_boxes" in trial:
+        # RT-DETR and D-FINE take plain pixels. RF-DETR, which gives dets and labels, and whatever has the 91 classes of
+        # DETR take ImageNet's.
+        if self.layout == "detr" and self.scores == "sigmoid" and "dets" not in trial:
             of_detr = paired(list(trial.values()))[1].shape[1] == max(COCO)
             usual = usual if of_detr else ImageInput("stretch")
         own = self._wanted.dtype == np.uint8  # it normalises them itself

@@ -15,10 +15,11 @@ from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
-from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
+from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of, knows_scores
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.inputs import (
@@ -71,6 +72,8 @@ class PeopleKeywords(TypedDict, total=False):
         moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
             ``flow`` sees in them where the camera stands still, and takes the motion of the boxes elsewhere.
         threads: CPU threads of the networks; 0 takes all.
+        device: what networks that are given as files run on: ``cpu``, ``cuda``, or by default ``auto``, see
+            `opened_on`.
         seed: of the tracker's random numbers.
         delay: seconds after which ``flow`` decides on a frame for good; by default it decides at the end. With
             `follow_people` each frame comes so much later.
@@ -86,6 +89,7 @@ class PeopleKeywords(TypedDict, total=False):
     frames_looked_at: Iterable[int] | None
     moving_camera: bool
     threads: int
+    device: Device
     seed: int
     delay: float | None
     ground: Ground
@@ -192,7 +196,8 @@ def open_people(
     else:
         detect, kinds = classed_detections(source, finding)
     compared = compares_appearance(linking.method)
-    describe = people_describer(source, compared, finding.appearance, threads, finding.appearance_options)
+    given, more = finding.appearance, finding.appearance_options
+    describe = people_describer(source, compared, given, threads, more, finding.device)
     camera = camera_for(linking.method, moving=linking.moving_camera)
     ground = ground_of(detect, finding.ground, source)
     looks = looks_of(detect, source, looked)
@@ -290,7 +295,7 @@ def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any],
         milliseconds: that the detector took a frame.
     """
     inputs, tracker = opened.inputs, opened.tracker
-    facts: dict[str, Any] = {}
+    facts: dict[str, Any] = {**devices_of(inputs.detect, inputs.describe)}
     lines: list[str] = []
     if isinstance(tracker, FlowTracker):
         facts["flow"] = tracker.facts()
