@@ -174,10 +174,12 @@ COMMANDS: Tree = {
     "reproduce": Group(
         "a paper's table or figure: paper and here, plus the plot (needs the train extra)",
         {
-            "multi-correlation-filter": Experiment("correlation filters selected by a particle filter", "single"),
+            "multi-correlation-filter": Experiment(
+                "correlation filters selected by a particle filter", "single_target"
+            ),
             "phd": Experiment("finite-set filters on the standard scenarios", "finite_sets"),
             "pca-particle-filter": Experiment("how many particles a goldfish needs", "goldfish"),
-            "drone-action-features": Experiment("tracks and actions from a drone improve each other", "drone"),
+            "drone-action-features": Experiment("tracks and actions from a drone improve each other", "drone_actions"),
             "phd-unseen": Experiment("a sensor's measurements on new scenarios, with peers", "sensed"),
             "blobs": Experiment("coloured objects, beside components and SORT", "coloured:blobs"),
             "phd-equalisation": Experiment("equal likelihoods keep the weak target", "coloured:equalisation"),

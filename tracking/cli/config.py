@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from tsuiseki.tracking.cli.sensible import check_regular
 from tsuiseki.tracking.errors import RequestError
 
 MOST_BYTES = 1_000_000
@@ -46,6 +47,7 @@ def config_text(path: Path, command: Sequence[str]) -> str:
 
 
 def _text(path: Path) -> str:
+    check_regular("config", path)
     try:
         if path.stat().st_size > MOST_BYTES:
             raise RequestError(

@@ -18,6 +18,7 @@ from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
 from tsuiseki.tracking.cli.config import config_text
 from tsuiseki.tracking.cli.options import Given, Output
+from tsuiseki.tracking.cli.sensible import check_sensible
 from tsuiseki.tracking.cli.wording import HelpFormatter, friendly, is_several, parts_of, shown_value, with_option
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
@@ -172,6 +173,8 @@ def _arguments(function: Callable[..., Any], values: Any, prog: str) -> dict[str
             value.check()
         if isinstance(value, Output):
             arguments[name] = dataclasses.replace(value, given=given)
+    for option in options_of(function):
+        check_sensible("" if option.by_place else option.name, given.settings[option.name], plain(option.default))
     return arguments
 
 
