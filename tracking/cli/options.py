@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -37,9 +36,8 @@ class Drawing(Shared):
         from tsuiseki.tracking.report.overlay import write_drawn
 
         if self.overlay and result.painter is not None:
-            frames, rate = run.replay(source), result.frame_rate
-            write = partial(write_drawn, frames=frames, frame_rate=rate, draw=result.painter)
-            run.draw(str(PurePath(folder, f"overlay.{self.overlay_format}")), write)
+            name, rate, painter = f"overlay.{self.overlay_format}", result.frame_rate, result.painter
+            run.draw(str(PurePath(folder, name)), lambda path: write_drawn(path, run.replay(source), rate, painter))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,17 +8,18 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import json
 import re
 from argparse import SUPPRESS, Action
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn, TypeGuard, get_type_hints
+from typing import Any, NamedTuple, NoReturn, TypeGuard, get_origin, get_type_hints
 
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
 from tsuiseki.tracking.cli.config import config_text
 from tsuiseki.tracking.cli.options import Given, Output
-from tsuiseki.tracking.cli.wording import HelpFormatter, friendly, is_several, parts_of, shown_value, with_option
+from tsuiseki.tracking.cli.wording import HelpFormatter, friendly, is_several, shown_value, with_option
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
 
@@ -45,8 +46,7 @@ class Parser(ArgumentParser):
 def call(prog: str, function: Callable[..., Any], words: Sequence[str]) -> Any:
     """What ``function`` makes of the words of a command line; see `parse`."""
     arguments = parse(prog, function, words)
-    by_place = [arguments.pop(p.name) for p in _parameters(function) if p.kind is p.POSITIONAL_ONLY]
-    return function(*by_place, **arguments)
+    return function(*(arguments.pop(p.name) for p in _parameters(function) if p.kind is p.POSITIONAL_ONLY), **arguments)
 
 
 def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict
     except ArgumentError as error:
         raise RequestError(said_of(str(error))) from error
     for option in options_of(function):
-        if option.grouped and not isinstance(found[option.name], Namespace):
+        if dataclasses.is_dataclass(option.kind) and not isinstance(found[option.name], Namespace):
             raise RequestError(f"{option.name}: expected options of its own below it, got {found[option.name]!r}")
     try:
         values = parser.instantiate(found)
@@ -82,16 +82,11 @@ def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict
     return _arguments(function, values, prog)
 
 
-@dataclasses.dataclass(frozen=True)
-class Option:
-    """A parameter of a command, or a field of a `Shared` one.
+class Option(NamedTuple):
+    """A parameter of a command, or a field of a `Shared` one: its name with underscores, type and text for the help.
 
-    Attributes:
-        name: with underscores.
-        kind: its type.
-        text: for the help.
-        default: `dataclasses.MISSING` where it must be given.
-        by_place: without its name.
+    It has a ``default`` unless it must be given, and is given ``by_place`` or by its name. A dataclass is a group of
+    options below its name; of a list by place, several words may be given.
     """
 
     name: str
@@ -99,16 +94,6 @@ class Option:
     text: str
     default: Any
     by_place: bool
-
-    @property
-    def many(self) -> bool:
-        """Whether several words may be given by place."""
-        return getattr(self.kind, "__origin__", None) is list
-
-    @property
-    def grouped(self) -> bool:
-        """Whether it is a group of options below its name."""
-        return dataclasses.is_dataclass(self.kind)
 
     @property
     def required(self) -> bool:
@@ -131,7 +116,8 @@ def options_of(function: Callable[..., Any]) -> list[Option]:
         hints = get_type_hints(one.annotation)
         for field in _fields_of(one.annotation):
             text = texts.get(field.name, inherited.get(field.name, ""))
-            value = _default_of(field) if one.default is one.empty else getattr(one.default, field.name)
+            value = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+            value = value if one.default is one.empty else getattr(one.default, field.name)
             by_place = field.metadata.get("positional", False)
             shared.append(Option(field.name, hints[field.name], text, value, by_place))
     return own + shared
@@ -151,10 +137,6 @@ def _fields_of(kind: type[Shared]) -> list[dataclasses.Field[Any]]:
     return [field for field in dataclasses.fields(kind) if field.metadata.get("option", True)]  # type: ignore[arg-type]
 
 
-def _default_of(field: dataclasses.Field[Any]) -> Any:
-    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
-
-
 def _arguments(function: Callable[..., Any], values: Any, prog: str) -> dict[str, Any]:
     """What ``function`` is called with, from the values of all options."""
     settings: dict[str, Any] = {}
@@ -166,7 +148,7 @@ def _arguments(function: Callable[..., Any], values: Any, prog: str) -> dict[str
             settings |= fields
         else:
             arguments[one.name] = settings[one.name] = values[one.name]
-    given = Given(prog.split(), {name: plain(value) for name, value in settings.items()})
+    given = Given(prog.split(), json.loads(json.dumps(settings, default=_plain)))
     for name, value in arguments.items():
         if isinstance(value, Shared):
             value.check()
@@ -175,15 +157,9 @@ def _arguments(function: Callable[..., Any], values: Any, prog: str) -> dict[str
     return arguments
 
 
-def plain(value: Any) -> Any:
-    """Settings for ``run.json``: dataclasses as mappings, paths as text."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return plain(dataclasses.asdict(value))
-    if isinstance(value, dict):
-        return {name: plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return str(value) if isinstance(value, Path) else value
+def _plain(value: Any) -> Any:
+    """For ``run.json``: dataclasses as mappings, paths as text."""
+    return dataclasses.asdict(value) if dataclasses.is_dataclass(value) else str(value)  # type: ignore[arg-type]
 
 
 def build_parser(prog: str, function: Callable[..., Any], every_option: bool = False) -> Parser:
@@ -200,26 +176,23 @@ def build_parser(prog: str, function: Callable[..., Any], every_option: bool = F
         print_config="--print_config",
         allow_abbrev=False,
     )
-    for option in sorted(options, key=lambda option: not option.by_place):
-        if option.by_place:
-            kind = option.kind.__args__[0] if option.many else option.kind
-            some: dict[str, Any] = {"nargs": "+"} if option.required else {"nargs": "*", "default": []}
-            number = some if option.many else {}
-            parser.add_argument(option.name, type=kind, metavar=option.name.upper(), help=option.text, **number)
-        else:
-            value = {"required": True} if option.required else {"default": option.default}
-            parser.add_argument(f"--{option.name}", type=option.kind, help=option.text, **value)
+    usage = [prog]
+    for name, kind, text, default, _ in (option for option in options if option.by_place):
+        some: dict[str, Any] = {}
+        if get_origin(kind) is list:
+            kind, some = kind.__args__[0], {"nargs": "*", "default": []}
+            some = {"nargs": "+"} if default is dataclasses.MISSING else some
+        parser.add_argument(name, type=kind, metavar=name.upper(), help=text, **some)
+        usage.append(name.upper() + (" …" if some else ""))
+    for option in (option for option in options if not option.by_place):
+        value = {"required": True} if option.required else {"default": option.default}
+        parser.add_argument(f"--{option.name}", type=option.kind, help=option.text, **value)
+        usage += [f"--{option.name} {shown_value(*option[:3])}"] if option.required else []
     parser.add_argument("--config", action="config", metavar="FILE", help=CONFIG_HELP)
-    if groups := [f"--{option.name}.*" for option in options if option.grouped]:
+    if groups := [f"--{option.name}.*" for option in options if dataclasses.is_dataclass(option.kind)]:
         parser.add_argument("--help_all", action="help", help=f"also show {', '.join(groups)}")
-    _show_as_typed(parser._actions, parser._option_string_actions)
-    if not every_option:
-        for action in parser._actions:
-            action.help = SUPPRESS if "." in action.dest else action.help
-    several = [option.name.upper() + (" …" if option.many else "") for option in options if option.by_place]
-    needed = [option for option in options if option.required and not option.by_place]
-    required = [f"--{option.name} {shown_value(option.name, option.kind, option.text)}" for option in needed]
-    parser.usage = " ".join([prog, *several, *required, "[options]"])
+    _show_as_typed(parser._actions, parser._option_string_actions, every_option)
+    parser.usage = " ".join([*usage, "[options]"])
     return parser
 
 
@@ -230,7 +203,7 @@ def _normalised(words: Sequence[str], parser: Parser, command: Sequence[str]) ->
     of options come first, so that what is given here wins over them wherever it stands.
     """
     switches, several = parser.of_kind(lambda kind: kind is bool), parser.of_kind(is_several)
-    lists_of_lists = parser.of_kind(lambda kind: is_several(kind) and any(map(is_several, parts_of(kind))))
+    lists_of_lists = parser.of_kind(lambda kind: is_several(kind, lists=True))
     repeated: dict[str, list[str]] = {}
     result: list[str] = []
     configs: list[str] = []
@@ -260,16 +233,15 @@ def _normalised(words: Sequence[str], parser: Parser, command: Sequence[str]) ->
     return [*configs, *(f"{name}=[{','.join(values)}]" for name, values in repeated.items()), *result]
 
 
-def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action]) -> None:
+def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action], every_option: bool) -> None:
     """Show options with dashes, and leave out what jsonargparse adds on its own."""
     for action in actions:
         if action.dest == "help":
             action.help = "show this help and exit"
-        elif action.dest.endswith(".help") or action.metavar == "CONFIG":
+        elif action.dest.endswith(".help") or action.metavar == "CONFIG" or ("." in action.dest and not every_option):
             action.help = SUPPRESS
         elif "print_config" in action.dest:
-            action.help = PRINT_HELP
-            action.metavar = ""
+            action.help, action.metavar = PRINT_HELP, ""
         names = [name for name in action.option_strings if not name.endswith("+")]
         action.option_strings = ["--" + n[2:].replace("_", "-") if n.startswith("--") else n for n in names]
         if getattr(action, "_typehint", None) is bool:

@@ -30,26 +30,25 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path, PurePath
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tsuiseki.tracking.cli.ending import DONE, FAILED, complain, notes, on_signals
+from tsuiseki.tracking.cli.ending import DONE, FAILED, LATE, NOTES, complain, on_signals, said_of
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, signal_of
+from tsuiseki.tracking.errors import Interrupted, RunError, signal_of
 from tsuiseki.tracking.output import RunRecord, output_folder
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import Output
-    from tsuiseki.tracking.result import Result, Writer
+    from tsuiseki.tracking.result import Result
     from tsuiseki.tracking.types import Frame
     from tsuiseki.tracking.video.source import Source
 
 T = TypeVar("T")
-# What may end a run late; what was finished before is kept.
-LATE = (RequestError, RunError, OSError, MemoryError)
 PARTS = ".parts"
 
 
@@ -82,7 +81,6 @@ class Run:
         self._summary = ""
         self._reason = ""
         self._first: int | None = None
-        self._last = -1
         self._live = False
         self._recording: Path | None = None
         self._stack = ExitStack()
@@ -116,22 +114,16 @@ class Run:
 
                 self._recording = self.work / PARTS / "recording.webm"
                 writer = stack.enter_context(VideoWriter(self._recording, source.frame_rate))
-            frames = source.frames()
-            while True:
-                try:
-                    frame = next(frames, None)
-                    if frame is not None and writer is not None:
+            try:
+                for frame in source.frames():
+                    if writer is not None:
                         writer.write(frame.image)
-                except LATE as error:
-                    if self._first is None:
-                        raise
-                    self._fail(error)
-                    return
-                if frame is None:
-                    return
-                self._first = frame.index if self._first is None else self._first
-                self._last = frame.index
-                yield frame
+                    self._first = frame.index if self._first is None else self._first
+                    yield frame
+            except LATE as error:
+                if self._first is None:
+                    raise
+                self._fail(error)
 
     def steps(self, items: Iterable[T], what: str = "tracking", total: int | None = None) -> Iterator[T]:
         """``items``, with progress, up to an interrupt or to where they fail.
@@ -142,19 +134,15 @@ class Run:
         """
         self._patient, before = True, self.count
         self._before = before
-        watched = progress(items, what, total)
-        while not self._asked:
-            try:
-                item = next(watched)
-            except StopIteration:
-                break
-            except LATE as error:
-                if self.count == before:
-                    raise
-                self._fail(error)
-                break
-            yield item
-            self.count += 1
+        watched, end = progress(items, what, total), object()
+        try:
+            while not self._asked and (item := next(watched, end)) is not end:
+                yield item  # type: ignore[misc]
+                self.count += 1
+        except LATE as error:
+            if self.count == before:
+                raise
+            self._fail(error)
         watched.close()
         if self.count == before:
             raise Interrupted(self._asked) if self._asked else RunError("expected frames, got none")
@@ -174,43 +162,38 @@ class Run:
         Raises:
             KeyboardInterrupt: the user interrupts.
         """
-        return self.watched(self._again(source), "drawing", self.count - self._before)
+        from tsuiseki.tracking.video.source import open_source
+
+        first, length = self._first, self.count - self._before
+        if self._recording is None or first is None:
+            # A video that broke off is not asked for more than it had.
+            return self.watched(islice(source.frames(), None if first is None else length), "drawing", length)
+        recorded = open_source(self._recording, FrameRange(0, length - 1)).frames()
+        return self.watched((replace(frame, index=frame.index + first) for frame in recorded), "drawing", length)
 
     def watched(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
         """``items`` with progress; an interrupt from now on ends them with KeyboardInterrupt."""
-        return self._watched(progress(items, what, total), self._asked)
+        asked = self._asked
 
-    def _watched(self, items: Iterable[T], asked: int) -> Iterator[T]:
-        for item in items:
-            if self._asked != asked:
-                raise Interrupted(self._asked)
-            yield item
+        def each() -> Iterator[T]:
+            for item in progress(items, what, total):
+                if self._asked != asked:
+                    raise Interrupted(self._asked)
+                yield item
+
+        return each()
 
     @property
     def interrupted(self) -> bool:
         """Whether the user asked to end: begin no other part."""
         return bool(self._asked)
 
-    def _again(self, source: Source) -> Iterator[Frame]:
-        from tsuiseki.tracking.video.source import open_source
-
-        first, end = self._first or 0, (self._first or 0) + self.count - self._before
-        if self._recording is None:
-            for frame in source.frames():
-                yield frame
-                # A video that broke off is not asked for more than it had.
-                if self._first is not None and frame.index + 1 >= end:
-                    return
-            return
-        for frame in open_source(self._recording, FrameRange(0, end - first - 1)).frames():
-            yield replace(frame, index=frame.index + first)
-
-    def write(self, name: str, write: Callable[[Path], object]) -> Path:
-        """Make the file ``name`` of the result; it is kept from then on."""
+    def write(self, name: str, write: Callable[..., object], *more: object) -> Path:
+        """Make the file ``name`` of the result by ``write(path, *more)``; it is kept from then on."""
         part, whole = self.work / PARTS / name, self.work / name
         part.parent.mkdir(parents=True, exist_ok=True)
         try:
-            write(part)
+            write(part, *more)
         except BaseException:
             part.unlink(missing_ok=True)
             raise
@@ -237,15 +220,12 @@ class Run:
         """
         self.columns = result.frames
         self.facts |= result.facts
-        pages = [name for name in result.files if name.endswith(".html")]
-        for name in [name for name in result.files if name not in pages]:
-            self._save(result.files[name], PurePath(folder, name))
-        draw()
-        for name in pages:
-            self._save(result.files[name], PurePath(folder, name))
-
-    def _save(self, write: Writer, place: PurePath) -> None:
-        self.write(str(place), lambda path: write(path, self.work / place.parent))
+        for pages in (False, True):
+            for name, write in result.files.items():
+                if name.endswith(".html") == pages:
+                    self.write(str(PurePath(folder, name)), write, self.work / folder)
+            if not pages:
+                draw()
 
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Likewise, where the result is one without it, too; None where it was not made."""
@@ -265,8 +245,7 @@ class Run:
         self._summary = summary
 
     def _fail(self, error: BaseException, prefix: str = "") -> None:
-        text = f"{error.strerror or error}" if isinstance(error, OSError) else str(error) or "not enough memory"
-        self._say(prefix + text, FAILED)
+        self._say(prefix + said_of(error), FAILED)
 
     def _say(self, reason: str, status: int) -> None:
         if not self._reason:
@@ -277,15 +256,14 @@ class Run:
     ) -> bool:
         with ExitStack() as stack:
             stack.push(self._stack.pop_all().__exit__)
-            if error is not None:
-                if not (self._written and isinstance(error, (KeyboardInterrupt, *LATE))):
-                    # The stack clears away.
-                    stack.pop_all().__exit__(kind, error, trace)
-                    return False
-                if isinstance(error, KeyboardInterrupt):
-                    self._say("interrupted", 128 + signal_of(error))
-                else:
-                    self._fail(error)
+            if error is not None and not (self._written and isinstance(error, (KeyboardInterrupt, *LATE))):
+                # The stack clears away.
+                stack.pop_all().__exit__(kind, error, trace)
+                return False
+            if isinstance(error, KeyboardInterrupt):
+                self._say("interrupted", 128 + signal_of(error))
+            elif error is not None:
+                self._fail(error)
             elif not self._written:
                 # The stack clears away: there is no result, which is no failure.
                 stack.pop_all().__exit__(_NoResultError, _NoResultError(), None)
@@ -303,7 +281,7 @@ class Run:
         given = self.output.given
         record = RunRecord(given.command, given.settings, self.output.random_seed, self.times.seconds, self.columns)
         record.partial, record.reason = bool(self._reason), self._reason
-        record.facts = {**self.facts, "notes": noted} if (noted := notes()) else self.facts
+        record.facts = self.facts | ({"notes": [*NOTES]} if NOTES else {})
         record.write(self.work)
 
     def _report(self) -> None:
@@ -311,14 +289,10 @@ class Run:
             if self._summary:
                 print(self._summary)
             return
-        text = " ".join(self._reason.split())
-        where = f" up to {self._place()}" if self.count else ""
-        complain(f"{text}; the partial result{where} is in {self.output.out}, marked in its run.json", self.status)
-
-    def _place(self) -> str:
-        """How far the run came, for people."""
         numbers = self.columns.get("frame")
-        return f"frame {numbers[-1]}" if numbers else f"{self.count} steps"
+        place = f"frame {numbers[-1]}" if numbers else f"{self.count} steps"
+        where = f" up to {place}" if self.count else ""
+        complain(f"{self._reason}; the partial result{where} is in {self.output.out}, marked in its run.json", 0)
 
 
 def frames_expected(source: Source) -> int | None:
