@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsuiseki.tracking.cli.commands import needs_train_extra
 from tsuiseki.tracking.cli.detector_lines import tell_reading
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.errors import Interrupted, RequestError
@@ -77,9 +76,9 @@ def adapt(
         threads: CPU cores; 0 takes all.
         detector_options: what the file of the teacher does not tell, where that is another project's.
     """
+    from tsuiseki.trainers.adapt.settings import AdaptSettings
+
     parse_frames(frames)
-    with needs_train_extra():
-        from tsuiseki.trainers.adapt.settings import AdaptSettings
     settings = AdaptSettings(
         rounds=rounds, steps=steps, pictures=pictures, score_threshold=score_threshold, sitting=sitting,
         seed=output.seed, threads=threads,

@@ -7,14 +7,9 @@ commands that track never import torch.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
-
-from tsuiseki.tracking.errors import RequestError
-
-TRAIN_PACKAGES = ("torch", "torchvision", "lightning", "onnx", "onnxscript", "sklearn", "skl2onnx", "tensorboard")
 
 
 @dataclass(frozen=True)
@@ -35,14 +30,9 @@ class Command:
         return self.place.startswith("trainers.networks.fit:")
 
     def load(self, words: Sequence[str]) -> Callable[..., Any]:
-        """The function of the command that is called ``words``, such as track and people.
-
-        Raises:
-            RequestError: it needs the `train` extra, which is missing.
-        """
+        """The function of the command that is called ``words``, such as track and people."""
         module, _, function = self.place.partition(":")
-        with needs_train_extra():
-            found: Callable[..., Any] = getattr(importlib.import_module(f"tsuiseki.{module}"), function)
+        found: Callable[..., Any] = getattr(importlib.import_module(f"tsuiseki.{module}"), function)
         if words[0] != "reproduce":
             return found
         from tsuiseki.tracking.cli.reproduce import reproduction
@@ -150,20 +140,3 @@ COMMANDS: Tree = {
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
     "reproduce": Group(f"{PAPER} {EXTRA}", "trainers.experiments", REPRODUCE),
 }
-
-
-@contextmanager
-def needs_train_extra() -> Iterator[None]:
-    """Import what trains within the ``with`` block.
-
-    Raises:
-        RequestError: a package of the extra is not installed.
-    """
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.split(".")[0] not in TRAIN_PACKAGES:
-            raise
-        raise RequestError(
-            f"training needs {error.name}, which is not installed; install the extra: pip install 'tsuiseki[train]'"
-        ) from error

@@ -34,7 +34,7 @@ def ended(command: Callable[[], int | None]) -> int:
         known = explained(error)
         if known is None:
             raise
-        return complain(known, FAILED)
+        return complain(known, WRONG_REQUEST if isinstance(known, RequestError) else FAILED)
     except BrokenPipeError:
         sys.stderr.close()
         return FAILED
@@ -56,18 +56,15 @@ def said_of(error: BaseException) -> str:
 @contextmanager
 def on_signals(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
     """Within the ``with`` block `ENDING` goes to ``handler``, save what this process was started to ignore."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = {number: signal.getsignal(number) for number in ENDING}
-    heard = [number for number, old in before.items() if old is not signal.SIG_IGN]
+    numbers = ENDING if threading.current_thread() is threading.main_thread() else ()
+    before = {number: old for number in numbers if (old := signal.getsignal(number)) is not signal.SIG_IGN}
     try:
-        for number in heard:
+        for number in before:
             signal.signal(number, handler)
         yield
     finally:
-        for number in heard:
-            signal.signal(number, before[number])
+        for number, old in before.items():
+            signal.signal(number, old)
 
 
 def _interrupt(number: int, _: FrameType | None) -> None:

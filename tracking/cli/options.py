@@ -91,35 +91,20 @@ class Video(Drawing):
 
 
 @dataclass(frozen=True)
-class Given:
-    """The request, for ``run.json``.
-
-    Attributes:
-        command: the program's words.
-        settings: every option with its value, as a file for ``--config`` has them.
-    """
-
-    command: Sequence[str] = ("tsuiseki",)
-    settings: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class Output(Shared):
     """Where the result goes.
 
     Attributes:
         out: folder for the results.
         overwrite: replace an earlier result in the folder.
+        command: the program's words, for ``run.json``.
+        settings: every option with its value, as a file for ``--config`` has them; likewise.
     """
 
     out: Path
     overwrite: bool = False
-    given: Given = field(default_factory=Given, metadata=NO_OPTION)
-
-    @property
-    def random_seed(self) -> int:
-        """For ``run.json``."""
-        return int(self.given.settings.get("seed", 0))
+    command: Sequence[str] = field(default=("tsuiseki",), metadata=NO_OPTION)
+    settings: Mapping[str, Any] = field(default_factory=dict, metadata=NO_OPTION)
 
     def check(self) -> None:
         """See `Shared.check`."""

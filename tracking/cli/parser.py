@@ -12,13 +12,14 @@ import json
 import re
 from argparse import SUPPRESS, Action
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, TypeGuard, get_origin, get_type_hints
 
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
 from tsuiseki.tracking.cli.config import config_text
-from tsuiseki.tracking.cli.options import Given, Output
+from tsuiseki.tracking.cli.options import Output
 from tsuiseki.tracking.cli.wording import HelpFormatter, friendly, is_several, shown_value, with_option
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
@@ -28,19 +29,10 @@ PRINT_HELP = "print all options as YAML, as a start for --config, and exit"
 
 
 class Parser(ArgumentParser):
-    """A jsonargparse parser that fails with `RequestError` and takes ``--some-option`` for ``some_option``."""
+    """A jsonargparse parser that fails with `RequestError`, also inside of groups of options."""
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
-        raise RequestError(friendly(message, self.option_names())) from ex
-
-    def option_names(self) -> list[str]:
-        """All options as they are shown, ``--seed`` and so on."""
-        return [name for action in self._actions for name in action.option_strings if name.startswith("--")]
-
-    def of_kind(self, matches: Callable[[Any], bool]) -> set[str]:
-        """Options whose type ``matches``, as they are shown."""
-        hinted = [action for action in self._actions if matches(getattr(action, "_typehint", None))]
-        return {name for action in hinted for name in action.option_strings}
+        raise RequestError(friendly(message, _names(self))) from ex
 
 
 def call(prog: str, function: Callable[..., Any], words: Sequence[str]) -> Any:
@@ -65,20 +57,14 @@ def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict
     # jsonargparse also leaves out of --print-config what its help does not show: hide options for --help alone.
     parser = build_parser(prog, function, every_option=not {"-h", "--help"} & set(words))
 
-    def said_of(message: str) -> str:
-        return with_option(friendly(message, parser.option_names()), words)
-
     try:
         found = parser.parse_args(_normalised(words, parser, prog.split()))
-    except ArgumentError as error:
-        raise RequestError(said_of(str(error))) from error
-    for option in options_of(function):
-        if dataclasses.is_dataclass(option.kind) and not isinstance(found[option.name], Namespace):
-            raise RequestError(f"{option.name}: expected options of its own below it, got {found[option.name]!r}")
-    try:
+        for name, kind, *_ in options_of(function):
+            if dataclasses.is_dataclass(kind) and not isinstance(found[name], Namespace):
+                raise RequestError(f"{name}: expected options of its own below it, got {found[name]!r}")
         values = parser.instantiate(found)
-    except ValueError as error:  # a settings dataclass refuses a value
-        raise RequestError(said_of(str(error))) from error
+    except (ArgumentError, ValueError) as error:  # such as of a settings dataclass that refuses a value
+        raise RequestError(with_option(friendly(str(error), _names(parser)), words)) from error
     return _arguments(function, values, prog)
 
 
@@ -148,12 +134,12 @@ def _arguments(function: Callable[..., Any], values: Any, prog: str) -> dict[str
             settings |= fields
         else:
             arguments[one.name] = settings[one.name] = values[one.name]
-    given = Given(prog.split(), json.loads(json.dumps(settings, default=_plain)))
+    settings = json.loads(json.dumps(settings, default=_plain))
     for name, value in arguments.items():
         if isinstance(value, Shared):
             value.check()
         if isinstance(value, Output):
-            arguments[name] = dataclasses.replace(value, given=given)
+            arguments[name] = dataclasses.replace(value, command=prog.split(), settings=settings)
     return arguments
 
 
@@ -196,18 +182,22 @@ def build_parser(prog: str, function: Callable[..., Any], every_option: bool = F
     return parser
 
 
+def _names(parser: Parser, matches: Callable[[Any], bool] = lambda _: True) -> list[str]:
+    """Options whose type ``matches``, as they are shown: ``--seed`` and so on."""
+    hinted = [action for action in parser._actions if matches(getattr(action, "_typehint", None))]
+    return [name for action in hinted for name in action.option_strings if name.startswith("--")]
+
+
 def _normalised(words: Sequence[str], parser: Parser, command: Sequence[str]) -> list[str]:
     """``--some-option`` as ``--some_option``, switches with their value, and ``1,2`` for several numbers as a list.
 
     An option for a list of such lists is given once for each of them, ``--init 1,2 --init 3,4``. The contents of files
     of options come first, so that what is given here wins over them wherever it stands.
     """
-    switches, several = parser.of_kind(lambda kind: kind is bool), parser.of_kind(is_several)
-    lists_of_lists = parser.of_kind(lambda kind: is_several(kind, lists=True))
+    switches, several = _names(parser, lambda kind: kind is bool), _names(parser, is_several)
+    lists_of_lists = _names(parser, partial(is_several, lists=True))
     repeated: dict[str, list[str]] = {}
-    result: list[str] = []
-    configs: list[str] = []
-    rest = list(words)
+    result, configs, rest = list[str](), list[str](), list(words)
     while rest:
         word = rest.pop(0)
         if word == "--":

@@ -1,16 +1,13 @@
 """The frame of every command: where the video comes from, and what happens to the result, whatever happens.
 
-A command is a function of typed options in the file of its name. It says what to do with a frame and what to write;
-options that several commands share stand in `options`, once.
+A command is a function of typed options; those that several commands share stand in `options`.
 
     def blobs(video: Video, output: SeededOutput, particles: int = 500) -> int:
         source = video.open()                                   # checked before anything is computed
         tracker = BlobTracker(..., output.seed)
         with output.run() as run:
-            for frame in run.steps(run.frames(source), total=frames_expected(source)):
-                with run.times.measure("track"):
-                    tracker.update(frame)
-            result = blob_result(tracker, ...)                  # what the function for Python returns, too
+            steps = run.steps(run.frames(source), total=frames_expected(source))
+            result = blob_result(tracker, steps, ...)           # what the function for Python returns, too
             run.save(result, lambda: video.draw(run, source, result))
             run.done(f"{len(result)} objects: {output.out / 'tracks.txt'}")
         return run.status
@@ -52,10 +49,6 @@ T = TypeVar("T")
 PARTS = ".parts"
 
 
-class _NoResultError(Exception):
-    """Tells the output folder that nothing is to be published."""
-
-
 class Run:
     """A run of a command that fills a folder; see the head of this file.
 
@@ -65,6 +58,7 @@ class Run:
         facts: what the run found out about its input, or chose by itself; likewise.
         count: finished steps.
         status: exit status, known after the ``with`` block.
+        asked: the signal by which the user asked to end, 0 where none came: begin no other part.
     """
 
     def __init__(self, output: Output) -> None:
@@ -72,14 +66,10 @@ class Run:
         self.times = StageTimes()
         self.columns: Mapping[str, Sequence[Any]] = {}
         self.facts: dict[str, Any] = {}
-        self.count = 0
-        self._before = 0
-        self.status = DONE
-        self._asked = 0
-        self._patient = False
-        self._written = False
-        self._summary = ""
-        self._reason = ""
+        self.count, self._before = 0, 0
+        self.status, self.asked = DONE, 0
+        self._patient = self._written = False
+        self._summary = self._reason = ""
         self._first: int | None = None
         self._live = False
         self._recording: Path | None = None
@@ -95,9 +85,9 @@ class Run:
 
     def _ask(self, number: int, _: FrameType | None = None) -> None:
         """The first interrupt waits for the end of a step, where there are steps."""
-        if self._asked or not self._patient:
+        if self.asked or not self._patient:
             raise Interrupted(number)
-        self._asked = number
+        self.asked = number
 
     def frames(self, source: Source, record: bool = False) -> Iterator[Frame]:
         """The frames of ``source``, up to where it breaks off.
@@ -136,7 +126,7 @@ class Run:
         self._before = before
         watched, end = progress(items, what, total), object()
         try:
-            while not self._asked and (item := next(watched, end)) is not end:
+            while not self.asked and (item := next(watched, end)) is not end:
                 yield item  # type: ignore[misc]
                 self.count += 1
         except LATE as error:
@@ -145,7 +135,7 @@ class Run:
             self._fail(error)
         watched.close()
         if self.count == before:
-            raise Interrupted(self._asked) if self._asked else RunError("expected frames, got none")
+            raise Interrupted(self.asked) if self.asked else RunError("expected frames, got none")
 
     @contextmanager
     def waiting(self) -> Iterator[None]:
@@ -173,20 +163,15 @@ class Run:
 
     def watched(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
         """``items`` with progress; an interrupt from now on ends them with KeyboardInterrupt."""
-        asked = self._asked
+        asked = self.asked
 
         def each() -> Iterator[T]:
             for item in progress(items, what, total):
-                if self._asked != asked:
-                    raise Interrupted(self._asked)
+                if self.asked != asked:
+                    raise Interrupted(self.asked)
                 yield item
 
         return each()
-
-    @property
-    def interrupted(self) -> bool:
-        """Whether the user asked to end: begin no other part."""
-        return bool(self._asked)
 
     def write(self, name: str, write: Callable[..., object], *more: object) -> Path:
         """Make the file ``name`` of the result by ``write(path, *more)``; it is kept from then on."""
@@ -229,13 +214,13 @@ class Run:
 
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Likewise, where the result is one without it, too; None where it was not made."""
-        if self._asked and not self._live:
+        if self.asked and not self._live:
             return None
         try:
             return self.write(name, write)
         except KeyboardInterrupt as error:
-            self._asked = signal_of(error)
-            self._say(f"interrupted while {name} was drawn", 128 + self._asked)
+            self.asked = signal_of(error)
+            self._say(f"interrupted while {name} was drawn", 128 + self.asked)
         except LATE as error:
             self._fail(error, f"{name} could not be written: ")
         return None
@@ -266,11 +251,11 @@ class Run:
                 self._fail(error)
             elif not self._written:
                 # The stack clears away: there is no result, which is no failure.
-                stack.pop_all().__exit__(_NoResultError, _NoResultError(), None)
+                stack.pop_all().__exit__(RunError, RunError(), None)
                 self._report()
                 return True
-            elif self._asked and not self._live and not self._reason:
-                self._say("interrupted", 128 + self._asked)
+            elif self.asked and not self._live and not self._reason:
+                self._say("interrupted", 128 + self.asked)
             self._patient = True
             self._record()
         self._report()
@@ -278,21 +263,20 @@ class Run:
 
     def _record(self) -> None:
         shutil.rmtree(self.work / PARTS, ignore_errors=True)
-        given = self.output.given
-        record = RunRecord(given.command, given.settings, self.output.random_seed, self.times.seconds, self.columns)
+        command, settings, seconds = self.output.command, self.output.settings, self.times.seconds
+        record = RunRecord(command, settings, int(settings.get("seed", 0)), seconds, self.columns)
         record.partial, record.reason = bool(self._reason), self._reason
         record.facts = self.facts | ({"notes": [*NOTES]} if NOTES else {})
         record.write(self.work)
 
     def _report(self) -> None:
-        if not self._reason:
-            if self._summary:
-                print(self._summary)
-            return
-        numbers = self.columns.get("frame")
-        place = f"frame {numbers[-1]}" if numbers else f"{self.count} steps"
-        where = f" up to {place}" if self.count else ""
-        complain(f"{self._reason}; the partial result{where} is in {self.output.out}, marked in its run.json", 0)
+        if self._reason:
+            numbers = self.columns.get("frame")
+            place = f"frame {numbers[-1]}" if numbers else f"{self.count} steps"
+            where = f" up to {place}" if self.count else ""
+            complain(f"{self._reason}; the partial result{where} is in {self.output.out}, marked in its run.json", 0)
+        elif self._summary:
+            print(self._summary)
 
 
 def frames_expected(source: Source) -> int | None:

@@ -16,6 +16,7 @@ from typing import Any, Union, get_args, get_origin
 
 from jsonargparse import DefaultHelpFormatter, Namespace
 
+KINDS = {"int": "a whole number", "float": "a number", "bool": "true or false", "str": "text"}
 METAVARS = {"int": "N", "float": "X", "str": "TEXT", "Path": "FILE"}
 # What jsonargparse says of a value, and the words of people for it, one after the other.
 EXPECTATIONS: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
@@ -32,10 +33,7 @@ EXPECTATIONS: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
     (r"^expected (?:list\[)+float\]+", "expected numbers separated by commas"),
     (r"^expected list\[int\]", "expected whole numbers separated by commas"),
     (r", got '\[(.*)\]'$", lambda found: f", got '{found[1].replace(chr(39), '')}'"),
-    (r"^expected int\b", "expected a whole number"),
-    (r"^expected float\b", "expected a number"),
-    (r"^expected bool\b", "expected true or false"),
-    (r"^expected str\b", "expected text"),
+    (r"^expected (int|float|bool|str)\b", lambda found: f"expected {KINDS[found[1]]}"),
 )  # fmt: skip
 
 
@@ -51,12 +49,8 @@ class HelpFormatter(DefaultHelpFormatter):
         if action.required and action.option_strings:
             return f"{text} (required)"
         default = action.default
-        if not action.option_strings or default in (None, "", SUPPRESS) or isinstance(default, bool | Namespace):
+        if not action.option_strings or default in (None, "", SUPPRESS) or isinstance(default, bool | dict | Namespace):
             return text
-        if isinstance(default, dict):
-            name, value = next(iter(default.items()))
-            option = f"{action.dest}.{name}".replace("_", "-")
-            return f"{text} (such as --{option} {value})"
         shown = ",".join(map(str, default)) if isinstance(default, tuple | list) else default
         return f"{text} (default: {shown})"
 
@@ -133,7 +127,7 @@ def with_option(message: str, words: Iterable[str]) -> str:
     # A message speaks of the field: of `min_time` for --flow.min-time.
     fields = {name: name.rpartition(".")[2].replace("-", "_") for name in names if "." in name}
     meant = [name for name, field in fields.items() if re.search(rf"\b{re.escape(field)}\b", message)]
-    return message if message.startswith("--") or len(meant) != 1 else f"{meant[0]}: {message}"
+    return message if message.startswith(("--", "unknown")) or len(meant) != 1 else f"{meant[0]}: {message}"
 
 
 def _expectation(text: str) -> str:

@@ -111,7 +111,7 @@ def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]
     source, best = demo.source, demo.tracks[list(demo.tracks)[-1]]
     with run.times.measure("overlay"):
         overlay = run.draw(OVERLAY_FILE, lambda path: write_overlay(path, source.frames(), best, source.frame_rate))
-    facts = {f"{kind} model": name for kind, name in names.items()} | {"seed": str(run.output.random_seed)}
+    facts = {f"{kind} model": name for kind, name in names.items()} | {"seed": str(run.output.settings["seed"])}
     report = street_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts))
     run.write(REPORT_FILE, lambda path: write_report(path, report))
 
@@ -122,7 +122,7 @@ def record_method(
     """Write the ``run.json`` of one method, into the folder of its name."""
     from tsuiseki.tracking.output import RunRecord
 
-    record = RunRecord(run.output.given.command, settings, run.output.random_seed, seconds, columns)
+    record = RunRecord(run.output.command, settings, run.output.settings["seed"], seconds, columns)
     record.write(run.work / settings["method"])
 
 

@@ -299,7 +299,7 @@ def sphere(
     rng = np.random.default_rng(output.seed)
     with output.run() as run:
         log = chosen.run(rng, run.times, lambda items: run.steps(items, total=chosen.length))
-        result = sphere_result(chosen, log, run.times, output.given.settings, true_path)
+        result = sphere_result(chosen, log, run.times, output.settings, true_path)
         run.save(result, partial(_draw, run, drawing, chosen, log))
         run.done(_summary(result, true_path, output.out / "track3d.csv"))
     return run.status
