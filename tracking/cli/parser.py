@@ -81,11 +81,6 @@ class Option(NamedTuple):
     default: Any
     by_place: bool
 
-    @property
-    def required(self) -> bool:
-        """Whether it must be given."""
-        return self.default is dataclasses.MISSING
-
 
 def options_of(function: Callable[..., Any]) -> list[Option]:
     """The options of ``function``, those of its `Shared` parameters last, worded and with defaults as it says."""
@@ -170,10 +165,10 @@ def build_parser(prog: str, function: Callable[..., Any], every_option: bool = F
             some = {"nargs": "+"} if default is dataclasses.MISSING else some
         parser.add_argument(name, type=kind, metavar=name.upper(), help=text, **some)
         usage.append(name.upper() + (" …" if some else ""))
-    for option in (option for option in options if not option.by_place):
-        value = {"required": True} if option.required else {"default": option.default}
-        parser.add_argument(f"--{option.name}", type=option.kind, help=option.text, **value)
-        usage += [f"--{option.name} {shown_value(*option[:3])}"] if option.required else []
+    for name, kind, text, default, _ in (option for option in options if not option.by_place):
+        needed = default is dataclasses.MISSING
+        parser.add_argument(f"--{name}", type=kind, help=text, **{"required": True} if needed else {"default": default})
+        usage += [f"--{name} {shown_value(name, kind, text)}"] if needed else []
     parser.add_argument("--config", action="config", metavar="FILE", help=CONFIG_HELP)
     if groups := [f"--{option.name}.*" for option in options if dataclasses.is_dataclass(option.kind)]:
         parser.add_argument("--help_all", action="help", help=f"also show {', '.join(groups)}")

@@ -281,8 +281,7 @@ class Run:
 
 def frames_expected(source: Source) -> int | None:
     """How many frames the stretch of ``source`` has, as far as it is known."""
-    wanted = source.frames_wanted
-    length = source.length or getattr(source, "promised", None) or None
+    wanted, length = source.frames_wanted, source.length or getattr(source, "promised", None)
     last = length - 1 if wanted.last is None and length else wanted.last
     return None if last is None else last - wanted.first + 1
 
