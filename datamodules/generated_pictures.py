@@ -13,7 +13,7 @@ from tsuiseki.datamodules.scenes.clip import IMAGES, FrameTruth, ground_truth, w
 from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings, plan_drone
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
-from tsuiseki.datamodules.scenes.room_pictures import PanoramaPictures, panorama_picture
+from tsuiseki.datamodules.scenes.room_pictures import panorama_picture
 from tsuiseki.datamodules.scenes.training_pictures import SETTINGS_OF_SCENE, THINGS, TOWN, Stock, random_training_scene
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth
@@ -101,7 +101,7 @@ def _picture(source: TrainingSource, size: tuple[int, int], number: int) -> tupl
         return image, truth.boxes, truth.visibility
     rng = np.random.default_rng([source.seed, number])
     if source.scene == "ceiling":
-        return panorama_picture(rng, PanoramaPictures(*size))
+        return panorama_picture(rng, *size)
     settings = replace(
         SETTINGS_OF_SCENE[source.scene](rng, *size),
         town=TOWN if source.town else (0, 0),

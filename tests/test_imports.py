@@ -19,13 +19,13 @@ ALLOWED = {
     "tracking": {"tracking"},
     "datamodules": {"datamodules", "tracking.types", "tracking.errors", "tracking.formats", "tracking.cameras",
                     "tracking.geometry", "tracking.onnx", "tracking.preprocessing", "tracking.output",
-                    "tracking.processes", "tracking.options", "tracking.features.action",
+                    "tracking.processes", "tracking.options", "tracking.devices", "tracking.features.action",
                     "tracking.features.optical_flow", "tracking.features.exported"},
     "trainers": {"trainers", "models", "datamodules", "tracking"},
     "configs": set(),
 }  # fmt: skip
 # Inside `tracking` a module imports only what stands before it here.
-LAYERS = ("errors", "weights", "types", "geometry", "output", "options", "processes", "onnx",
+LAYERS = ("errors", "weights", "types", "geometry", "output", "options", "processes", "devices", "onnx",
           "preprocessing", "interchange", "formats", "video", "result", "cameras", "features", "filters", "association",
           "evaluation", "report", "cli", "single", "people", "drone", "fisheye", "animals", "bodies", "points",
           "sphere", "calibrate", "demo", "front")  # fmt: skip

@@ -128,13 +128,12 @@ def suppress(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
 
 def suppress_rotated(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
     """As `suppress`, of ``(N, 5)`` rotated boxes (centre, size, radians clockwise)."""
-    if not len(boxes):
-        return np.empty(0, dtype=np.int64)
-    import cv2  # as in `suppress`
-
-    rectangles = [((x, y), (w, h), np.degrees(angle)) for x, y, w, h, angle in boxes.tolist()]
-    positive = np.asarray(scores, dtype=np.float64) - np.min(scores) + 1
-    return np.asarray(cv2.dnn.NMSBoxesRotated(rectangles, positive.tolist(), 0.0, iou), dtype=np.int64)
+    kept: list[int] = []
+    # OpenCV's own, NMSBoxesRotated, drops boxes that hardly overlap.
+    for k in np.argsort(-scores, kind="stable").tolist():
+        if not kept or rotated_iou(boxes[k : k + 1], boxes[kept]).max() <= iou:
+            kept.append(k)
+    return np.array(kept, dtype=np.int64)
 
 
 def about_rotated(boxes: FloatArray) -> FloatArray:

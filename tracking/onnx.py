@@ -19,12 +19,15 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.devices import Device, device_of, opened_on
 from tsuiseki.tracking.errors import RequestError
 
 Kind = Literal["detector", "appearance", "action", "affinity", "association", "objectness"]
 METADATA_KEY = "tsuiseki"
 FORMAT_VERSION = 1
 _PIXELS = {"tensor(float)": "float32", "tensor(float16)": "float16", "tensor(uint8)": "uint8"}
+# How a file names another that holds weights: the key, then the length of the name and the name itself.
+_WEIGHTS_AT = re.compile(rb"\n\x08location\x12([\x01-\x7f])")
 
 
 class MissingCardError(RequestError):
@@ -108,25 +111,37 @@ def cores_of(threads: int) -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def open_session(path: str | Path, threads: int = 0) -> onnxruntime.InferenceSession:
+def open_session(path: str | Path, threads: int = 0, device: Device = "cpu") -> onnxruntime.InferenceSession:
     """The ONNX file at ``path``, ready to run.
 
     Args:
         path: the file.
         threads: CPU threads of a call; 0 takes all cores.
+        device: what to run on, see `opened_on`.
 
     Raises:
-        RequestError: the file is missing, not ONNX, or newer than onnxruntime can read.
+        RequestError: the file or one of its weights is missing, it is not ONNX, or newer than onnxruntime can read; or
+            the device does not work.
     """
     path = Path(path)
     if not path.is_file():
         raise RequestError(f"expected an ONNX file at {path}, found none; check the path, or export one")
+    for file in weight_files(path):
+        if not file.is_file():
+            raise RequestError(f"{path}: expected its weights in {file}, found none; keep both files together")
     options = onnxruntime.SessionOptions()
     # By itself onnxruntime would bind its threads to cores, where other work of this program may be.
     options.intra_op_num_threads = cores_of(threads)
-    options.log_severity_level = 3
+    options.log_severity_level = 4
+
+    def create(providers: list[str]) -> onnxruntime.InferenceSession:
+        # Left to itself, onnxruntime goes over to the CPU without a word.
+        return onnxruntime.InferenceSession(str(path), options, providers=providers, enable_fallback=0)
+
     try:
-        return onnxruntime.InferenceSession(path.read_bytes(), options, providers=onnxruntime.get_available_providers())
+        return opened_on(device, create)
+    except RequestError:
+        raise
     except Exception as error:
         newer = re.search(r"(opset|IR version:) (\d+)", str(error), re.IGNORECASE)
         if newer:
@@ -138,6 +153,19 @@ def open_session(path: str | Path, threads: int = 0) -> onnxruntime.InferenceSes
         raise RequestError(
             f"{path} is not a readable ONNX model; export it again; onnxruntime says: {_reason(error)}"
         ) from error
+
+
+def weight_files(path: Path) -> list[Path]:
+    """The files beside the ONNX file at ``path`` that hold weights of it.
+
+    Raises:
+        RequestError: one lies outside its folder.
+    """
+    content = path.read_bytes()
+    names = {content[at.end() : at.end() + at[1][0]].decode(errors="replace") for at in _WEIGHTS_AT.finditer(content)}
+    if outside := [name for name in names if Path(name).is_absolute() or ".." in Path(name).parts]:
+        raise RequestError(f"{path}: expected its weights in its own folder, got {min(outside)}; export it again")
+    return [path.parent / name for name in sorted(names)]
 
 
 def run_session(
@@ -237,15 +265,20 @@ class OnnxModel:
         path: the ONNX file.
         kind: what the caller needs the model to be.
         threads: CPU threads of a call; 0 takes all cores.
+        device: what to run on, see `opened_on`.
+
+    Attributes:
+        device: what it runs on, ``cuda`` or ``cpu``.
 
     Raises:
-        RequestError: the file is missing, not ONNX, without a card (`MissingCardError`), of another kind or of a newer
+        RequestError: see `open_session`; or it is without a card (`MissingCardError`), of another kind or of a newer
             format version.
     """
 
-    def __init__(self, path: str | Path, kind: Kind, threads: int = 0) -> None:
+    def __init__(self, path: str | Path, kind: Kind, threads: int = 0, device: Device = "cpu") -> None:
         self.path = Path(path)
-        self.session = open_session(path, threads)
+        self.session = open_session(path, threads, device)
+        self.device = device_of(self.session)
         self.card = self._read_card(kind)
         self.input_names = [x.name for x in self.session.get_inputs()]
         self.output_names = [x.name for x in self.session.get_outputs()]
@@ -269,4 +302,4 @@ class OnnxModel:
 
     def run(self, *inputs: NDArray[Any]) -> list[NDArray[Any]]:
         """The outputs for ``inputs``, in the order of the file."""
-        return self.session.run(None, dict(zip(self.input_names, inputs, strict=True)))  # type: ignore[no-any-return]
+        return run_session(self.session, self.path, dict(zip(self.input_names, inputs, strict=True)))

@@ -28,7 +28,7 @@ except ImportError:  # elsewhere than on Unix nothing is locked
 
 RUN_FILE = "run.json"
 UNFINISHED = ".unfinished"
-VERSIONED_PACKAGES = ("tsuiseki", "numpy", "scipy", "opencv-python-headless", "onnxruntime")
+VERSIONED_PACKAGES = ("tsuiseki", "numpy", "scipy", "opencv-python-headless", "onnxruntime", "onnxruntime-gpu")
 
 
 @contextmanager

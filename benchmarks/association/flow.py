@@ -31,6 +31,7 @@ from tsuiseki.tracking.association.network_flow import FlowGraph, scaled
 from tsuiseki.tracking.association.sliding_flow import solve_in_windows
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
+from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, FloatArray
 
@@ -55,7 +56,7 @@ def main() -> None:
     settings = replace(FlowSettings(), costs=costs, decide_every=arguments.decide_every)
     best = dict.fromkeys(("prepare", "build", "solve", "bare", "whole tracker"), float("inf"))
     for _ in range(arguments.repeat):
-        given = FlowInput(settings.input, FRAME_RATE, None)
+        given = FlowInput(settings.input, Looks(FRAME_RATE), None)
         seen, scores = _timed(best, "prepare", partial(given.rows, video))
         observation = given.costs(scores)
         graph = _timed(best, "build", partial(_build, seen, observation, settings))

@@ -6,6 +6,7 @@ between targets however well a box fits.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,22 +15,14 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment, write_info
-from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import write_ground_truth
+from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment
+from tsuiseki.datamodules.scenes.render.solids import overlap
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
 
 HUES = {"red": 0.0, "orange": 28.0, "yellow": 55.0, "green": 120.0, "cyan": 182.0, "blue": 230.0, "magenta": 300.0}
 # Browns, greys, dull greens: hue in degrees, saturation, value.
-NATURAL = (
-    (30.0, 0.35, 0.45),
-    (42.0, 0.3, 0.6),
-    (85.0, 0.3, 0.4),
-    (100.0, 0.4, 0.3),
-    (25.0, 0.5, 0.3),
-    (210.0, 0.1, 0.6),
-)
+NATURAL = np.array([[30, 0.35, 0.45], [42, 0.3, 0.6], [85, 0.3, 0.4], [100, 0.4, 0.3], [25, 0.5, 0.3], [210, 0.1, 0.6]])
 
 
 @dataclass(frozen=True)
@@ -61,23 +54,15 @@ class BlobSceneSettings(ClipSettings):
     stay: bool = False
 
     def __post_init__(self) -> None:
-        if self.colour not in HUES:
-            raise RequestError(f"expected a colour of {', '.join(HUES)}, got {self.colour!r}")
-        if not 0 < self.purity[0] <= self.purity[1] <= 1 or not 4 <= self.size[0] <= self.size[1]:
-            raise RequestError(f"expected purities in (0, 1] and sides from 4, got {self.purity} and {self.size}")
-        if not 0 < self.clutter_reach <= 1 or self.flashes < 0:
-            raise RequestError(
-                f"expected clutter_reach in (0, 1] and flashes from 0, got {self.clutter_reach:g} and {self.flashes}"
-            )
-        if self.frames < 1 or self.objects < 1 or self.clutter < 0 or not 0 < self.frame_rate < np.inf:
-            raise RequestError(
-                "expected at least one frame, one object, no negative clutter and a frame rate above 0, got "
-                f"{self.frames}, {self.objects}, {self.clutter} and {self.frame_rate:g}"
-            )
-        if min(self.width, self.height) < 4 * self.size[1]:
-            raise RequestError(
-                f"expected an image of at least {4 * self.size[1]:g} pixels a side, got {self.width}x{self.height}"
-            )
+        own = (
+            (self.colour in HUES, f"a colour of {', '.join(HUES)}", repr(self.colour)),
+            (0 < self.purity[0] <= self.purity[1] <= 1, "purities in (0, 1]", self.purity),
+            (4 <= self.size[0] <= self.size[1], "sides from 4", self.size),
+            (0 < self.clutter_reach <= 1, "clutter_reach in (0, 1]", self.clutter_reach),
+            (self.objects >= 1, "at least one object", self.objects),
+            (min(self.clutter, self.flashes) >= 0, "no negative clutter or flashes", (self.clutter, self.flashes)),
+        )
+        self.expect("blob", math.ceil(4 * self.size[1]), *own)
 
 
 @dataclass(frozen=True)
@@ -128,8 +113,7 @@ class BlobClip:
 
     def write_truth(self, folder: Path, name: str, truths: list[FloatArray]) -> None:
         """Write ``gt/gt.txt`` and ``seqinfo.ini``."""
-        write_ground_truth(folder / "gt" / "gt.txt", as_ground_truth(np.stack(truths)))
-        write_info(folder, name, self.settings)
+        self.settings.write_info(folder, name, as_ground_truth(np.stack(truths)))
 
 
 def plan_blobs(settings: BlobSceneSettings, seed: int) -> BlobClip:
@@ -149,10 +133,8 @@ def _plan(settings: BlobSceneSettings, rng: np.random.Generator) -> BlobPaths:
         centres = _path(settings, sizes[k], bool(late[k]), settings.frames - int(start[k]), rng)
         half = sizes[k] / 2
         boxes[start[k] :, k] = np.concatenate([centres - half, centres + half], axis=1)
-    outside = (np.minimum(boxes[..., 2:], [settings.width, settings.height]) - np.maximum(boxes[..., :2], 0)).min(
-        axis=-1
-    )
-    boxes[outside < 3] = np.nan
+    inside = np.minimum(boxes[..., 2:], [settings.width, settings.height]) - np.maximum(boxes[..., :2], 0)
+    boxes[inside.min(axis=-1) < 3] = np.nan
     drawn = [_sprite(size, share, HUES[settings.colour], rng) for size, share in zip(sizes, purity, strict=True)]
     return BlobPaths(boxes, purity, tuple(d[0] for d in drawn), tuple(d[1] for d in drawn))
 
@@ -209,10 +191,9 @@ def _sprite(size: FloatArray, purity: float, hue: float, rng: np.random.Generato
     cells = (-(-height // 3), -(-width // 3))
     number = cells[0] * cells[1]
     pure = rng.permutation(number) < round(purity * number)
-    other = np.array(NATURAL)[rng.integers(len(NATURAL), size=number)] * [1, 0.5, 1.0]
-    own = np.stack(
-        [(hue + rng.normal(0, 4, number)) % 360, rng.uniform(0.75, 0.95, number), rng.uniform(0.6, 0.9, number)], axis=1
-    )
+    other = NATURAL[rng.integers(len(NATURAL), size=number)] * [1, 0.5, 1.0]
+    hues, saturations = (hue + rng.normal(0, 4, number)) % 360, rng.uniform(0.75, 0.95, number)
+    own = np.stack([hues, saturations, rng.uniform(0.6, 0.9, number)], axis=1)
     picture = _rgb(np.where(pure[:, None], own, other).reshape(*cells, 3))
     picture = np.repeat(np.repeat(picture, 3, axis=0), 3, axis=1)[:height, :width]
     y, x = np.mgrid[:height, :width]
@@ -227,11 +208,10 @@ def _ground(settings: BlobSceneSettings, rng: np.random.Generator) -> ImageArray
     for octave, strength in ((8, 0.5), (32, 0.3), (128, 0.2)):
         grid = rng.random((octave * height // width + 2, octave + 2, 3)).astype(np.float32)
         base += strength * cv2.resize(grid, (width, height), interpolation=cv2.INTER_CUBIC)
-    palette = np.array(NATURAL)
     hsv = np.stack([60 + 60 * base[..., 0], 0.2 + 0.25 * base[..., 1], 0.25 + 0.35 * base[..., 2]], axis=-1)
     image = _rgb(hsv)
     for _ in range(width * height // 900):
-        colour = palette[rng.integers(len(palette))] * [1, 1, rng.uniform(0.6, 1.3)]
+        colour = NATURAL[rng.integers(len(NATURAL))] * [1, 1, rng.uniform(0.6, 1.3)]
         _stain(image, np.clip(colour, 0, [360, 1, 1]), rng.uniform(3, 14, 2), rng)
     _stain_colour(image, settings, settings.clutter, rng)
     return cv2.GaussianBlur(image, (0, 0), 0.7).astype(np.uint8)
@@ -254,14 +234,9 @@ def _stain(image: ImageArray, hsv: FloatArray, radii: FloatArray, rng: np.random
 
 def _paste(image: ImageArray, sprite: ImageArray, shape: ImageArray, box: FloatArray) -> None:
     """Draws an object with its corner at whole pixels, cut off at the border."""
-    x, y = (round(float(v)) for v in box[:2])
-    height, width = shape.shape
-    top, left = max(0, -y), max(0, -x)
-    bottom, right = min(height, image.shape[0] - y), min(width, image.shape[1] - x)
-    if bottom > top and right > left:
-        place = image[y + top : y + bottom, x + left : x + right]
-        inside = shape[top:bottom, left:right].astype(bool)
-        place[inside] = sprite[top:bottom, left:right][inside]
+    there, own = overlap(image.shape, (round(float(box[1])), round(float(box[0]))), shape.shape)
+    inside = shape[own].astype(bool)
+    image[there][inside] = sprite[own][inside]
 
 
 def _rgb(hsv: FloatArray) -> ImageArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +11,8 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment, write_info
-from tsuiseki.datamodules.scenes.render.solids import Float32
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment
+from tsuiseki.datamodules.scenes.render.solids import Float32, Window, overlap
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.formats.silhouettes import FOLDER
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
@@ -44,20 +44,21 @@ class Drawn:
         """Pixels ``(h, w)`` that the body covers."""
         return np.asarray(self.opacity > 0.3)
 
+    def within(self, shape: tuple[int, ...]) -> tuple[Window, Window]:
+        """See `solids.overlap`."""
+        return overlap(shape, (self.top, self.left), self.opacity.shape)
 
-def within(shape: tuple[int, int], drawn: Drawn) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Rows and columns of an image of ``shape`` that a drawing covers, and the same place in the drawing."""
-    height, width = drawn.opacity.shape
-    top, left = max(0, -drawn.top), max(0, -drawn.left)
-    bottom = max(top, min(height, shape[0] - drawn.top))
-    right = max(left, min(width, shape[1] - drawn.left))
-    there = (slice(drawn.top + top, drawn.top + bottom), slice(drawn.left + left, drawn.left + right))
-    return there, (slice(top, bottom), slice(left, right))
+
+def around(a: float, b: float, reach: int) -> tuple[int, int, Float32, Float32]:
+    """Left column and top row of what lies within ``reach`` pixels of a place, and the places x, y of it from there."""
+    left, top = math.floor(a) - reach, math.floor(b) - reach
+    x = np.arange(left, left + 2 * reach + 1, dtype=np.float32) + np.float32(0.5 - a)
+    return left, top, x, np.arange(top, top + 2 * reach + 1, dtype=np.float32)[:, None] + np.float32(0.5 - b)
 
 
 def paint(image: Float32, body: Drawn) -> None:
     """Lay a drawn body over ``image``."""
-    part, own = within(image.shape[:2], body)
+    part, own = body.within(image.shape)
     cover = body.opacity[own][..., None]
     image[part] = (1 - cover) * image[part] + cover * body.colour[own]
 
@@ -110,7 +111,7 @@ class BodyClip:
         height, width = image.shape[:2]
         silhouettes = np.zeros((height, width), np.uint8)
         for bit, body in enumerate(bodies):
-            part, own = within((height, width), body)
+            part, own = body.within((height, width))
             silhouettes[part] |= np.where(body.silhouette[own], np.uint8(1 << bit), np.uint8(0))
         (top, left), noise = self.grain[1][frame], self.grain[0]
         noisy = cv2.add(image, noise[top : top + height, left : left + width], dtype=cv2.CV_8U)
@@ -121,7 +122,7 @@ class BodyClip:
         numbers = np.arange(len(truths))
         tracks = [exact_track(k + 1, numbers, way) for k, way in enumerate(np.stack(truths, axis=1))]
         write_states(folder / "states.csv", tracks, self.fields)
-        write_info(folder, name, self.settings)
+        self.settings.write_info(folder, name)
 
 
 def camera_grain(settings: ClipSettings, level: float, rng: np.random.Generator) -> tuple[Float32, IntArray]:
@@ -129,28 +130,3 @@ def camera_grain(settings: ClipSettings, level: float, rng: np.random.Generator)
     size = (settings.height + _SHIFT, settings.width + _SHIFT, 3)
     noise = np.float32(level) * rng.standard_normal(size, dtype=np.float32)
     return noise, rng.integers(_SHIFT + 1, size=(settings.frames, 2))
-
-
-def check_bodies(names: tuple[str, str], count: int, length: float, settings: ClipSettings) -> None:
-    """Whether a clip can be made of ``count`` bodies.
-
-    Args:
-        names: what one body and several are called.
-        count: of bodies.
-        length: of a body, pixels.
-        settings: of the clip.
-
-    Raises:
-        RequestError: it cannot.
-    """
-    one, several = names
-    if not 1 <= count <= MOST_BODIES or settings.frames < 1 or not settings.frame_rate > 0:
-        raise RequestError(
-            f"expected 1 to {MOST_BODIES} {several}, at least one frame and a frame rate above 0, "
-            f"got {count}, {settings.frames} and {settings.frame_rate:g}"
-        )
-    if min(settings.width, settings.height) < 4 * length:
-        raise RequestError(
-            f"expected an image four times as large as a {one}, which is {length:g} pixels long, "
-            f"got {settings.width}x{settings.height}"
-        )

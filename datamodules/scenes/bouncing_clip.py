@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.body_clip import BodyClip, Drawn, camera_grain, check_bodies, paint
+from tsuiseki.datamodules.scenes.body_clip import MOST_BODIES, BodyClip, Drawn, around, camera_grain, paint
 from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.tracking.types import FloatArray
@@ -43,7 +43,8 @@ class BouncingBallSettings(ClipSettings):
     balls: int = 1
 
     def __post_init__(self) -> None:
-        check_bodies(("ball", "balls"), self.balls, DIAMETER, self)
+        few = 1 <= self.balls <= MOST_BODIES
+        self.expect("ball", 4 * int(DIAMETER), (few, f"1 to {MOST_BODIES} balls", self.balls))
 
 
 def plan_balls(settings: BouncingBallSettings, seed: int) -> BodyClip:
@@ -95,10 +96,7 @@ def _bounce(settings: BouncingBallSettings, rng: np.random.Generator) -> FloatAr
 def draw_ball(diameter: float, state: FloatArray, colour: Float32) -> Drawn:
     """A rubber ball, lit from the upper left, in a state ``(4,)`` a, b, theta, squash."""
     a, b, theta, squash = (float(value) for value in state)
-    reach = int(np.ceil(diameter / 2 / (1 - LARGEST_SQUASH))) + 3
-    left, top = int(np.floor(a)) - reach, int(np.floor(b)) - reach
-    x = np.arange(left, left + 2 * reach + 1, dtype=np.float32) + np.float32(0.5 - a)
-    y = np.arange(top, top + 2 * reach + 1, dtype=np.float32)[:, None] + np.float32(0.5 - b)
+    left, top, x, y = around(a, b, int(np.ceil(diameter / 2 / (1 - LARGEST_SQUASH))) + 3)
     cos, sin = float(np.cos(theta)), float(np.sin(theta))
     along = (cos * x + sin * y) / (1 - squash)
     across = (cos * y - sin * x) * (1 - squash)

@@ -15,6 +15,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.render.scene import Sighting
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.output import output_folder
@@ -111,37 +112,32 @@ class ClipSettings:
     frames: int = 150
     frame_rate: float = 25.0
 
+    def expect(self, kind: str, smallest: int, *own: tuple[bool, str, object]) -> None:
+        """Refuse settings that no clip can be made with.
 
-Expectation = tuple[bool, str, object]
-"""Whether a setting can be used, what is expected of it, and what was given."""
+        Args:
+            kind: of clip, as the message calls it.
+            smallest: least width and height, pixels.
+            own: whether what this kind of clip expects besides holds, what that is, and what was given.
 
+        Raises:
+            RequestError: something expected does not hold.
+        """
+        size, rate = (self.width, self.height), self.frame_rate
+        common = (
+            (min(size) >= smallest, f"at least {smallest}x{smallest} pixels", f"{size[0]}x{size[1]}"),
+            (self.frames >= 1, "at least one frame", self.frames),
+            (bool(np.isfinite(rate)) and rate > 0, "a positive frame_rate", rate),
+        )
+        for holds, what, got in (*common, *own):
+            if not holds:
+                raise RequestError(f"{kind} clip: expected {what}, got {got}")
 
-def check_settings(kind: str, settings: ClipSettings, smallest: int, own: Iterable[Expectation]) -> None:
-    """Refuse settings that no clip can be made with.
-
-    Args:
-        kind: of clip, as the message calls it.
-        settings: of the clip.
-        smallest: least width and height, pixels.
-        own: what this kind of clip expects besides.
-
-    Raises:
-        RequestError: something expected does not hold.
-    """
-    size, rate = (settings.width, settings.height), settings.frame_rate
-    common: tuple[Expectation, ...] = (
-        (min(size) >= smallest, f"at least {smallest}x{smallest} pixels", f"{size[0]}x{size[1]}"),
-        (settings.frames >= 1, "at least one frame", settings.frames),
-        (bool(np.isfinite(rate)) and rate > 0, "a positive frame_rate", rate),
-    )
-    for holds, what, got in (*common, *own):
-        if not holds:
-            raise RequestError(f"{kind} clip: expected {what}, got {got}")
-
-
-def write_info(folder: Path, name: str, settings: ClipSettings) -> None:
-    """Write ``seqinfo.ini`` of the sequence ``name``."""
-    write_sequence_info(folder, name, settings.frame_rate, settings.frames, settings.width, settings.height)
+    def write_info(self, folder: Path, name: str, truth: GroundTruth | None = None) -> None:
+        """Write ``seqinfo.ini`` of the sequence ``name``, and ``gt/gt.txt`` of its ``truth``."""
+        if truth is not None:
+            write_ground_truth(folder / "gt" / "gt.txt", truth)
+        write_sequence_info(folder, name, self.frame_rate, self.frames, self.width, self.height)
 
 
 @dataclass(frozen=True)

@@ -19,14 +19,12 @@ from tsuiseki.datamodules.scenes.clip import (
     FrameTruth,
     Moment,
     by_appearance,
-    check_settings,
     ground_truth,
     people_in_view,
-    write_info,
 )
 from tsuiseki.datamodules.scenes.people.activities import AHEAD
 from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, PerformerState, gather
-from tsuiseki.datamodules.scenes.people.person import person_solids
+from tsuiseki.datamodules.scenes.people.person import person_thing
 from tsuiseki.datamodules.scenes.people.posture import place
 from tsuiseki.datamodules.scenes.people.props import CRATE_HEIGHT, in_hand, standing_prop
 from tsuiseki.datamodules.scenes.render.degrade import grains, level_tone, photographed, random_degradation
@@ -37,7 +35,6 @@ from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_l
 from tsuiseki.datamodules.scenes.things.clutter import bush, crate, reach_of
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
-from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, actions_of, write_okutama
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import ActionLabels
@@ -46,6 +43,10 @@ from tsuiseki.tracking.types.labels import ActionLabels
 INSIDE = 0.1
 # Metres that the view is broad at least, where the lens allows it.
 BREADTH = 12.0
+# Share of the time between two frames for which the shutter is open, and motion blurs.
+SHUTTER = 0.5
+# Standard deviations of the lens's blur, pixels, and of the sensor's noise, grey levels of 255.
+BLUR, NOISE = 0.6, 3.0
 # Most copies of a frame that motion blur averages.
 LONGEST_SMEAR = 24
 Layout = Literal["mot", "okutama"]
@@ -55,7 +56,8 @@ OKUTAMA_LABELS = f"Labels/SingleActionTrackingLabels/3840x2160/{OKUTAMA_NAME}.tx
 # Somebody of whom less than this share shows is labelled as occluded.
 OCCLUDED = 0.4
 Strength = Literal["still", "calm", "violent"]
-STEEPEST = math.radians(89.5)
+# Radians under the horizon at most, and in the direction that the camera looks in.
+STEEPEST, BEARING = math.radians(89.5), math.pi / 2
 
 
 @dataclass(frozen=True)
@@ -101,9 +103,6 @@ class DroneSceneSettings(ClipSettings):
         look_alikes: probability of being dressed much like somebody else.
         sun: probability of a clip in a hard sun.
         clutter: bushes and boxes that stand about.
-        shutter: share of the time between two frames for which the shutter is open, and motion blurs.
-        blur: standard deviation of the lens's blur, pixels.
-        noise: standard deviation, grey levels of 255.
         samples: rays along each side of a pixel.
         layout: ``mot`` is MOTChallenge's with ``gt/actions.txt``; ``okutama`` is Okutama-Action's.
     """
@@ -120,26 +119,22 @@ class DroneSceneSettings(ClipSettings):
     look_alikes: float = 0.3
     sun: float = 0.0
     clutter: int = 4
-    shutter: float = 0.5
-    blur: float = 0.6
-    noise: float = 3.0
     samples: int = 2
     layout: Layout = "mot"
 
     def __post_init__(self) -> None:
-        shares = (self.look_alikes, self.sun, self.shutter)
+        shares = (self.look_alikes, self.sun)
         own = (
             (self.people >= 1, "at least one person", self.people),
             (self.camera in MOTIONS, f"a camera of {', '.join(MOTIONS)}", self.camera),
             (3 <= self.altitude[0] <= self.altitude[1], "altitude as (lowest, highest) from 3 m", self.altitude),
             (45 <= self.tilt[0] <= self.tilt[1] <= 90, "tilt as (flattest, steepest) within 45-90", self.tilt),
             (0 < self.focal[0] <= self.focal[1], "focal as (shortest, longest)", self.focal),
-            (all(0 <= share <= 1 for share in shares), "look_alikes, sun and shutter in [0, 1]", shares),
-            (self.noise >= 0, "no negative noise", self.noise),
+            (all(0 <= share <= 1 for share in shares), "look_alikes and sun in [0, 1]", shares),
             (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
-            (min(self.clutter, self.blur) >= 0, "no negative clutter or blur", (self.clutter, self.blur)),
+            (self.clutter >= 0, "no negative clutter", self.clutter),
         )
-        check_settings("drone", self, 64, own)
+        self.expect("drone", 64, *own)
 
 
 @dataclass(frozen=True)
@@ -173,16 +168,18 @@ class DroneClip:
         """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the performers of the plan from 1."""
         camera, settings, performers = self.cameras[frame], self.settings, self.gathering.performers
         states = [performer.states[frame] for performer in performers]
-        people = [_body(p, m) for p, m in zip(performers, states, strict=True)]
+        people = [
+            person_thing(p.person, m.pose, m.position, m.heading) for p, m in zip(performers, states, strict=True)
+        ]
         others = [held for p, m in zip(performers, states, strict=True) for held in _held(p, m)]
         others += [
             Thing(standing_prop(t.prop, t.position, t.yaw)) for t in self.gathering.things if t.first <= frame < t.last
         ]
         image = look_down(self.ground, camera)
         sightings = draw_things(image, people + others + self.static, camera, self.light, settings.samples)
-        image = _smeared(image, _image_motion(self.cameras, frame) * settings.shutter)
+        image = _smeared(image, _image_motion(self.cameras, frame) * SHUTTER)
         rng = np.random.default_rng([self.seed, 1, frame])
-        image = photographed(image, self.tone, settings.blur, self.grains, rng)
+        image = photographed(image, self.tone, BLUR, self.grains, rng)
         truth, rows = people_in_view(sightings[: len(people)], (camera.width, camera.height), 1e-9, INSIDE)
         return image, replace(truth, actions=tuple(states[i].activity.actions for i in rows))
 
@@ -196,22 +193,17 @@ class DroneClip:
         mot = settings.layout == "mot"
         write_okutama(folder / (ACTIONS_FILE if mot else OKUTAMA_LABELS), labels, (settings.width, settings.height))
         if mot:
-            write_ground_truth(folder / "gt" / "gt.txt", rows)
-            write_info(folder, name, settings)
+            settings.write_info(folder, name, rows)
 
 
 def plan_drone(settings: DroneSceneSettings, seed: int) -> DroneClip:
     """The way of the camera, the ground and what everybody does, as ``seed`` has it."""
     rng = np.random.default_rng([seed, 7])
     view = _viewpoint(rng, settings)
-    size = settings.width, settings.height
-    motion = MOTIONS[settings.camera]
-    cameras = fly(rng, view, motion, settings.frames, settings.frame_rate, size, settings.altitude)
+    cameras = fly(rng, view, settings)
     arena = _arena(settings, view)
     static, obstacles = _obstacles(rng, settings.clutter, arena)
-    gathering = gather(
-        rng, settings.people, settings.frames, settings.frame_rate, arena, obstacles, settings.look_alikes
-    )
+    gathering = gather(rng, settings, settings.people, arena, obstacles, settings.look_alikes)
     # A generator of its own: the rest of a clip does not depend on the sun.
     light, of_sun = random_light(rng), np.random.default_rng([seed, 8])
     if of_sun.random() < settings.sun:
@@ -219,7 +211,7 @@ def plan_drone(settings: DroneSceneSettings, seed: int) -> DroneClip:
     light = _exposed(light, float(np.exp(rng.normal(0, 0.2))))
     ground = map_ground(random_ground(rng), cameras, light)
     tone = level_tone(random_degradation(rng, 0.6))
-    noises = grains(rng, settings.noise, settings.width, settings.height)
+    noises = grains(rng, NOISE, settings.width, settings.height)
     return DroneClip(settings, seed, cameras, light, ground, gathering, static, tone, noises)
 
 
@@ -230,56 +222,33 @@ class Viewpoint:
     Attributes:
         altitude: metres.
         tilt: radians under the horizon.
-        bearing: direction that the camera looks in, radians.
         focal: pixels.
     """
 
     altitude: float
     tilt: float
-    bearing: float
     focal: float
 
 
-def fly(
-    rng: np.random.Generator,
-    view: Viewpoint,
-    motion: FlightMotion,
-    frames: int,
-    frame_rate: float,
-    size: tuple[int, int],
-    altitudes: tuple[float, float],
-) -> list[PinholeCamera]:
-    """The camera of every frame.
-
-    Args:
-        rng: draws the movements.
-        view: that the camera moves about.
-        motion: how much.
-        frames: how long.
-        frame_rate: frames per second.
-        size: width and height of the image, pixels.
-        altitudes: lowest and highest, metres; the camera keeps within them.
-    """
+def fly(rng: np.random.Generator, view: Viewpoint, settings: DroneSceneSettings) -> list[PinholeCamera]:
+    """The camera of every frame, which moves about ``view`` within the altitudes of the settings."""
+    motion, frames, frame_rate = MOTIONS[settings.camera], settings.frames, settings.frame_rate
     slow = np.stack([_wander(rng, frames, frame_rate, 2.0) for _ in range(6)])
     fast = np.stack([_wander(rng, frames, frame_rate, 0.05) for _ in range(3)])
     turns = np.radians(motion.pan) * slow[:3] + np.radians(motion.tremble) * fast
     turns += np.radians(_jerks(rng, motion, frames, frame_rate))
-    altitude = np.clip(view.altitude * (1 + motion.climb * slow[3]), *altitudes)
+    altitude = np.clip(view.altitude * (1 + motion.climb * slow[3]), *settings.altitude)
     drift = motion.drift * view.altitude * slow[4:6]
+    back = view.altitude / math.tan(view.tilt)
     cameras = []
     for t in range(frames):
         # A tremble rolls the camera less than it turns it.
-        bearing = view.bearing + turns[0, t] / max(math.cos(view.tilt), 0.35)
+        bearing = BEARING + turns[0, t] / max(math.cos(view.tilt), 0.35)
         tilt = float(np.clip(view.tilt + turns[1, t], np.radians(45), STEEPEST))
-        back = view.altitude / math.tan(view.tilt)
-        position = np.array(
-            [
-                drift[0, t] - back * math.cos(view.bearing),
-                drift[1, t] - back * math.sin(view.bearing),
-                altitude[t],
-            ]
-        )
+        behind = drift[:, t] - [back * math.cos(BEARING), back * math.sin(BEARING)]
+        position = np.array([*behind, altitude[t]])
         forward = np.array([math.cos(tilt) * math.cos(bearing), math.cos(tilt) * math.sin(bearing), -math.sin(tilt)])
+        size = settings.width, settings.height
         cameras.append(PinholeCamera.look_at(position, position + forward, view.focal, *size, 0.5 * turns[2, t]))
     return cameras
 
@@ -313,7 +282,7 @@ def _viewpoint(rng: np.random.Generator, settings: DroneSceneSettings) -> Viewpo
     # Near the ground a wider lens keeps everybody in view.
     widest = altitude / math.sin(tilt) / BREADTH
     focal = min(float(rng.uniform(*settings.focal)), max(widest, settings.focal[0]))
-    return Viewpoint(altitude, tilt, math.pi / 2, focal * settings.width)
+    return Viewpoint(altitude, tilt, focal * settings.width)
 
 
 def _arena(settings: DroneSceneSettings, view: Viewpoint) -> FloatArray:
@@ -342,11 +311,6 @@ def _exposed(light: Light, exposure: float) -> Light:
     up = light.direction[2] * light.sun + light.sky
     gain = np.float32(0.8 * exposure / up.mean())
     return Light(light.direction, light.sun * gain, light.sky * gain, light.ground * gain)
-
-
-def _body(performer: Performer, state: PerformerState) -> Thing:
-    look = performer.person.look
-    return Thing(person_solids(performer.person, state.pose, state.position, state.heading), look)
 
 
 def _held(performer: Performer, state: PerformerState) -> list[Thing]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.body_clip import Drawn
+from tsuiseki.datamodules.scenes.body_clip import Drawn, around
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.tracking.types import FloatArray
 
@@ -47,9 +47,7 @@ def draw_fish(look: FishLook, state: FloatArray) -> Drawn:
     """The fish in a state ``(4,)`` a, b, theta, phi; its part may reach beyond the image."""
     a, b, theta, phi = (float(value) for value in state)
     reach = math.ceil(look.length / 2 + look.tail + look.width / 2 + 4)
-    left, top = math.floor(a) - reach, math.floor(b) - reach
-    x = np.arange(left, left + 2 * reach + 1, dtype=np.float32) + np.float32(0.5 - a)
-    y = np.arange(top, top + 2 * reach + 1, dtype=np.float32)[:, None] + np.float32(0.5 - b)
+    left, top, x, y = around(a, b, reach)
     along = math.cos(theta) * x + math.sin(theta) * y
     across = -math.sin(theta) * x + math.cos(theta) * y
     s, r = _straightened(along, across, look.length / 2, phi)

@@ -40,24 +40,8 @@ PLATE, THRUST = 0.03, 0.006
 DRAG, SIDE_DRAG, YAW_DAMPING = 0.009, 0.06, 1.5
 # Radius of gyration of the body with the water that it moves along.
 GYRATION = 20.0
-
-
-@dataclass(frozen=True)
-class Swimming:
-    """How a fish behaves, as shares in [0, 1].
-
-    Attributes:
-        bursts: of the stretches between turns that are bursts.
-        glides: of them that are glides without a beat.
-        lively: of the fish that turn suddenly at all.
-    """
-
-    bursts: float = 0.3
-    glides: float = 0.2
-    lively: float = 0.5
-
-
-USUAL = Swimming()
+# Shares of the stretches between turns that are bursts, and glides without a beat; of the fish that turn suddenly.
+BURSTS, GLIDES, LIVELY = 0.3, 0.2, 0.5
 
 
 @dataclass
@@ -80,42 +64,38 @@ class _Fish:
     wanted: float = 0.0
 
 
-def swim(
-    frames: int, frame_rate: float, extent: tuple[int, int], rng: np.random.Generator, way: Swimming = USUAL
-) -> FloatArray:
+def swim(frames: int, frame_rate: float, extent: tuple[int, int], rng: np.random.Generator) -> FloatArray:
     """States ``(frames, 4)`` a, b, theta, phi of one fish in a tank of ``extent`` width and height.
 
     The heading is continuous: it does not jump by full turns.
     """
     size = np.array(extent, dtype=np.float64)
-    fish = _start(size, way, rng)
+    fish = _start(size, rng)
     substeps = max(1, round(STEPS_PER_SECOND / frame_rate))
     dt = 1.0 / (frame_rate * substeps)
     states = np.empty((frames, 4))
     clock = -2.0  # two seconds before the clip, so that it starts in full swing
     while clock < -1e-9:
-        _step(fish, clock, dt, size, way, rng)
+        _step(fish, clock, dt, size, rng)
         clock += dt
     for frame in range(frames):
         states[frame] = [*fish.place, fish.heading, fish.bend]
         for _ in range(substeps):
-            _step(fish, clock, dt, size, way, rng)
+            _step(fish, clock, dt, size, rng)
             clock += dt
     return states
 
 
-def _start(size: FloatArray, way: Swimming, rng: np.random.Generator) -> _Fish:
+def _start(size: FloatArray, rng: np.random.Generator) -> _Fish:
     place = WALL_MARGIN + (size - 2 * WALL_MARGIN) * rng.random(2)
     heading = float(rng.uniform(-np.pi, np.pi))
-    velocity = 60.0 * np.array([np.cos(heading), np.sin(heading)])
-    phase = float(rng.uniform(0, 2 * np.pi))
-    lively = bool(rng.random() < way.lively)
-    return _Fish(place, velocity, _new_goal(size, rng), heading, lively, phase=phase, until=-10.0)
+    phase, lively = float(rng.uniform(0, 2 * np.pi)), bool(rng.random() < LIVELY)
+    return _Fish(place, 60.0 * _towards(heading), _new_goal(size, rng), heading, lively, phase=phase, until=-10.0)
 
 
-def _step(fish: _Fish, clock: float, dt: float, size: FloatArray, way: Swimming, rng: np.random.Generator) -> None:
+def _step(fish: _Fish, clock: float, dt: float, size: FloatArray, rng: np.random.Generator) -> None:
     """Decides, bends and moves, in this order."""
-    target = _decide(fish, clock, dt, size, way, rng)
+    target = _decide(fish, clock, dt, size, rng)
     pull = STIFFNESS**2 * (target - fish.bend) - 1.6 * STIFFNESS * fish.bending
     fish.bending += dt * pull
     fish.bend = float(np.clip(fish.bend + dt * fish.bending, -LARGEST_BEND, LARGEST_BEND))
@@ -123,7 +103,7 @@ def _step(fish: _Fish, clock: float, dt: float, size: FloatArray, way: Swimming,
     _keep_inside(fish, size)
 
 
-def _decide(fish: _Fish, clock: float, dt: float, size: FloatArray, way: Swimming, rng: np.random.Generator) -> float:
+def _decide(fish: _Fish, clock: float, dt: float, size: FloatArray, rng: np.random.Generator) -> float:
     """The bend that the fish strives for, radians."""
     if fish.side:
         turned = fish.side * (fish.heading - fish.wanted)
@@ -135,39 +115,38 @@ def _decide(fish: _Fish, clock: float, dt: float, size: FloatArray, way: Swimmin
     if clock >= fish.until or np.linalg.norm(fish.goal - fish.place) < 50:
         fish.goal = _new_goal(size, rng)
     if clock >= fish.until:
-        _next_stretch(fish, clock, size, way, rng)
+        _next_stretch(fish, clock, size, rng)
     fish.phase += 2 * np.pi * fish.frequency * dt
-    off = _difference(_direction(fish.goal - fish.place), fish.heading)
+    off = _turn_to(fish, fish.goal)
     return fish.amplitude * float(np.sin(fish.phase)) + float(np.clip(0.7 * off, -0.55, 0.55))
 
 
-def _next_stretch(fish: _Fish, clock: float, size: FloatArray, way: Swimming, rng: np.random.Generator) -> None:
-    outward = _headed_for_wall(fish, size)
+def _next_stretch(fish: _Fish, clock: float, size: FloatArray, rng: np.random.Generator) -> None:
+    ahead = fish.place + 90 * _towards(fish.heading)
+    outward = bool(np.any(ahead < WALL_MARGIN) or np.any(ahead > size - WALL_MARGIN))
     if fish.lively and rng.random() < (0.9 if outward else TURNS):
-        inward = _difference(_direction(size / 2 - fish.place), fish.heading)
+        inward = _turn_to(fish, size / 2)
         fish.side = float(np.sign(inward)) if outward else float(rng.choice([-1.0, 1.0]))
         angle = float(rng.uniform(*TURN_ANGLE))
         fish.wanted = fish.heading + fish.side * 0.7 * angle
-        direction = fish.heading + fish.side * angle
-        fish.goal = np.clip(
-            fish.place + 250 * np.array([np.cos(direction), np.sin(direction)]), WALL_MARGIN, size - WALL_MARGIN
-        )
+        ahead = fish.place + 250 * _towards(fish.heading + fish.side * angle)
+        fish.goal = np.clip(ahead, WALL_MARGIN, size - WALL_MARGIN)
         fish.until = clock + 0.35
         return
     kind = rng.random()
     fish.frequency = float(rng.uniform(*BEAT_FREQUENCY))
     fish.amplitude = float(rng.uniform(*BEAT_BEND))
     fish.until = clock + float(rng.uniform(*STRETCH_SECONDS))
-    if kind < way.bursts:
+    if kind < BURSTS:
         fish.frequency, fish.amplitude = BURST_FREQUENCY, BURST_BEND
         fish.until = clock + float(rng.uniform(*BURST_SECONDS))
-    elif kind < way.bursts + way.glides:
+    elif kind < BURSTS + GLIDES:
         fish.amplitude = 0.05
 
 
 def _push(fish: _Fish, dt: float) -> None:
     """Forces of the water on tail and body."""
-    forward = np.array([np.cos(fish.heading), np.sin(fish.heading)])
+    forward = _towards(fish.heading)
     aside = np.array([-forward[1], forward[0]])
     u, v = float(forward @ fish.velocity), float(aside @ fish.velocity)
     sin, cos = np.sin(fish.bend), np.cos(fish.bend)
@@ -193,19 +172,16 @@ def _keep_inside(fish: _Fish, size: FloatArray) -> None:
     fish.place = np.clip(fish.place, low, high)
 
 
-def _headed_for_wall(fish: _Fish, size: FloatArray) -> bool:
-    ahead = fish.place + 90 * np.array([np.cos(fish.heading), np.sin(fish.heading)])
-    return bool(np.any(ahead < WALL_MARGIN) or np.any(ahead > size - WALL_MARGIN))
-
-
 def _new_goal(size: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Somewhere in the middle part, so that ways cross."""
     return size * rng.uniform(0.25, 0.75, 2)
 
 
-def _direction(vector: FloatArray) -> float:
-    return float(np.arctan2(vector[1], vector[0]))
+def _turn_to(fish: _Fish, place: FloatArray) -> float:
+    """The angle in [-pi, pi) between the heading and the way to ``place``."""
+    away = place - fish.place
+    return float((float(np.arctan2(away[1], away[0])) - fish.heading + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _difference(a: float, b: float) -> float:
-    return float((a - b + np.pi) % (2 * np.pi) - np.pi)
+def _towards(angle: float) -> FloatArray:
+    return np.array([np.cos(angle), np.sin(angle)])

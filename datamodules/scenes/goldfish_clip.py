@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from scipy.special import ndtri
 
-from tsuiseki.datamodules.scenes.body_clip import BodyClip, Drawn, camera_grain, check_bodies, paint, within
+from tsuiseki.datamodules.scenes.body_clip import MOST_BODIES, BodyClip, Drawn, camera_grain, paint
 from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.fish_drawing import FishLook, draw_fish, random_look
 from tsuiseki.datamodules.scenes.fish_motion import swim
-from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.datamodules.scenes.render.solids import Float32, overlap
 from tsuiseki.tracking.types import FloatArray
 
 FIELDS = ("a", "b", "theta", "phi")
@@ -24,6 +25,8 @@ SHADOW_BLUR = 4.0
 LENGTH, WIDTH, TAIL = 56.0, 24.0, 32.0
 # Strength of the moving light, of mirror images in the glass, and of shadows, as shares of the brightness.
 RIPPLES, REFLECTIONS, SHADOWS = 0.16, 0.3, 0.35
+# Share of the surface that mirrors the lamp, and stones about as orange as the fish.
+GLINTS, PEBBLES = 0.004, 6
 # Of the camera, grey levels.
 NOISE = 4.0
 
@@ -35,18 +38,15 @@ class GoldfishSettings(ClipSettings):
     Attributes:
         fish: how many, 1 to 5; nearer ones (later ids) cover farther ones.
         size_spread: each fish is larger or smaller by up to this share.
-        glints: share of the surface that mirrors the lamp.
-        pebbles: stones of the fish's colour on the floor.
     """
 
     frame_rate: float = 15.0
     fish: int = 2
     size_spread: float = 0.06
-    glints: float = 0.004
-    pebbles: int = 6
 
     def __post_init__(self) -> None:
-        check_bodies(("fish", "fish"), self.fish, LENGTH, self)
+        few = 1 <= self.fish <= MOST_BODIES
+        self.expect("goldfish", 4 * int(LENGTH), (few, f"1 to {MOST_BODIES} fish", self.fish))
 
 
 def goldfish_states(settings: GoldfishSettings, rng: np.random.Generator) -> FloatArray:
@@ -62,8 +62,8 @@ def plan_goldfish(settings: GoldfishSettings, seed: int) -> BodyClip:
     states = goldfish_states(settings, plan)
     scales = stage.uniform(1 - settings.size_spread, 1 + settings.size_spread, settings.fish)
     looks = [random_look(scale * LENGTH, scale * WIDTH, scale * TAIL, stage) for scale in scales.tolist()]
-    floor = gravel(settings.width, settings.height, settings.pebbles, stage)
-    ripples = make_ripples(settings.width, settings.height, settings.glints, stage)
+    floor = gravel(settings.width, settings.height, stage)
+    ripples = random_ripples(settings.width, settings.height, stage)
 
     def picture(frame: int) -> tuple[Float32, list[Drawn]]:
         drawn = [draw_fish(look, state) for look, state in zip(looks, states[frame], strict=True)]
@@ -74,7 +74,7 @@ def plan_goldfish(settings: GoldfishSettings, seed: int) -> BodyClip:
             _mirror(image, look, state)
         for fish in drawn:
             paint(image, fish)
-        brightness, glints = ripples.at(frame / settings.frame_rate)
+        brightness, glints = ripples(frame / settings.frame_rate)
         image *= cv2.merge([brightness] * 3)
         glinting = glints > 0
         image[glinting] += glints[glinting, None] * (250.0 - image[glinting])
@@ -86,8 +86,7 @@ def plan_goldfish(settings: GoldfishSettings, seed: int) -> BodyClip:
 def _shade(image: Float32, fish: Drawn) -> None:
     """The fish's blurred shadow on the floor, to its lower right."""
     soft = cv2.GaussianBlur(fish.opacity, (0, 0), SHADOW_BLUR)
-    shadow = Drawn(fish.left + SHADOW[0], fish.top + SHADOW[1], fish.colour, np.asarray(soft, np.float32))
-    part, own = within(image.shape[:2], shadow)
+    part, own = overlap(image.shape, (fish.top + SHADOW[1], fish.left + SHADOW[0]), soft.shape)
     image[part] *= 1 - SHADOWS * soft[own][..., None]
 
 
@@ -107,7 +106,7 @@ def _mirror(image: Float32, look: FishLook, state: FloatArray) -> None:
         turned[2] = np.pi * (1 - axis) - state[2]
         turned[3] = -state[3]
         image_of = draw_fish(look, turned)
-        part, own = within(image.shape[:2], image_of)
+        part, own = image_of.within(image.shape)
         strip = np.arange(extent) < place if place == PANE else np.arange(extent) >= place
         seen = strip[part[1 - axis]]
         seen = seen[None, :] if axis == 0 else seen[:, None]
@@ -119,57 +118,32 @@ GRAVEL = np.array([[150, 158, 150], [120, 132, 132], [172, 170, 158], [96, 110, 
 WATER = np.array([60, 118, 122], np.float32)
 
 
-@dataclass(frozen=True)
-class Ripples:
-    """Light and glints over a tank: layers of waves that drift against each other.
+def random_ripples(width: int, height: int, rng: np.random.Generator) -> Callable[[float], tuple[Float32, Float32]]:
+    """Light and glints over a tank: layers of waves that drift against each other and repeat at their borders.
 
-    Attributes:
-        layers: three ``(H, W)`` float32 layers of unit deviation that repeat at their borders: two of light on the
-            floor, one of facets that may mirror the lamp.
-        drift: ``(3, 2)`` pixels a second of each.
-        glints: about the share of the surface that mirrors the lamp, in [0, 1).
+    Returns the brightness factor ``(H, W)`` and the glints' opacity ``(H, W)`` in [0, 1] at a time in seconds.
     """
+    # Two of light on the floor, one of facets that may mirror the lamp.
+    layers = [_periodic_noise(width, height, *waves, rng) for waves in ((9, 1.0), (14, 1.0), (60, 3.5))]
+    angle = rng.uniform(0, 2 * np.pi) + np.array([0.0, np.pi / 2, np.pi])
+    drift = 45.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
 
-    layers: tuple[Float32, Float32, Float32]
-    drift: Float32
-    glints: float
-
-    def at(self, time: float) -> tuple[Float32, Float32]:
-        """Brightness factor ``(H, W)`` and the glints' opacity ``(H, W)`` in [0, 1] at a time in seconds."""
+    def at(time: float) -> tuple[Float32, Float32]:
         a, b, facets = (
             np.roll(layer, np.round(time * shift[::-1]).astype(int).tolist(), axis=(0, 1))
-            for layer, shift in zip(self.layers, self.drift, strict=True)
+            for layer, shift in zip(layers, drift, strict=True)
         )
         crest = (a + b) * np.float32(np.sqrt(0.5))
         brightness = 1.0 + RIPPLES * np.clip(1.2 - 2.4 * np.abs(crest), -0.5, 1.2)
-        if not self.glints:
-            return brightness, np.zeros_like(crest)
         slope = (facets + crest) * np.float32(np.sqrt(0.5))
         # The wanted share of a normal distribution of unit deviation lies above this level.
-        return brightness, np.clip((slope - ndtri(1.0 - self.glints)) * 5.0, 0.0, 1.0)
+        return brightness, np.clip((slope - ndtri(1.0 - GLINTS)) * 5.0, 0.0, 1.0)
+
+    return at
 
 
-def make_ripples(width: int, height: int, glints: float, rng: np.random.Generator) -> Ripples:
-    """Ripples over an image; ``glints`` is the share of it that they cover."""
-    layers = (
-        _periodic_noise(width, height, 9, 1.0, rng),
-        _periodic_noise(width, height, 14, 1.0, rng),
-        _periodic_noise(width, height, 60, 3.5, rng),
-    )
-    angle = rng.uniform(0, 2 * np.pi) + np.array([0.0, np.pi / 2, np.pi])
-    drift = 45.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
-    return Ripples(layers, drift, glints)
-
-
-def gravel(width: int, height: int, stones_of_fish_colour: int, rng: np.random.Generator) -> Float32:
-    """The tank's floor ``(H, W, 3)`` in [0, 255], seen through greenish water.
-
-    Args:
-        width: of the image.
-        height: likewise.
-        stones_of_fish_colour: pebbles about as orange as the fish.
-        rng: of the stones.
-    """
+def gravel(width: int, height: int, rng: np.random.Generator) -> Float32:
+    """The tank's floor ``(H, W, 3)`` in [0, 255], seen through greenish water."""
     floor = np.empty((height, width, 3), np.float32)
     floor[:] = GRAVEL[1]
     stones = width * height // 90
@@ -180,7 +154,7 @@ def gravel(width: int, height: int, stones_of_fish_colour: int, rng: np.random.G
     ):  # fmt: skip
         _stone(floor, place, float(radius), GRAVEL[kind] * shade, rng)
     floor = 0.55 * floor + 0.45 * WATER
-    for place in rng.uniform(0, 1, (stones_of_fish_colour, 2)) * [width, height]:
+    for place in rng.uniform(0, 1, (PEBBLES, 2)) * [width, height]:
         _stone(floor, place, float(rng.uniform(3, 7)), np.array([205, 120, 50], np.float32), rng)
     soft = cv2.GaussianBlur(floor, (0, 0), 0.9)
     y, x = np.mgrid[:height, :width].astype(np.float32)
@@ -188,10 +162,7 @@ def gravel(width: int, height: int, stones_of_fish_colour: int, rng: np.random.G
     return np.asarray(soft * (0.82 + 0.18 * np.clip(edge / 60, 0, 1))[..., None], np.float32)
 
 
-def _stone(
-    floor: Float32, place: np.ndarray[tuple[int], np.dtype[np.float64]], radius: float, colour: Float32,
-    rng: np.random.Generator,
-) -> None:  # fmt: skip
+def _stone(floor: Float32, place: FloatArray, radius: float, colour: Float32, rng: np.random.Generator) -> None:
     centre = (int(place[0]), int(place[1]))
     axes = (max(1, int(radius)), max(1, int(radius * rng.uniform(0.6, 1.0))))
     angle = float(rng.uniform(0, 180))

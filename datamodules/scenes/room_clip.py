@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -11,17 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.clip import (
-    IMAGES,
-    ClipSettings,
-    FrameTruth,
-    Moment,
-    check_settings,
-    ground_truth,
-    people_in_view,
-    write_info,
-)
-from tsuiseki.datamodules.scenes.people.person import person_solids
+from tsuiseki.datamodules.scenes.clip import IMAGES, ClipSettings, FrameTruth, Moment, ground_truth, people_in_view
 from tsuiseki.datamodules.scenes.people.walkers import Walker, dressed, wander
 from tsuiseki.datamodules.scenes.render.degrade import (
     automatic_exposure,
@@ -31,7 +21,7 @@ from tsuiseki.datamodules.scenes.render.degrade import (
     random_degradation,
 )
 from tsuiseki.datamodules.scenes.render.insertion import draw_clusters, encoded
-from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Picture, Sighting, Thing, shadows
+from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Picture, Sighting, Thing, both_shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, extents
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_furniture, random_shell
@@ -39,7 +29,6 @@ from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, write_camera
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Room = Literal["large", "small"]
@@ -52,8 +41,6 @@ RADIUS, FIELD = 0.475, 1.6
 SHOWN, INSIDE = 0.12, 0.3
 # (lowest, highest) ceiling, metres; the cameras hang 10 cm below. Pieces of furniture in 10 square metres.
 CEILING, FURNITURE = (2.7, 3.3), 1.2
-# Probability of a halt where the way turns; (mean, standard deviation) of speeds, m/s.
-PAUSES, SPEED = 0.35, (1.1, 0.25)
 # Standard deviations of the sensor's noise, grey levels, and of the lens's blur, pixels; rays along a pixel's side.
 NOISE, BLUR, SAMPLES = 3.0, 0.6, 2
 CAMERAS_FILE, PLACES_FILE = "cameras.yaml", "gt/world.csv"
@@ -83,7 +70,7 @@ class RoomSettings(ClipSettings):
             (min(self.size) >= 2, "a floor of at least 2 by 2 m", self.size),
             (0 <= self.repeated <= 1, "repeated in [0, 1]", self.repeated),
         )
-        check_settings("room", self, 64, own)
+        self.expect("room", 64, *own)
 
 
 @dataclass(frozen=True)
@@ -142,12 +129,8 @@ class RoomClip:
         Ids count the people of the plan from 1, the same for all cameras.
         """
         there = [i for i, walker in enumerate(self.walkers) if walker.is_there(frame)]
-        things, places = [], []
-        for walker in (self.walkers[i] for i in there):
-            t = frame - walker.first
-            places.append(walker.positions[t])
-            solids = person_solids(walker.person, walker.pose(frame), places[-1], float(walker.headings[t]))
-            things.append(Thing(solids, walker.person.look))
+        things = [self.walkers[i].thing(frame) for i in there]
+        places = [self.walkers[i].positions[frame - self.walkers[i].first] for i in there]
         image, sightings = _with_people(view, things, self.light)
         image = photographed(image, self.tone, BLUR, view.grains, np.random.default_rng([self.seed, 1, frame]))
         truth, rows = people_in_view(sightings, (view.camera.width, view.camera.height), SHOWN, INSIDE)
@@ -162,9 +145,14 @@ class RoomClip:
         del name
         for number, of_camera in enumerate(zip(*truths, strict=True)):
             home = folder / f"camera{number + 1}"
-            write_ground_truth(home / "gt" / "gt.txt", ground_truth(of_camera))
-            _write_places(home / PLACES_FILE, of_camera)
-            write_info(home, home.name, self.settings)
+            self.settings.write_info(home, home.name, ground_truth(of_camera))
+            rows = [
+                f"{frame + 1},{number},{x:.4f},{y:.4f}\n"
+                for frame, truth in enumerate(of_camera)
+                if truth.places is not None
+                for number, (x, y) in zip(truth.ids.tolist(), truth.places.tolist(), strict=True)
+            ]
+            (home / PLACES_FILE).write_text("frame,id,x,y\n" + "".join(rows), encoding="utf-8")
         write_cameras(folder / CAMERAS_FILE, cameras_of(self))
 
 
@@ -196,7 +184,7 @@ def plan_room(settings: RoomSettings, seed: int, lens: OmnidirectionalLens | Non
     fitted = ceiling_lens(lens, settings.width, settings.height)
     cameras = [_camera(rng, fitted, size, k, ceiling - 0.1) for k in range(CAMERAS)]
     people = dressed(rng, settings.people, settings.repeated)
-    walkers = wander(rng, people, settings.frames, settings.frame_rate, size, obstacles, PAUSES, SPEED)
+    walkers = wander(rng, people, settings, size, obstacles)
     tone = level_tone(random_degradation(rng, 0.5))
     return RoomClip(settings, seed, cameras, lamps(rng), walkers, furniture, tone)
 
@@ -230,8 +218,7 @@ def lamps(rng: np.random.Generator) -> Light:
 
 def _with_people(view: RoomView, things: list[Thing], light: Light) -> tuple[ImageArray, list[Sighting | None]]:
     image, camera = view.photograph.copy(), view.camera
-    sun = shadows(things, camera, light.direction, 2.0)
-    under = shadows(things, camera, np.array([0, 0, 1], dtype=np.float32), 4.0)
+    sun, under = both_shadows(things, camera, light, 2.0)
 
     def below(rows: slice, columns: slice) -> Picture:
         part = _part_of(view.empty, rows, columns)
@@ -264,13 +251,3 @@ def cameras_of(clip: RoomClip) -> list[CameraOverFloor]:
     """The clip's cameras as `cameras.yaml` has them."""
     rate = clip.settings.frame_rate
     return [CameraOverFloor(f"camera{k + 1}", camera, rate, floor=clip.floor) for k, camera in enumerate(clip.cameras)]
-
-
-def _write_places(path: Path, truths: Sequence[FrameTruth]) -> None:
-    rows = [
-        f"{frame + 1},{number},{x:.4f},{y:.4f}\n"
-        for frame, truth in enumerate(truths)
-        if truth.places is not None
-        for number, (x, y) in zip(truth.ids.tolist(), truth.places.tolist(), strict=True)
-    ]
-    path.write_text("frame,id,x,y\n" + "".join(rows), encoding="utf-8")

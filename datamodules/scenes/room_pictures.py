@@ -5,18 +5,18 @@ People stand, walk and sit, at tables and elsewhere, among furniture that is nob
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import people_in_view
 from tsuiseki.datamodules.scenes.people.activities import calling, drinking, reading, sitting
-from tsuiseki.datamodules.scenes.people.person import Person, person_solids, random_person
+from tsuiseki.datamodules.scenes.people.person import Person, person_thing, random_person
 from tsuiseki.datamodules.scenes.people.posture import Pose, standing, walking
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
-from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Thing, compose, empty_picture, shadows
-from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera
+from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Thing, both_shadows, compose, empty_picture
+from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.room_clip import lamps
 from tsuiseki.datamodules.scenes.things.interior import cabinet, chair, panels, plant, table
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_shell
@@ -33,91 +33,100 @@ FLOOR, CEILING = (3.5, 18.0), (2.4, 4.5)
 SCALE = (0.25, 0.7)
 # Share of the people who sit, and of the pictures that look straight down.
 SEATED, DOWNWARD = 0.45, 0.15
-
-
-@dataclass(frozen=True)
-class PanoramaPictures:
-    """What random pictures show.
-
-    Attributes:
-        width: pixels.
-        height: pixels.
-        people: (fewest, most).
-        samples: rays along each side of a pixel.
-    """
-
-    width: int = 512
-    height: int = 384
-    people: tuple[int, int] = (0, 12)
-    samples: int = 2
+# (fewest, most) people in a picture, and rays along each side of a pixel.
+PEOPLE, SAMPLES = (0, 12), 2
 
 
 @dataclass
-class _Furnishing:
-    """What has been put into a room so far.
+class _Room:
+    """A room that is filled.
 
     Attributes:
-        people: dressed solids.
-        things: that are nobody.
-        taken: x, y and radius of what is occupied, metres.
+        rng: draws everything.
+        size: ``(3,)`` metres.
+        camera: on the ceiling.
+        people: dressed solids so far.
+        things: that are nobody so far.
+        taken: x, y and radius of what is occupied so far, metres.
     """
 
-    people: list[Thing]
-    things: list[Thing]
-    taken: list[tuple[float, float, float]]
+    rng: np.random.Generator
+    size: FloatArray
+    camera: CylinderView | DownwardView
+    people: list[Thing] = field(default_factory=list)
+    things: list[Thing] = field(default_factory=list)
+    taken: list[tuple[float, float, float]] = field(default_factory=list)
 
     def free(self, spot: FloatArray, radius: float) -> bool:
         """Whether nothing stands within ``radius`` of a place."""
         return all(np.hypot(spot[0] - x, spot[1] - y) > radius + r for x, y, r in self.taken)
 
+    def add(self, person: Person, pose: Pose, spot: FloatArray, heading: float) -> None:
+        """Somebody."""
+        self.people.append(person_thing(person, pose, spot, heading))
+        self.taken.append((float(spot[0]), float(spot[1]), APART / 2))
 
-def panorama_picture(rng: np.random.Generator, settings: PanoramaPictures) -> tuple[ImageArray, FloatArray, FloatArray]:
+    def spot(self, radius: float) -> FloatArray | None:
+        """A free place in view; distances are even on a logarithmic scale, for few would be near otherwise."""
+        rng, camera = self.rng, self.camera
+        below = isinstance(camera, DownwardView)
+        near, far = (0.05, 1.6) if below else (NEAREST, float(np.linalg.norm(self.size[:2])))
+        for _ in range(TRIES):
+            middle = rng.uniform(0, 2 * np.pi)
+            if isinstance(camera, CylinderView):
+                half = min(camera.width / 2 / camera.scale, 2.6)
+                middle = camera.middle + rng.uniform(-half, half)
+            spot = camera.position[:2] + np.exp(rng.uniform(np.log(near), np.log(far))) * _towards(float(middle))
+            if ((spot > 0.35) & (spot < self.size[:2] - 0.35)).all() and self.free(spot, radius):
+                return np.asarray(spot)
+        return None
+
+
+def panorama_picture(
+    rng: np.random.Generator, width: int = 512, height: int = 384
+) -> tuple[ImageArray, FloatArray, FloatArray]:
     """A picture ``(H, W, 3)`` uint8 RGB, boxes ``(N, 4)`` of whole silhouettes cut off at the border, visibilities."""
     size = np.array([*rng.uniform(*FLOOR, 2), rng.uniform(*CEILING)])
-    camera = _camera(rng, size, settings)
-    furnishing = _furnished(rng, size, camera, settings)
+    room = _furnished(rng, size, _camera(rng, size, width, height))
+    camera = room.camera
     light = lamps(rng)
     # Walls have few edges: one ray a pixel will do.
     walls, direct = draw_shell(random_shell(rng, size), camera, light, [], 1)
-    everything = furnishing.people + furnishing.things
-    sun = shadows(everything, camera, light.direction, 2.0)
-    under = shadows(everything, camera, np.array([0, 0, 1], dtype=np.float32), 4.0)
+    everything = room.people + room.things
+    sun, under = both_shadows(everything, camera, light, 2.0)
     darker = direct * sun[:, :, None] + walls.colour * (OCCLUSION * under)[:, :, None]
-    empty = empty_picture(walls.colour - darker, settings.samples)
+    empty = empty_picture(walls.colour - darker, SAMPLES)
     picture, sightings = compose(empty, everything, camera, light)
-    sightings = sightings[: len(furnishing.people)]
+    sightings = sightings[: len(room.people)]
     how = random_degradation(rng)
     exposed = replace(how, exposure=how.exposure * automatic_exposure(picture.colour))
     image = degrade(_resampled(rng, picture.colour), exposed, rng)
     if isinstance(camera, CylinderView) and rng.random() < 0.4:
         # The end of the image circle.
-        image[: max(round(camera.horizon + settings.height * rng.uniform(-0.03, 0.05)), 0)] = rng.integers(0, 25)
-    truth, _ = people_in_view(sightings, (settings.width, settings.height), SEEN, 0.0)
+        image[: max(round(camera.horizon + height * rng.uniform(-0.03, 0.05)), 0)] = rng.integers(0, 25)
+    truth, _ = people_in_view(sightings, (width, height), SEEN, 0.0)
     return image, truth.boxes, truth.visibility
 
 
-def _camera(rng: np.random.Generator, size: FloatArray, settings: PanoramaPictures) -> RayCamera:
+def _camera(rng: np.random.Generator, size: FloatArray, width: int, height: int) -> CylinderView | DownwardView:
     spot = size * [*rng.uniform(0.25, 0.75, 2), 1.0] - [0, 0, rng.uniform(0.03, 0.25)]
     turn = float(rng.uniform(0, 2 * np.pi))
-    width, height = settings.width, settings.height
     if rng.random() < DOWNWARD:
         return DownwardView(spot, turn, float(rng.uniform(0.6, 1.3)) * height, width, height)
     scale = float(np.exp(rng.uniform(*np.log(SCALE)))) * height
     return CylinderView(spot, turn, scale, float(rng.uniform(-0.1, 0.12)) * height, width, height)
 
 
-def _furnished(
-    rng: np.random.Generator, size: FloatArray, camera: RayCamera, settings: PanoramaPictures
-) -> _Furnishing:
-    made = _Furnishing([], panels(rng, size, int(rng.integers(2, 10))), [])
-    count = int(rng.integers(settings.people[0], settings.people[1] + 1))
+def _furnished(rng: np.random.Generator, size: FloatArray, camera: CylinderView | DownwardView) -> _Room:
+    made = _Room(rng, size, camera, things=panels(rng, size, int(rng.integers(2, 10))))
+    count = int(rng.integers(PEOPLE[0], PEOPLE[1] + 1))
     seated = int(rng.binomial(count, SEATED))
     while seated > 0:
-        seated -= _group(rng, made, size, camera, seated)
+        seated -= _group(made, seated)
     for _ in range(count - len(made.people)):
-        _upright(rng, made, size, camera)
+        _upright(made)
     for _ in range(int(rng.integers(0, 7))):
-        spot = _spot(rng, made, size, camera, 0.4)
+        spot = made.spot(0.4)
         if spot is not None:
             heading = float(rng.uniform(0, 2 * np.pi))
             made.things.append(chair(rng, spot, heading))
@@ -134,30 +143,13 @@ def _furnished(
     return made
 
 
-def _spot(
-    rng: np.random.Generator, made: _Furnishing, size: FloatArray, camera: RayCamera, radius: float
-) -> FloatArray | None:
-    """A free place in view; distances are even on a logarithmic scale, for few would be near otherwise."""
-    reach = float(np.linalg.norm(size[:2]))
-    for _ in range(TRIES):
-        near, middle = 0.05 if isinstance(camera, DownwardView) else NEAREST, rng.uniform(0, 2 * np.pi)
-        far = 1.6 if isinstance(camera, DownwardView) else reach
-        if isinstance(camera, CylinderView):
-            half = min(camera.width / 2 / camera.scale, 2.6)
-            middle = camera.middle + rng.uniform(-half, half)
-        spot = camera.position[:2] + np.exp(rng.uniform(np.log(near), np.log(far))) * _towards(float(middle))
-        if ((spot > 0.35) & (spot < size[:2] - 0.35)).all() and made.free(spot, radius):
-            return np.asarray(spot)
-    return None
-
-
 def _towards(heading: float) -> FloatArray:
     return np.array([np.cos(heading), np.sin(heading)])
 
 
-def _upright(rng: np.random.Generator, made: _Furnishing, size: FloatArray, camera: RayCamera) -> None:
+def _upright(made: _Room) -> None:
     """Somebody who stands or walks."""
-    spot = _spot(rng, made, size, camera, APART / 2)
+    spot, rng = made.spot(APART / 2), made.rng
     if spot is None:
         return
     person = random_person(rng)
@@ -165,7 +157,7 @@ def _upright(rng: np.random.Generator, made: _Furnishing, size: FloatArray, came
         pose = walking(person.build, person.manner, float(rng.random()), float(rng.uniform(0.5, 1.6)))
     else:
         pose = _busy(rng, person, standing(rng, person.manner))
-    _add(made, person, pose, spot, float(rng.uniform(0, 2 * np.pi)))
+    made.add(person, pose, spot, float(rng.uniform(0, 2 * np.pi)))
 
 
 def _busy(rng: np.random.Generator, person: Person, pose: Pose) -> Pose:
@@ -178,14 +170,9 @@ def _busy(rng: np.random.Generator, person: Person, pose: Pose) -> Pose:
     return reading(person.build, pose) if kind < 0.4 else pose
 
 
-def _add(made: _Furnishing, person: Person, pose: Pose, spot: FloatArray, heading: float) -> None:
-    made.people.append(Thing(person_solids(person, pose, spot, heading), person.look))
-    made.taken.append((float(spot[0]), float(spot[1]), APART / 2))
-
-
-def _group(rng: np.random.Generator, made: _Furnishing, size: FloatArray, camera: RayCamera, wanted: int) -> int:
+def _group(made: _Room, wanted: int) -> int:
     """Up to ``wanted`` people on chairs, side by side at a table or without one; at least 1 is said to be done."""
-    spot = _spot(rng, made, size, camera, 0.5)
+    spot, rng = made.spot(0.5), made.rng
     if spot is None:
         return wanted
     heading, members = float(rng.uniform(0, 2 * np.pi)), int(rng.integers(1, min(wanted, 4) + 1))
@@ -193,12 +180,12 @@ def _group(rng: np.random.Generator, made: _Furnishing, size: FloatArray, camera
     with_table, spacing = rng.random() < 0.7, rng.uniform(0.65, 0.95)
     for k in range(members):
         seat = spot + (k - (members - 1) / 2) * spacing * aside + rng.normal(0, 0.04, 2)
-        if not ((seat > 0.3) & (seat < size[:2] - 0.3)).all() or not made.free(seat, 0.2):
+        if not ((seat > 0.3) & (seat < made.size[:2] - 0.3)).all() or not made.free(seat, 0.2):
             continue
         person, facing = random_person(rng), heading + float(rng.normal(0, 0.25))
         pose = _seated(rng, person, with_table)
         made.things.append(chair(rng, seat, facing))
-        _add(made, person, pose, seat - 0.05 * _towards(facing), facing)
+        made.add(person, pose, seat - 0.05 * _towards(facing), facing)
     if with_table:
         middle = spot + rng.uniform(0.6, 0.75) * ahead
         made.things.append(table(rng, middle, heading, (0.38, 0.5 * members * spacing + 0.2)))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.people.person import (
     Person,
     paste,
@@ -17,11 +19,14 @@ from tsuiseki.datamodules.scenes.people.person import (
 )
 from tsuiseki.datamodules.scenes.people.posture import walking
 from tsuiseki.datamodules.scenes.render.shading import Light, random_light
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.datamodules.scenes.render.solids import Float32, overlap
+from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 PHASES = 12
 # Share of people who are dressed like the one before; chance that the camera jumps ten times as far in a frame.
 LOOK_ALIKES, JERK = 0.4, 0.03
+# Standard deviation of the camera's jump between frames, pixels.
+SHAKE = 1.0
 # Factor on the size over the whole clip, drawn between 1/GROWTH and GROWTH.
 GROWTH = 1.5
 # Standard deviation of the change of heading between the poses of a walk, radians.
@@ -29,17 +34,13 @@ TURNING = 0.15
 
 
 @dataclass(frozen=True)
-class SingleClipSettings:
+class SingleClipSettings(ClipSettings):
     """What a clip shows.
 
     Attributes:
-        frames: its length.
-        width: of the images, pixels.
-        height: likewise.
         person_height: range of the followed person's height, pixels.
         passers: how many other people walk about.
         obstacles: how many upright things stand in front of the people.
-        shake: standard deviation of the camera's jump between frames, pixels.
     """
 
     frames: int = 100
@@ -48,7 +49,6 @@ class SingleClipSettings:
     person_height: tuple[float, float] = (40.0, 90.0)
     passers: int = 4
     obstacles: int = 3
-    shake: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -83,12 +83,12 @@ def _walk_cycle(rng: np.random.Generator, person: Person, height: float, light: 
     return cycle
 
 
-def _path(rng: np.random.Generator, frames: int, start: FloatArray, speed: float) -> FloatArray:
+def _path(rng: np.random.Generator, frames: int, speed: float) -> FloatArray:
     """Positions ``(T, 2)`` of a walk whose direction wanders."""
     directions = rng.uniform(0, 2 * math.pi) + np.cumsum(rng.normal(0, 0.12, frames))
     steps = speed * np.stack([np.cos(directions), 0.4 * np.sin(directions)], axis=1)
     steps[0] = 0
-    return np.asarray(start + np.cumsum(steps, axis=0))
+    return np.asarray(np.cumsum(steps, axis=0))
 
 
 def _walkers(rng: np.random.Generator, settings: SingleClipSettings) -> list[_Walker]:
@@ -97,31 +97,26 @@ def _walkers(rng: np.random.Generator, settings: SingleClipSettings) -> list[_Wa
     height, light = float(rng.uniform(*settings.person_height)), random_light(rng)
     growth = np.exp(rng.uniform(-1, 1) * np.log(GROWTH))
     sizes = growth ** np.linspace(0, 1, settings.frames)
-    speed = 0.035 * height
-    own = _path(rng, settings.frames, np.zeros(2), speed)
-    walkers = []
-    for k, person in enumerate(people):
-        path = own
-        if k:
-            path = _path(rng, settings.frames, np.zeros(2), speed * float(rng.uniform(0.3, 1.5)))
+    speed, tall = 0.035 * height, height
+    path = own = _path(rng, settings.frames, speed)
+    walkers: list[_Walker] = []
+    for person in people:
+        if walkers:
+            path = _path(rng, settings.frames, speed * float(rng.uniform(0.3, 1.5)))
             meeting = int(rng.integers(settings.frames))
             path = path - path[meeting] + own[meeting] + rng.normal(0, 0.15 * height, 2)
-        own_height = height * (1.0 if k == 0 else float(rng.uniform(0.85, 1.15)))
-        walkers.append(_Walker(_walk_cycle(rng, person, own_height, light, settings.frames), path, sizes))
+            tall = height * float(rng.uniform(0.85, 1.15))
+        walkers.append(_Walker(_walk_cycle(rng, person, tall, light, settings.frames), path, sizes))
     return walkers
 
 
 def _camera(rng: np.random.Generator, path: FloatArray, settings: SingleClipSettings) -> FloatArray:
     """Top left corners ``(T, 2)`` of the view: behind the person, with shakes and jerks."""
-    follow = np.zeros_like(path)
-    position = path[0]
-    for t, place in enumerate(path):
-        position = position + 0.08 * (place - position)
-        follow[t] = position
+    follow = np.stack(list(itertools.accumulate(path, lambda behind, place: behind + 0.08 * (place - behind))))
     jump = np.where(rng.random(len(path)) < JERK, 10.0, 1.0)[:, None]
-    shakes = np.cumsum(jump * rng.normal(0, settings.shake, path.shape), axis=0)
-    low = 0.25 * np.array([settings.width, settings.height])
-    return np.asarray(follow + np.clip(shakes, -low, low) - np.array([settings.width, settings.height]) / 2)
+    shakes = np.cumsum(jump * rng.normal(0, SHAKE, path.shape), axis=0)
+    size = np.array([settings.width, settings.height])
+    return np.asarray(follow + np.clip(shakes, -0.25 * size, 0.25 * size) - size / 2)
 
 
 def _obstacles(
@@ -161,10 +156,10 @@ def draw_single_clip(rng: np.random.Generator, settings: SingleClipSettings | No
 
 
 def _draw(
-    view: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
+    view: Float32,
     walkers: list[_Walker],
     obstacles: list[tuple[int, int, ImageArray]],
-    corner: np.ndarray[tuple[int, ...], np.dtype[np.int64]],
+    corner: IntArray,
     t: int,
 ) -> tuple[FloatArray, float]:
     """Draws frame ``t``, the lower in front, and returns the followed person's box and visible share."""
@@ -189,13 +184,7 @@ def _draw(
     return box, float(free.sum()) / max(full, 1.0)
 
 
-def _cover(
-    free: np.ndarray[tuple[int, ...], np.dtype[np.float32]], sprite: ImageArray, left: int, top: int, owner: bool
-) -> None:
+def _cover(free: Float32, sprite: ImageArray, left: int, top: int, owner: bool) -> None:
     """Marks the owner's pixels, and clears those that something else hides, in place."""
-    height, width = free.shape
-    x1, y1 = max(left, 0), max(top, 0)
-    x2, y2 = min(left + sprite.shape[1], width), min(top + sprite.shape[0], height)
-    if x1 < x2 and y1 < y2:
-        solid = sprite[y1 - top : y2 - top, x1 - left : x2 - left, 3] > 127
-        free[y1:y2, x1:x2][solid] = 1.0 if owner else 0.0
+    there, own = overlap(free.shape, (top, left), sprite.shape)
+    free[there][sprite[..., 3][own] > 127] = 1.0 if owner else 0.0

@@ -7,7 +7,7 @@ differs from the empty room (figure 5 of the paper).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import ClassVar
@@ -16,12 +16,12 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import Moment, write_image
-from tsuiseki.datamodules.scenes.people.person import Person, person_solids, random_person
+from tsuiseki.datamodules.scenes.people.person import Person, person_thing, random_person
 from tsuiseki.datamodules.scenes.people.posture import Pose, place, stride_length, walking
 from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, Float32, Parts, Surface
-from tsuiseki.datamodules.scenes.things.room import Colour, draw_hall, hall_furniture
+from tsuiseki.datamodules.scenes.render.solids import Colour, Float32, Parts, Pattern, Surface, as_colour
+from tsuiseki.datamodules.scenes.things.room import draw_hall, hall_furniture
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
@@ -50,21 +50,6 @@ LIGHT = Light(
 
 
 @dataclass(frozen=True)
-class Cover:
-    """A board held before one camera.
-
-    Attributes:
-        camera: 0-based.
-        first: first covered frame, 0-based.
-        last: last covered frame.
-    """
-
-    camera: int
-    first: int
-    last: int
-
-
-@dataclass(frozen=True)
 class CarriedBallSettings:
     """What is shot.
 
@@ -75,12 +60,11 @@ class CarriedBallSettings:
         radius: of the ball, m.
         noise: standard deviation, grey levels of 255.
         samples: rays along each side of a pixel.
-        covers: boards before cameras.
+        covers: (camera, first frame, last frame), all from 0, of boards before cameras.
         exposure: time for which light falls on a pixel, s: what moves is smeared.
         defocus: standard deviation of the lens's blur, pixels.
         readout: time from the first row's exposure to the last one's, s: a rolling shutter.
         lateness: time by which each camera takes its frames later than it says, s; none for all by default.
-        clear: of the ball from the hand, m: as if on a thread, which is not drawn.
     """
 
     cameras: int = 2
@@ -89,12 +73,11 @@ class CarriedBallSettings:
     radius: float = 0.10
     noise: float = 3.0
     samples: int = 3
-    covers: tuple[Cover, ...] = field(default_factory=tuple)
+    covers: tuple[tuple[int, int, int], ...] = ()
     exposure: float = 0.0
     defocus: float = 0.0
     readout: float = 0.0
     lateness: tuple[float, ...] = ()
-    clear: float = 0.0
 
     def __post_init__(self) -> None:
         if not 2 <= self.cameras <= len(AZIMUTHS):
@@ -143,7 +126,7 @@ class SphereClip:
         for index, time in enumerate(self.times):
             images = []
             for k in range(len(self.cameras)):
-                if any(c.camera == k and c.first <= index <= c.last for c in self.settings.covers):
+                if any(c == k and first <= index <= last for c, first, last in self.settings.covers):
                     images.append(covered_image(self, k, rng))
                 else:
                     images.append(expose(_shot(self, k, float(time) + late[k]), self.settings.noise, rng))
@@ -181,7 +164,7 @@ def plan_sphere(settings: CarriedBallSettings, seed: int) -> SphereClip:
     person = Person(person.build, look, replace(person.manner, stride=1.0))
     hue = rng.uniform(0, 2 * np.pi) + np.array([0, 2.1, 4.2])
     ball = 0.5 + 0.38 * np.cos(hue)
-    colours = (_colour(ball), _colour(np.clip(ball + rng.choice([-0.25, 0.25]), 0.05, 0.95)))
+    colours = (as_colour(ball), as_colour(np.clip(ball + rng.choice([-0.25, 0.25]), 0.05, 0.95)))
     cameras = ball_cameras(settings.cameras)
     rooms = tuple(draw_hall(camera, LIGHT, furniture, settings.samples) for camera in cameras)
     times = np.arange(settings.frames) / settings.frame_rate
@@ -238,24 +221,19 @@ def _bodies(
     phase = SPEED * time / stride_length(person.build, person.manner, SPEED)
     pose = walking(person.build, person.manner, phase, SPEED)
     raised = 0.75 + 0.28 * np.sin(2 * np.pi * time / 4.6)
-    pose = replace(
-        pose,
-        shoulder=(pose.shoulder[0], raised),
-        spread=(pose.spread[0], 0.30),
-        elbow=(pose.elbow[0], 0.55),
-        inward=(0.0, 0.0),
-    )
+    pose = replace(pose, shoulder=(pose.shoulder[0], raised), elbow=(pose.elbow[0], 0.55))
+    pose = replace(pose, spread=(pose.spread[0], 0.30), inward=(0.0, 0.0))
     skeleton = place(person.build, pose, position, heading)
     forearm = skeleton.fingers[1] - skeleton.wrist[1]
-    grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * (0.88 * settings.radius + settings.clear)
+    grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * (0.88 * settings.radius)
     return pose, (position, heading), grip
 
 
 def _things(clip: SphereClip, time: float) -> list[Thing]:
     pose, (position, heading), grip = _bodies(clip.person, clip.settings, time)
-    body = Thing(person_solids(clip.person, pose, position, heading), clip.person.look)
+    body = person_thing(clip.person, pose, position, heading)
     radius, ball = clip.settings.radius, Parts()
-    paint = Surface(*clip.colours, STRIPES_ACROSS, 0.8 * radius, 0.03)
+    paint = Surface(*clip.colours, Pattern.ACROSS, 0.8 * radius, 0.03)
     ball.cone(grip, grip, (radius, radius), paint, front=np.array([0.0, 1.0, 0.0]))
     return [body, Thing(ball.solids())]
 
@@ -265,10 +243,6 @@ def _board(camera: PinholeCamera) -> Thing:
     forward = camera.rotation[2]
     yaw = float(np.arctan2(forward[1], forward[0]))
     board = Parts()
-    paint = Surface((0.35, 0.30, 0.28), (0.5, 0.45, 0.4), STRIPES_ACROSS, 0.09, 0.1)
+    paint = Surface((0.35, 0.30, 0.28), (0.5, 0.45, 0.4), Pattern.ACROSS, 0.09, 0.1)
     board.box(camera.position + 0.55 * forward, [0.02, 1.0, 1.0], yaw, paint)
     return Thing(board.solids())
-
-
-def _colour(values: FloatArray) -> Colour:
-    return float(values[0]), float(values[1]), float(values[2])

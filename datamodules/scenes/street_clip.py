@@ -16,16 +16,13 @@ from tsuiseki.datamodules.scenes.clip import (
     FrameTruth,
     Moment,
     by_appearance,
-    check_settings,
     ground_truth,
     people_in_view,
-    write_info,
 )
-from tsuiseki.datamodules.scenes.people.person import person_solids
-from tsuiseki.datamodules.scenes.people.walkers import CrowdSettings, Walker, crowd
+from tsuiseki.datamodules.scenes.people.walkers import Walker, crowd
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, automatic_exposure, degrade
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
-from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, darken, empty_picture
+from tsuiseki.datamodules.scenes.render.scene import Picture, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import Light, random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.things.clutter import (
@@ -37,7 +34,6 @@ from tsuiseki.datamodules.scenes.things.clutter import (
 )
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 CAMERAS = 300
@@ -48,8 +44,10 @@ LARGEST = 0.05
 ROOM = 5.0
 # Share of a person's box that lies inside the image, at least, for a row of the truth.
 INSIDE = 0.1
-# (lowest, highest) camera, metres, and the lens's blur, standard deviation in pixels.
-CAMERA_HEIGHT, BLUR = (2.5, 9.0), 0.5
+# (lowest, highest) camera, metres, and slow change of the brightness, share.
+CAMERA_HEIGHT, EXPOSURE_DRIFT = (2.5, 9.0), 0.06
+# Standard deviations of the lens's blur, pixels, and of the sensor's noise, grey levels of 255.
+BLUR, NOISE = 0.5, 3.0
 
 
 @dataclass(frozen=True)
@@ -61,8 +59,6 @@ class StreetSettings(ClipSettings):
         occluders: things that may hide people: poles, boxes, bushes, parked cars.
         person_height: (least, greatest) of a person where people walk, pixels.
         look_alikes: probability of being dressed much like somebody else around.
-        exposure_drift: slow change of the brightness, share.
-        noise: standard deviation, grey levels of 255.
         samples: rays along each side of a pixel.
     """
 
@@ -71,8 +67,6 @@ class StreetSettings(ClipSettings):
     occluders: int = 7
     person_height: tuple[float, float] = (30.0, 170.0)
     look_alikes: float = 0.15
-    exposure_drift: float = 0.06
-    noise: float = 3.0
     samples: int = 2
 
     def __post_init__(self) -> None:
@@ -81,11 +75,9 @@ class StreetSettings(ClipSettings):
             (self.occluders >= 0, "occluders >= 0", self.occluders),
             (0 < self.person_height[0] < self.person_height[1], "person_height as (low, high)", self.person_height),
             (0 <= self.look_alikes <= 1, "look_alikes in [0, 1]", self.look_alikes),
-            (self.noise >= 0, "no negative noise", self.noise),
             (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
-            (self.exposure_drift >= 0, "no negative exposure_drift", self.exposure_drift),
         )
-        check_settings("street", self, 32, own)
+        self.expect("street", 32, *own)
 
 
 @dataclass(frozen=True)
@@ -115,11 +107,7 @@ class StreetClip:
         """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the people of the plan from 1."""
         camera = self.camera
         there = [i for i, walker in enumerate(self.walkers) if walker.is_there(frame)]
-        things = []
-        for walker in (self.walkers[i] for i in there):
-            t = frame - walker.first
-            solids = person_solids(walker.person, walker.pose(frame), walker.positions[t], float(walker.headings[t]))
-            things.append(Thing(solids, walker.person.look))
+        things = [self.walkers[i].thing(frame) for i in there]
         picture, _ = darken(self.background, things, camera, self.light, self.sunlit, 1.0)
         picture, sightings = compose(picture, things, camera, self.light)
         rng = np.random.default_rng([self.seed, 1, frame])
@@ -130,8 +118,7 @@ class StreetClip:
     def write_truth(self, folder: Path, name: str, truths: list[FrameTruth]) -> None:
         """Write ``gt/gt.txt``, with ids without gaps in the order of appearance, and ``seqinfo.ini``."""
         labels = ground_truth(truths)
-        write_ground_truth(folder / "gt" / "gt.txt", replace(labels, ids=by_appearance(labels.ids)))
-        write_info(folder, name, self.settings)
+        self.settings.write_info(folder, name, replace(labels, ids=by_appearance(labels.ids)))
 
 
 def plan_street(settings: StreetSettings, seed: int) -> StreetClip:
@@ -147,25 +134,20 @@ def plan_street(settings: StreetSettings, seed: int) -> StreetClip:
     bare, sunlit = darken(empty_picture(ground, settings.samples), static, camera, light, sunlit, 1.0)
     background, _ = compose(bare, static, camera, light)
     walkers = crowd(
-        rng,
-        CrowdSettings(settings.people, look_alikes=settings.look_alikes),
-        settings.frames,
-        settings.frame_rate,
-        lambda r: np.asarray(spots[int(r.integers(len(spots)))]),
-        lambda r: _out_of_view(r, camera, spots),
-        np.array(obstacles, dtype=np.float64).reshape(-1, 3),
-    )
+        rng, settings, settings.people, settings.look_alikes, lambda r: np.asarray(spots[int(r.integers(len(spots)))]),
+        lambda r: _out_of_view(r, camera, spots), np.array(obstacles, dtype=np.float64).reshape(-1, 3),
+    )  # fmt: skip
     lens = Degradation(
         exposure=automatic_exposure(background.colour) * float(np.exp(rng.normal(0, 0.15))),
         contrast=float(np.exp(rng.normal(0.05, 0.1))),
         haze=float(max(rng.normal(-0.05, 0.08), 0)),
         saturation=float(rng.uniform(0.7, 1.15)),
         blur=BLUR,
-        noise=settings.noise,
+        noise=NOISE,
     )
     seconds = np.arange(settings.frames) / settings.frame_rate
     waves = zip(rng.uniform(0.02, 0.3, 3), rng.uniform(0, 2 * np.pi, 3), strict=True)
-    drift = np.exp(settings.exposure_drift * sum(np.sin(2 * np.pi * f * seconds + p) for f, p in waves))
+    drift = np.exp(EXPOSURE_DRIFT * sum(np.sin(2 * np.pi * f * seconds + p) for f, p in waves))
     return StreetClip(settings, seed, camera, light, background, sunlit, walkers, lens, np.asarray(drift))
 
 

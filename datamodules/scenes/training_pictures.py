@@ -11,7 +11,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.clip import people_in_view
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dressed, pictured_things, tilt_of
-from tsuiseki.datamodules.scenes.people.person import person_solids, random_person, random_pose
+from tsuiseki.datamodules.scenes.people.person import person_thing, random_person, random_pose
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, by_night, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
 from tsuiseki.datamodules.scenes.render.photographs import Photographs, random_facades
@@ -189,15 +189,17 @@ def random_training_scene(
     if sunny:
         light = hard_sun(of_sun)
     ground, sunlit = draw_ground(random_ground(rng), camera, light)
-    people = _people(rng, spots)
-    if stock.sprites is not None:
-        people = [
-            _rendered(of_people, thing, spot, camera, stock.sprites, settings)
-            for thing, spot in zip(people, spots, strict=True)
-        ]
+    people = []
+    for spot in spots:
+        person = random_person(rng)
+        people.append(person_thing(person, random_pose(rng, person), spot, float(rng.uniform(0, 2 * np.pi))))
+        # Mostly a rendered person is shown in the place of the drawn one.
+        if stock.sprites is not None and of_people.random() < settings.rendered:
+            sprite = dressed(of_people, stock.sprites.near(of_people, tilt_of(camera, spot)))
+            people[-1] = replace(people[-1], cutout=Standing(sprite, spot))
     view = None
     if stock.photographs is not None:
-        ground, view = _photographed(of_photographs, ground, camera, stock.photographs, settings)
+        ground, view = _photographed(of_photographs, ground, camera, stock.photographs, settings.photographs)
     static = _scenery((rng, of_photographs, of_town, of_things), settings, stock, camera, spots, view is not None)
     picture = empty_picture(ground, settings.samples)
     softness = float(rng.uniform(0.5, 2.5)) * (SHARPER if sunny else 1.0)
@@ -232,26 +234,29 @@ def _scenery(
     reach, facades = float(np.linalg.norm(spots, axis=1).max(initial=12.0)), []
     if stock.photographs is not None and not in_view and of_photographs.random() < settings.facades:
         facades = random_facades(of_photographs, stock.photographs, int(of_photographs.integers(1, 7)), spots, reach)
-    count = int(rng.integers(settings.clutter[0], settings.clutter[1] + 1)) // (4 if in_view else 1)
+    count = _count(rng, settings.clutter) // (4 if in_view else 1)
     static = clutter_around(rng, camera, count, spots, LARGEST)
     if not in_view:
         static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
     static += facades
     if settings.town[1]:
-        count = int(of_town.integers(settings.town[0], settings.town[1] + 1))
-        static += clutter_around(of_town, camera, count, spots, LARGEST, random_town_thing)
+        static += clutter_around(of_town, camera, _count(of_town, settings.town), spots, LARGEST, random_town_thing)
         static += fronts_behind(of_town, 0 if in_view else int(of_town.integers(0, 4)), spots, reach)
     if settings.things[1]:
         if stock.photographs is None or not stock.photographs.paths["things"]:
             raise RequestError("training scenes: expected photographs of things, got none")
-        count = int(of_things.integers(settings.things[0], settings.things[1] + 1))
+        count = _count(of_things, settings.things)
         static += pictured_things(of_things, stock.photographs, camera, count, spots, LARGEST)
     return static
 
 
+def _count(rng: np.random.Generator, bounds: tuple[int, int]) -> int:
+    return int(rng.integers(bounds[0], bounds[1] + 1))
+
+
 def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> tuple[PinholeCamera, FloatArray]:
     """A camera and ``(N, 2)`` places on the ground where a person has a wanted size in its image."""
-    count = int(rng.integers(settings.people[0], settings.people[1] + 1))
+    count = _count(rng, settings.people)
     for _ in range(CAMERAS):
         camera = random_camera(rng, settings.width, settings.height, settings.camera_height)
         feet = rng.uniform([-0.03, 0.05], [1.03, 1.2], (400, 2)) * [settings.width, settings.height]
@@ -277,44 +282,15 @@ def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> 
     return camera, np.where(beside[:, None], np.roll(chosen, 1, axis=0) + step, chosen)
 
 
-def _rendered(
-    rng: np.random.Generator,
-    thing: Thing,
-    spot: FloatArray,
-    camera: PinholeCamera,
-    sprites: SpriteLibrary,
-    settings: TrainingSettings,
-) -> Thing:
-    """Mostly the drawn person with a rendered one shown in his place."""
-    if rng.random() >= settings.rendered:
-        return thing
-    return replace(thing, cutout=Standing(dressed(rng, sprites.near(rng, tilt_of(camera, spot))), spot))
-
-
 def _photographed(
-    rng: np.random.Generator,
-    ground: Float32,
-    camera: PinholeCamera,
-    photographs: Photographs,
-    settings: TrainingSettings,
+    rng: np.random.Generator, ground: Float32, camera: PinholeCamera, photographs: Photographs, often: float
 ) -> tuple[Float32, Float32 | None]:
     """The picture without things, now and then with a photograph in it, and the view if it is one as a whole."""
     kind = rng.random()
-    if kind < 0.3 * settings.photographs:
+    if kind < 0.3 * often:
         view = photographs.view(rng, camera.width, camera.height)
         return (ground, None) if view is None else (view, view)
-    if kind < 1.3 * settings.photographs:
-        ground = photographs.covered(rng, ground, camera)
-    return ground, None
-
-
-def _people(rng: np.random.Generator, spots: FloatArray) -> list[Thing]:
-    things = []
-    for spot in spots:
-        person = random_person(rng)
-        pose, heading = random_pose(rng, person), float(rng.uniform(0, 2 * np.pi))
-        things.append(Thing(person_solids(person, pose, spot, heading), person.look))
-    return things
+    return (photographs.covered(rng, ground, camera) if kind < 1.3 * often else ground), None
 
 
 def _steady(sighting: Sighting | None, thing: Thing, camera: PinholeCamera) -> Sighting | None:

@@ -11,8 +11,10 @@ from tsuiseki.tracking.geometry import (
     corners_from_xywh,
     iou_matrix,
     iou_pairs,
+    rotated_iou,
     straddling,
     suppress,
+    suppress_rotated,
     xywh_from_corners,
 )
 from tsuiseki.tracking.types import Detections, Estimate, Frame, Track
@@ -89,3 +91,18 @@ def test_a_box_between_two_better_ones_straddles_them() -> None:
     assert not straddling(boxes, np.array([0.5, 0.4, 0.6, 0.5]), 0.85).any()
     assert not straddling(boxes[[0, 2]], np.array([0.9, 0.6]), 0.4).any()
     assert straddling(np.empty((0, 4)), np.empty(0), 0.85).tolist() == []
+
+
+def test_of_turned_boxes_the_best_of_each_heap_stays():
+    """OpenCV's function drops one of these that shares less than a fifth with any other."""
+    random = np.random.default_rng(3)
+    boxes = np.column_stack([
+        random.uniform(0, 60, (40, 2)), random.uniform(5, 30, (40, 2)), random.uniform(-1.6, 1.6, 40)
+    ])  # fmt: skip
+    kept = suppress_rotated(boxes, scores := random.uniform(0.1, 1, 40), 0.3)
+    assert (np.diff(scores[kept]) <= 0).all()
+    overlap = rotated_iou(boxes, boxes)
+    assert np.triu(overlap[np.ix_(kept, kept)], 1).max() <= 0.3
+    for k in np.setdiff1d(np.arange(40), kept):
+        assert (overlap[k, kept][scores[kept] > scores[k]] > 0.3).any()
+    assert suppress_rotated(boxes[:0], scores[:0], 0.3).tolist() == []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tsuiseki.datamodules.scenes import goldfish_clip
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, contour_distance, wide_noise
@@ -79,11 +80,13 @@ def test_the_body_draws_the_outlines_it_was_learnt_from(clip, fit):
     assert np.linalg.norm(contours - fit.states[:, None, :2], axis=2).max() <= fit.body.radius
 
 
-def test_it_fits_fish_it_has_not_seen(fit):
+def test_it_fits_fish_it_has_not_seen(fit, monkeypatch):
     """Searched over bend and heading, the learnt body lies within 5 pixels of the edges of another clip's fish."""
     rng = np.random.default_rng(2)
     extraction = Extraction(parse_colour("orange"))
-    drawn = plan_goldfish(GoldfishSettings(frames=20, fish=1, pebbles=0, glints=0.0), seed=77)
+    monkeypatch.setattr(goldfish_clip, "PEBBLES", 0)
+    monkeypatch.setattr(goldfish_clip, "GLINTS", 0.0)
+    drawn = plan_goldfish(GoldfishSettings(frames=20, fish=1), seed=77)
     frames = [drawn.draw_frame(number) for number in range(0, 20, 5)]
     for frame in frames:
         edges = EdgeImage.of(frame.image, extraction)

@@ -133,7 +133,7 @@ def animal_result(
         found, placed = finished(seen, numbers, settings, source.frame_rate, size, skeleton, table)
     tracks, fields = [one.track for one in found], list(FIELDS)
     if scale is not None:
-        tracks, fields = in_millimetres(tracks, scale, source.frame_rate)
+        tracks, fields = in_millimetres(tracks, scale, source)
 
     def draw(frame: Frame) -> ImageArray:
         from tsuiseki.tracking.animals.page import draw_animals
@@ -205,13 +205,13 @@ def finished(
     return animals, written
 
 
-def in_millimetres(tracks: Sequence[BodyTrack], scale: float, frame_rate: float) -> tuple[list[BodyTrack], list[str]]:
+def in_millimetres(tracks: Sequence[BodyTrack], scale: float, source: Source) -> tuple[list[BodyTrack], list[str]]:
     """Tracks with columns for millimetres behind those for pixels, and the names of all columns.
 
     Args:
         tracks: of the columns `FIELDS`.
         scale: millimetres of a pixel.
-        frame_rate: frames a second, for the speed.
+        source: the video, which times its frames, for the speed.
 
     Raises:
         RequestError: the scale is not above 0.
@@ -223,7 +223,7 @@ def in_millimetres(tracks: Sequence[BodyTrack], scale: float, frame_rate: float)
         metric = scale * track.states[:, [0, 1, 3, 4]]
         speed = np.zeros(len(track))
         if len(track) > 1:
-            seconds = track.frames / frame_rate
+            seconds = source.times.at(track.frames, source.frame_rate)
             speed = np.linalg.norm(np.gradient(metric[:, :2], seconds, axis=0), axis=1)
         found.append(replace(track, states=np.concatenate([track.states, metric, speed[:, None]], axis=1)))
     return found, [*FIELDS, "a_mm", "b_mm", "length_mm", "width_mm", "speed_mm_s"]
@@ -255,7 +255,7 @@ def animals(
     source = video.open(images=True, replayable=True, timed=True)
     table = skeleton.table()
     if scale is not None:
-        in_millimetres([], scale, source.frame_rate)
+        in_millimetres([], scale, source)
     with output.run() as run:
         steps = run.steps(run.frames(source, record=video.overlay), total=frames_expected(source))
         made = output.settings

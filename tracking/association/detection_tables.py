@@ -122,6 +122,7 @@ class DetectionTable:
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
         actions: ``(N, A)`` probabilities of actions; None where nothing recognised them.
+        even: whether frames follow each other at one interval, or ``measured.times`` says when.
     """
 
     numbers: IntArray
@@ -133,6 +134,7 @@ class DetectionTable:
     frame_rate: float
     size: tuple[int, int] | None
     actions: FloatArray | None = None
+    even: bool = True
 
     @classmethod
     def empty(cls, frame_rate: float, size: tuple[int, int] | None) -> DetectionTable:
@@ -147,6 +149,12 @@ class DetectionTable:
     def rows(self, numbers: IntArray) -> IntArray:
         """``(K,)`` indices of the detections of ``(K,)`` numbers, -1 for those that are not here."""
         return rows_of_numbers(self.numbers, numbers)
+
+    def seconds(self, i: IntArray, j: IntArray) -> FloatArray:
+        """``(P,)`` from the detections at ``(P,)`` indices to those at others."""
+        if self.even:
+            return np.asarray((self.frames[j] - self.frames[i]) * (1 / self.frame_rate), dtype=np.float64)
+        return np.asarray(self.measured.times[j] - self.measured.times[i])
 
     def select(self, which: BoolArray | IntArray) -> DetectionTable:
         """The detections at a mask or at indices."""
@@ -179,6 +187,7 @@ class DetectionTable:
             measured=measured,
             features=_stacked(counts, self.features, other.features),
             actions=_stacked(counts, self.actions, other.actions),
+            even=self.even and other.even,
         )
 
 

@@ -139,7 +139,7 @@ class _Prices:
         table, cost, one_frame = self.table, self.by.cost, 1 / self.table.frame_rate
         gap = table.frames[j] - table.frames[i]
         seconds = np.asarray(gap * one_frame, dtype=np.float64)
-        motion = self.mismatch(i, j, seconds, table.measured.wander[j] - table.measured.wander[i])
+        motion = self.mismatch(i, j, table.seconds(i, j), table.measured.wander[j] - table.measured.wander[i])
         total, distance, action = motion.copy(), np.full(len(i), np.nan), np.full(len(i), np.nan)
         if table.features is not None:
             averaged = self.means is not None

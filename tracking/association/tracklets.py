@@ -209,7 +209,7 @@ def join_parts(
     one_frame = 1 / table.frame_rate
     seconds = np.asarray((table.frames[heads] - table.frames[tails]) * one_frame, dtype=np.float64)
     wander = table.measured.wander[heads] - table.measured.wander[tails]
-    mismatch = link.mismatch(past, future, tails, heads, seconds, wander)
+    mismatch = link.mismatch(past, future, tails, heads, table.seconds(tails, heads), wander)
     hidden = hidden_between(tails, heads, table.frames, table.image, table.size)
     cost = mismatch + link.waiting(seconds, one_frame, hidden)
     action = np.full(len(i), np.nan)

@@ -64,7 +64,9 @@ class FoundAgain:
     before: IntArray
 
 
-def found_again(frames: IntArray, boxes: FloatArray, frame_rate: float, stride: int = 1) -> FoundAgain:
+def found_again(
+    frames: IntArray, boxes: FloatArray, frame_rate: float, stride: int = 1, times: FloatArray | None = None
+) -> FoundAgain:
     """Which detections lie between an earlier and a later one, and how fast those that do move.
 
     Args:
@@ -72,6 +74,7 @@ def found_again(frames: IntArray, boxes: FloatArray, frame_rate: float, stride: 
         boxes: ``(N, 4)`` pixels, as if the camera stood still.
         frame_rate: frames a second.
         stride: detections are in every ``stride``-th frame, see `Stride`.
+        times: ``(N,)`` seconds, where frames do not follow each other at one interval.
     """
     speed, earlier = np.full(len(frames), np.nan), np.full(len(frames), -1)
     if len(frames) == 0:
@@ -83,14 +86,18 @@ def found_again(frames: IntArray, boxes: FloatArray, frame_rate: float, stride: 
     i, j = near_pairs(frames, centre, reach, gap, every, every)
     alike = (np.abs(np.log(size[j] / size[i])) < CHANGE).all(axis=1)
     before, middle, after = _triples(i[alike], j[alike], len(frames))
-    fit = iou_pairs((boxes[before] + boxes[after]) / 2, boxes[middle])
+    share, span = np.full((len(middle), 1), 0.5), np.full(len(middle), 2.0 * gap)
+    if times is not None:
+        span = np.maximum(times[after] - times[before], 1e-6) * frame_rate
+        share = ((times[middle] - times[before]) * frame_rate / span)[:, None]
+    fit = iou_pairs(boxes[before] * (1 - share) + boxes[after] * share, boxes[middle])
     good = fit > ON_LINE
-    before, middle, after, fit = before[good], middle[good], after[good], fit[good]
+    before, middle, after, fit, span = before[good], middle[good], after[good], fit[good], span[good]
     # Ascending, so that the best triple of a box is written last.
     order = np.argsort(fit, kind="stable")
-    before, middle, after = before[order], middle[order], after[order]
+    before, middle, after, span = before[order], middle[order], after[order], span[order]
     earlier[middle] = before
-    speed[middle] = np.hypot(*(centre[after] - centre[before]).T) * frame_rate / (2 * gap) / side[middle]
+    speed[middle] = np.hypot(*(centre[after] - centre[before]).T) * frame_rate / span / side[middle]
     return FoundAgain(earlier >= 0, speed, earlier)
 
 
@@ -273,7 +280,9 @@ class VideoEvidence:
         other.rate_of_right, other._stride = copy(self.rate_of_right), copy(self._stride)
         return other
 
-    def add(self, frames: IntArray, boxes: FloatArray, scores: FloatArray, last: int) -> None:
+    def add(
+        self, frames: IntArray, boxes: FloatArray, scores: FloatArray, last: int, times: FloatArray | None = None
+    ) -> None:
         """Take the detections of the next frames, and what those before them are told by it.
 
         Args:
@@ -281,12 +290,14 @@ class VideoEvidence:
             boxes: ``(N, 4)`` pixels, as if the camera stood still.
             scores: ``(N,)``, NaN where there is none.
             last: the newest frame, with detections or without.
+            times: ``(N,)`` seconds, where frames do not follow each other at one interval.
         """
         self._stride.add(frames)
         stride = self._stride(self._frame_rate)
         gap = interval_frames(self._frame_rate, stride)
-        recent = self._recent.joined(frames, boxes, scores)
-        triples = found_again(recent.frames, recent.boxes, self._frame_rate, stride)
+        recent = self._recent.joined(frames, boxes, scores, frames / self._frame_rate if times is None else times)
+        uneven = None if times is None else recent.times
+        triples = found_again(recent.frames, recent.boxes, self._frame_rate, stride, uneven)
         told = (recent.frames >= max(self._recent.told, gap)) & (recent.frames <= last - gap)
         self.probability.add(recent.scores[told], triples.found[told])
         self.speed.add(triples.speed[told])
@@ -303,24 +314,27 @@ class _RecentDetections:
         frames: ``(N,)``.
         boxes: ``(N, 4)`` as if the camera stood still, pixels.
         scores: ``(N,)``.
+        times: ``(N,)`` seconds.
         told: the frame from which on it is not said yet what was found again.
     """
 
     frames: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     boxes: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
     scores: FloatArray = field(default_factory=lambda: np.empty(0))
+    times: FloatArray = field(default_factory=lambda: np.empty(0))
     told: int = 0
 
-    def joined(self, frames: IntArray, boxes: FloatArray, scores: FloatArray) -> _RecentDetections:
+    def joined(self, frames: IntArray, boxes: FloatArray, scores: FloatArray, times: FloatArray) -> _RecentDetections:
         """With the detections of the next frames."""
         return _RecentDetections(
             np.append(self.frames, frames),
             np.concatenate([self.boxes, boxes]),
             np.append(self.scores, scores),
+            np.append(self.times, times),
             self.told,
         )
 
     def since(self, frame: int, told: int) -> _RecentDetections:
         """Those from a frame on."""
         kept = self.frames >= frame
-        return _RecentDetections(self.frames[kept], self.boxes[kept], self.scores[kept], told)
+        return _RecentDetections(self.frames[kept], self.boxes[kept], self.scores[kept], self.times[kept], told)

@@ -143,8 +143,8 @@ def points(
             several cameras, camera.
         out: the camera file to write.
         image_size: WIDTH,HEIGHT of the images; not needed where the intrinsics say.
-        intrinsics: one OpenCV calibration file per camera (or one for all), separated by commas; only the pose is
-            fitted then, and the lens may distort.
+        intrinsics: one calibration file of OpenCV or ROS per camera (or one for all), separated by commas; only the
+            pose is fitted then, and the lens may distort.
     """
     from tsuiseki.tracking.calibrate.places import calibrate_from_points, described
     from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
@@ -250,7 +250,8 @@ def convert(
 
     Args:
         file: calib_results.txt of OCamCalib, JSON of py-OCamCalib, camchain YAML of Kalibr (omni with radtan, or
-            pinhole with equidistant), or OpenCV's fisheye K and D; which one is seen from what is there.
+            pinhole with equidistant), ROS's camera YAML (equidistant), or OpenCV's fisheye K and D or omnidir with xi;
+            which one is seen from what is there.
         to: the format to write. ocam and py-ocam hold Scaramuzza's model, which every file is read as; of the others
             the nearest lens is fitted.
         image_size: WIDTH,HEIGHT of the calibration, where the file does not say, as py-OCamCalib's.
@@ -297,7 +298,8 @@ def pose(
     Either --height, or --points on the floor. Several cameras go into one file by joining their lists.
 
     Args:
-        file: the lens, in any format that tsuiseki calibrate convert reads, or with --projective OpenCV's intrinsics.
+        file: the lens, in any format that tsuiseki calibrate convert reads, or with --projective OpenCV's or ROS's
+            intrinsics.
         out: the camera file to write.
         floor: X1,Y1,X2,Y2 of the floor that people stand on, metres; by default 10 m about the camera.
         name: of the camera.

@@ -188,7 +188,8 @@ def _moved(camera: PinholeCamera, x: FloatArray) -> PinholeCamera:
 
 
 def _checked(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
-    points, pixels = np.asarray(points, dtype=np.float64), np.asarray(pixels, dtype=np.float64)
+    # OpenCV takes no columns of a larger array.
+    points, pixels = (np.ascontiguousarray(values, dtype=np.float64) for values in (points, pixels))
     if points.ndim != 2 or points.shape[1] != 3 or pixels.shape != (len(points), 2):
         raise RequestError(f"expected points (N, 3) and pixels (N, 2), got {points.shape} and {pixels.shape}")
     if len(points) < FEWEST_POINTS:

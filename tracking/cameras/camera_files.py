@@ -39,6 +39,7 @@ import yaml
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens, Resize
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.types import FloatArray
 
 AnyCamera = PinholeCamera | OmnidirectionalCamera
@@ -126,10 +127,8 @@ def _entries(path: Path) -> list[Any]:
         RequestError: the file is missing, no YAML, or has no such list.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RequestError(f"{path}: expected a camera file, found none ({error.strerror})") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        content = yaml.safe_load(read_text(path, "a camera file"))
+    except yaml.YAMLError as error:
         raise RequestError(f"{path}: expected YAML, got something else; write it with tsuiseki calibrate") from error
     entries = content.get("cameras") if isinstance(content, dict) else None
     if not isinstance(entries, list) or not entries:

@@ -1,42 +1,87 @@
-"""Intrinsics on disk, as OpenCV and others write them."""
+"""Intrinsics on disk, as OpenCV, ROS and others write them."""
 
 from __future__ import annotations
 
-import json
+import re
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal
 
 import cv2
 import numpy as np
+import yaml
 
 from tsuiseki.tracking.cameras.calibration import Intrinsics
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.types import FloatArray
 
-# What programs call the same two things.
-MATRIX_NAMES = ("camera_matrix", "cameraMatrix", "K", "K-matrix", "mtx")
-DISTORTION_NAMES = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "distCoeff", "dist")
+# What programs call the same things.
+MATRIX_NAMES = ("camera_matrix", "cameraMatrix", "K", "K-matrix", "mtx", "k")
+DISTORTION_NAMES = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "distCoeff", "dist", "d")
+WIDTH_NAMES, HEIGHT_NAMES = ("image_width", "width"), ("image_height", "height")
+LensModel = Literal["pinhole", "fisheye", "omnidirectional"]
+# ROS's and Kalibr's words for the distortion.
+MODELS: dict[str, LensModel] = {
+    "plumb_bob": "pinhole",
+    "radtan": "pinhole",
+    "rational_polynomial": "pinhole",
+    "thin_prism": "pinhole",
+    "equidistant": "fisheye",
+    "fisheye": "fisheye",
+}
 # OpenCV counts pixels from the first one's centre.
 HALF_PIXEL = 0.5
 
 
+@dataclass(frozen=True)
+class LensFile:
+    """What a file says of a lens.
+
+    Attributes:
+        path: of the file.
+        size: width and height of the image, pixels.
+        focal: ``(2,)`` pixels.
+        principal_point: ``(2,)`` pixels, where the first pixel's centre lies at 0.5.
+        skew: pixels.
+        coefficients: of the distortion.
+        model: that they belong to; None where the file does not say and they may be of two.
+        xi: of the omnidirectional model's mirror.
+    """
+
+    path: Path
+    size: tuple[int, int]
+    focal: FloatArray
+    principal_point: FloatArray
+    skew: float
+    coefficients: FloatArray
+    model: LensModel | None
+    xi: float
+
+
 def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> Intrinsics:
-    """Intrinsics with distortion, from OpenCV's FileStorage (YAML, XML, JSON) or from plain JSON with the same names.
+    """The intrinsics in a file of OpenCV's FileStorage (YAML, XML, JSON), ROS's YAML or plain JSON.
+
+    Four coefficients of a model that the file does not name are taken as k1, k2, p1, p2, which is told.
 
     Args:
         path: the file; it holds a 3x3 matrix and 4, 5, 8 or 12 coefficients k1, k2, p1, p2, k3, k4, k5, k6, s1 to s4.
         image_size: width and height, where the file does not say.
 
     Raises:
-        RequestError: something is missing, or the lens model has other coefficients, as a tilted sensor's.
+        RequestError: something is missing, or the lens is another, as a fisheye or a tilted sensor's.
     """
-    if not path.is_file():
-        raise RequestError(f"{path}: expected a file with camera intrinsics, found none")
-    matrix, coefficients, size = _plain_json(path) if path.suffix.lower() == ".json" else _file_storage(path)
-    if matrix is None or matrix.shape != (3, 3) or not np.isfinite(matrix).all():
-        raise RequestError(f"{path}: expected a 3x3 matrix named one of {', '.join(MATRIX_NAMES)}, found none")
-    if abs(matrix[0, 1]) > 1e-6 * matrix[0, 0]:
-        raise RequestError(f"{path}: expected intrinsics without skew, got {matrix[0, 1]:g}")
-    coefficients = np.zeros(5) if coefficients is None else coefficients.ravel()
+    given = read_lens_file(path, image_size)
+    if given.model in ("fisheye", "omnidirectional"):
+        raise RequestError(
+            f"{path}: expected the intrinsics of a pinhole camera, got a calibration of the {given.model} model; give "
+            "it to tsuiseki calibrate pose without --projective"
+        )
+    if abs(given.skew) > 1e-6 * given.focal[0]:
+        raise RequestError(f"{path}: expected intrinsics without skew, got {given.skew:g}")
+    coefficients = given.coefficients
     if len(coefficients) == 14 and not coefficients[12:].any():
         coefficients = coefficients[:12]
     if len(coefficients) not in (4, 5, 8, 12):
@@ -44,16 +89,73 @@ def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> In
             f"{path}: expected 4, 5, 8 or 12 distortion coefficients (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4), "
             f"got {len(coefficients)}; calibrate without the tilted and fisheye models"
         )
-    size = image_size or size
-    if size is None:
-        raise RequestError(f"{path}: expected image_width and image_height, found none; give the image size")
+    if given.model is None:
+        warnings.warn(
+            f"{path}: its four coefficients are taken as k1, k2, p1, p2; where they are a fisheye's, add the line "
+            "distortion_model: equidistant",
+            InputWarning,
+            stacklevel=2,
+        )
     return Intrinsics(
-        size[0],
-        size[1],
+        *given.size, given.focal, given.principal_point, np.pad(coefficients, (0, max(5 - len(coefficients), 0)))
+    )
+
+
+def read_lens_file(path: Path, image_size: tuple[int, int] | None = None) -> LensFile:
+    """What a file says of a lens of any of `LensModel`.
+
+    Args:
+        path: see `read_intrinsics`; with ``xi`` it is of OpenCV's omnidir.
+        image_size: width and height, where the file does not say.
+
+    Raises:
+        RequestError: something is missing, or the model is unknown.
+    """
+    content = _content(path)
+    matrix = _first(path, content, MATRIX_NAMES)
+    if matrix is None or matrix.size != 9 or not np.isfinite(matrix).all():
+        raise RequestError(f"{path}: expected a 3x3 matrix named one of {', '.join(MATRIX_NAMES)}, found none")
+    matrix = matrix.reshape(3, 3)
+    coefficients = _first(path, content, DISTORTION_NAMES)
+    coefficients = np.zeros(5) if coefficients is None or not coefficients.size else coefficients.ravel()
+    xi = _first(path, content, ("xi", "Xi"))
+    size = image_size or _size(path, content)
+    return LensFile(
+        path,
+        size,
         matrix[[0, 1], [0, 1]],
         matrix[:2, 2] + HALF_PIXEL,
-        np.pad(coefficients, (0, max(5 - len(coefficients), 0))),
+        float(matrix[0, 1]),
+        coefficients,
+        "omnidirectional" if xi is not None else _model(path, content, len(coefficients)),
+        0.0 if xi is None else float(xi.ravel()[0]),
     )
+
+
+def _model(path: Path, content: dict[str, Any], count: int) -> LensModel | None:
+    name = str(content.get("distortion_model") or "").lower()
+    if name and name not in MODELS:
+        raise RequestError(f"{path}: expected a distortion_model of {', '.join(MODELS)}, got {name!r}")
+    if name:
+        return MODELS[name]
+    if "fisheye_model" in content:
+        return "fisheye" if str(content["fisheye_model"]).lower() in ("1", "1.0", "true") else "pinhole"
+    if count != 4:
+        return "pinhole"
+    # What OpenCV's fisheye calibration calls its result.
+    return "fisheye" if "K" in content and "D" in content else None
+
+
+def _size(path: Path, content: dict[str, Any]) -> tuple[int, int]:
+    width, height = (_first(path, content, names) for names in (WIDTH_NAMES, HEIGHT_NAMES))
+    pair = _first(path, content, ("resolution", "image_size"))
+    if pair is None and width is not None and height is not None:
+        pair = np.array([width, height])
+    if pair is None:
+        raise RequestError(f"{path}: expected image_width and image_height, found none; give the image size")
+    if pair.size != 2 or not (pair >= 1).all():
+        raise RequestError(f"{path}: expected a width and height above 0, got {pair.tolist()}")
+    return int(pair.ravel()[0]), int(pair.ravel()[1])
 
 
 def write_intrinsics(path: Path, intrinsics: Intrinsics, error: float) -> None:
@@ -69,37 +171,45 @@ def write_intrinsics(path: Path, intrinsics: Intrinsics, error: float) -> None:
     storage.release()
 
 
-def _plain_json(path: Path) -> tuple[FloatArray | None, FloatArray | None, tuple[int, int] | None]:
+def _first(path: Path, content: dict[str, Any], names: Sequence[str]) -> FloatArray | None:
+    """The numbers under the first of the names that is there."""
+    value = next((content[name] for name in names if content.get(name) is not None), None)
+    if value is None:
+        return None
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise RequestError(f"{path}: expected JSON with camera intrinsics, got something else") from error
+        numbers = np.asarray(value["data"] if isinstance(value, dict) else value, dtype=np.float64)
+    except (TypeError, ValueError, KeyError) as error:
+        raise RequestError(f"{path}: expected numbers in matrix, coefficients and size, got something else") from error
+    return numbers
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """What a file has by name: numbers, words, and matrices as lists or as mappings with ``data``."""
+    text = read_text(path, "camera intrinsics")
+    if text.lstrip().startswith("<"):
+        return _xml(path, text)
+    # OpenCV's first line is no YAML, nor are its tags; JSON is YAML but for tabs.
+    text = re.sub(r"\A\s*%YAML.*|!!opencv-\S+", "", text).replace("\t", " ")
+    try:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise RequestError(f"{path}: expected YAML or JSON with camera intrinsics, got something else") from error
     if not isinstance(content, dict):
         raise RequestError(f"{path}: expected named intrinsics, got a {type(content).__name__}")
-    if any(isinstance(content.get(name), dict) for name in MATRIX_NAMES):
-        return _file_storage(path)
-    try:
-        matrix = next((np.asarray(content[name], dtype=np.float64) for name in MATRIX_NAMES if name in content), None)
-        found = next(
-            (np.asarray(content[name], dtype=np.float64) for name in DISTORTION_NAMES if name in content), None
-        )
-        size = content.get("resolution", content.get("image_size"))
-        return matrix, found, None if size is None else (int(size[0]), int(size[1]))
-    except (TypeError, ValueError, IndexError) as error:
-        raise RequestError(f"{path}: expected numbers in matrix, coefficients and size, got something else") from error
+    return content
 
 
-def _file_storage(path: Path) -> tuple[FloatArray | None, FloatArray | None, tuple[int, int] | None]:
+def _xml(path: Path, text: str) -> dict[str, Any]:
     try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
     except cv2.error as error:
         raise RequestError(f"{path}: expected an OpenCV file with camera intrinsics, got something else") from error
-    with_size = [storage.getNode(name) for name in ("image_width", "image_height")]
-    size = None if any(n.empty() for n in with_size) else (int(with_size[0].real()), int(with_size[1].real()))
-    found = []
-    for names in (MATRIX_NAMES, DISTORTION_NAMES):
-        nodes = [storage.getNode(name) for name in names]
-        found.append(next((n.mat() for n in nodes if not n.empty() and n.isMap()), None))
+    names = storage.root().keys()
+    nodes = {name: storage.getNode(name) for name in names}
+    content = {
+        name: node.mat() if node.isMap() else node.string() if node.isString() else node.real()
+        for name, node in nodes.items()
+        if node.isMap() or node.isString() or node.isReal() or node.isInt()
+    }
     storage.release()
-    matrix, coefficients = (None if f is None else np.asarray(f, dtype=np.float64) for f in found)
-    return matrix, coefficients, size
+    return content

@@ -4,7 +4,7 @@
 ocam             OCamCalib's `calib_results.txt`: Scaramuzza's model, centre as row and column, scene at z < 0
 py-ocam          py-OCamCalib's JSON: the same model in our axes, centre as x and y; the image size is not in the file
 kalibr           Kalibr's camchain YAML: the unified ("omni") model, or a pinhole with equidistant distortion
-opencv           OpenCV's fisheye K and D of four, in a YAML, XML or JSON FileStorage
+opencv           OpenCV's fisheye K and D of four, or its omnidir (with xi), in a FileStorage; ROS's camera YAML
 ===============  =======================================================================================================
 
 All count pixels from the first one's centre. Reading gives Scaramuzza's model in each case: of the last two it is
@@ -24,7 +24,7 @@ import numpy as np
 import yaml
 from numpy.polynomial import Polynomial
 
-from tsuiseki.tracking.cameras.intrinsic_files import HALF_PIXEL, read_intrinsics
+from tsuiseki.tracking.cameras.intrinsic_files import HALF_PIXEL, read_lens_file
 from tsuiseki.tracking.cameras.lens_fitting import (
     EquidistantLens,
     UnifiedLens,
@@ -34,6 +34,7 @@ from tsuiseki.tracking.cameras.lens_fitting import (
 )
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalLens
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.types import FloatArray
 
 LensFormat = Literal["ocam", "py-ocam", "kalibr-omni", "kalibr-equidistant", "opencv"]
@@ -70,26 +71,29 @@ def read_lens_fitted(path: Path, image_size: tuple[int, int] | None = None) -> t
     Raises:
         RequestError: see `read_lens`.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RequestError(f"{path}: expected a text file with a lens calibration, found none") from error
+    text = read_text(path, "a lens calibration")
     if path.suffix.lower() == ".txt":
         return _checked(path, _read_ocam, text)
     if '"taylor_coefficient"' in text:
         return _checked(path, lambda t: _read_py_ocam(t, image_size), text)
-    if "distortion_model" in text:
+    if re.search(r"\b(distortion_coeffs|camera_model|cam\d+)\b", text):
         return _checked(path, _read_kalibr, text)
     return _checked(path, lambda _: _read_opencv(path, image_size), text)
 
 
-def _read_opencv(path: Path, image_size: tuple[int, int] | None) -> EquidistantLens:
-    intrinsics = read_intrinsics(path, image_size)
-    if intrinsics.distortion[4] != 0:
-        raise RequestError("expected the four coefficients of a fisheye calibration, got five of another lens")
-    return EquidistantLens(
-        intrinsics.width, intrinsics.height, intrinsics.focal, intrinsics.principal_point, intrinsics.distortion[:4]
-    )
+def _read_opencv(path: Path, image_size: tuple[int, int] | None) -> UnifiedLens | EquidistantLens:
+    given = read_lens_file(path, image_size)
+    if given.model == "pinhole":
+        raise RequestError(
+            "expected a fisheye or omnidirectional calibration, got a pinhole's of "
+            f"{len(given.coefficients)} coefficients; give it to tsuiseki calibrate pose with --projective"
+        )
+    if given.coefficients.shape != (4,):
+        raise RequestError(f"expected four coefficients of the {given.model} model, got {len(given.coefficients)}")
+    place = (*given.size, given.focal, given.principal_point)
+    if given.model == "omnidirectional":
+        return UnifiedLens(*place, given.xi, given.coefficients, given.skew)
+    return EquidistantLens(*place, given.coefficients, given.skew)
 
 
 def write_lens(path: Path, lens: OmnidirectionalLens, kind: LensFormat) -> FloatArray:
@@ -275,6 +279,7 @@ def _opencv_text(lens: EquidistantLens, suffix: str) -> str:
     storage = cv2.FileStorage(kind, cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("image_width", lens.width)
     storage.write("image_height", lens.height)
+    storage.write("fisheye_model", 1)
     storage.write("K", np.array([[fx, 0.0, x], [0.0, fy, y], [0.0, 0.0, 1.0]]))
     storage.write("D", lens.distortion)
     return storage.releaseAndGetString()

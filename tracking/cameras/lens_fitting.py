@@ -45,13 +45,14 @@ class Lens(Protocol):
 
 @dataclass(frozen=True)
 class EquidistantLens:
-    """Kannala and Brandt's lens; focal lengths ``(2,)``, principal point ``(2,)`` pixels, distortion ``(4,)``."""
+    """Kannala and Brandt's lens; focal ``(2,)``, principal point ``(2,)``, skew, pixels, and distortion ``(4,)``."""
 
     width: int
     height: int
     focal: FloatArray
     principal_point: FloatArray
     distortion: FloatArray
+    skew: float = 0.0
 
     def project(self, points: FloatArray) -> FloatArray:
         """Pixels ``(N, 2)`` of ``(N, 3)`` points in the camera's axes; NaN past the polynomial's turning back."""
@@ -64,7 +65,9 @@ class EquidistantLens:
         slope = 1 + grid**2 * (3 * k1 + grid**2 * (5 * k2 + grid**2 * (7 * k3 + grid**2 * 9 * k4)))
         limit = grid[int(np.argmax(slope <= 0))] if (slope <= 0).any() else np.pi
         unit = points[:, :2] / np.maximum(across, 1e-300)[:, None]
-        pixels = unit * radius[:, None] * self.focal + self.principal_point
+        ideal = unit * radius[:, None]
+        pixels = ideal * self.focal + self.principal_point
+        pixels[:, 0] += self.skew * ideal[:, 1]
         pixels[theta > limit] = np.nan
         return np.asarray(pixels)
 
@@ -82,7 +85,7 @@ class EquidistantLens:
 
 @dataclass(frozen=True)
 class UnifiedLens:
-    """Mei's lens: focal ``(2,)`` and principal point ``(2,)`` pixels, mirror ``xi``, distortion k1, k2, p1, p2."""
+    """Mei's lens: focal ``(2,)``, principal point ``(2,)``, skew, pixels; mirror ``xi``, distortion k1, k2, p1, p2."""
 
     width: int
     height: int
@@ -90,6 +93,7 @@ class UnifiedLens:
     principal_point: FloatArray
     xi: float
     distortion: FloatArray
+    skew: float = 0.0
 
     def project(self, points: FloatArray) -> FloatArray:
         """Pixels ``(N, 2)`` of ``(N, 3)`` points in the camera's axes; NaN where the model has no image."""
@@ -105,6 +109,7 @@ class UnifiedLens:
         u = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
         v = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
         pixels = np.stack([u, v], axis=1) * self.focal + self.principal_point
+        pixels[:, 0] += self.skew * v
         pixels[hidden] = np.nan
         return np.asarray(pixels)
 

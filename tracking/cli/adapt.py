@@ -11,8 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsuiseki.tracking.cli.detector_lines import tell_reading
+from tsuiseki.tracking.cli.detector_lines import tell_models
 from tsuiseki.tracking.cli.options import SeededOutput
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.types.frame_range import parse_frames
@@ -49,6 +50,7 @@ def adapt(
     score_threshold: float = 0.3,
     sitting: bool = False,
     threads: int = 0,
+    device: Device = "auto",
     detector_options: DetectorOptions = DETECTOR_OPTIONS,
 ) -> int:
     """Learn a camera from its unlabelled video: who is tracked with confidence teaches the detector.
@@ -74,6 +76,7 @@ def adapt(
         sitting: people may sit or stand through most of the video; what never moves is then left out of the learning.
         seed: of all chance.
         threads: CPU cores; 0 takes all.
+        device: what the exported networks run on, as in track people; learning stays on the CPU.
         detector_options: what the file of the teacher does not tell, where that is another project's.
     """
     from tsuiseki.trainers.adapt.settings import AdaptSettings
@@ -81,7 +84,7 @@ def adapt(
     parse_frames(frames)
     settings = AdaptSettings(
         rounds=rounds, steps=steps, pictures=pictures, score_threshold=score_threshold, sitting=sitting,
-        seed=output.seed, threads=threads,
+        seed=output.seed, threads=threads, device=device,
     )  # fmt: skip
     request = {"sources": sources, "frames": frames, "view": view, "options": asdict(detector_options)}
     return _adapt(output, settings, request, detector, teacher, detector_options)
@@ -103,10 +106,11 @@ def _adapt(
     start = _detector(detector)
     # What cannot be learnt from, or looked with, is refused before anything is looked at.
     layout_of(start)
-    looking = _teacher(teacher, options)
+    looking = _teacher(teacher, options, settings.device)
+    teacher = None if teacher is None else shipped_or_file("detector", teacher)
     sources, work = request["sources"], output.out / WORK
     with output.run() as run:
-        tell_reading(run, looking)
+        tell_models(run, looking)
         if resumed(work, {**request, "settings": asdict(settings), **contents_of(sources, start, teacher)}):
             print("going on with what an earlier run has finished")
         with _kept(work):
@@ -147,13 +151,13 @@ def _said_of_motion(camera: CameraVideos) -> list[str]:
     return said
 
 
-def _teacher(given: Path | None, options: DetectorOptions) -> SizedDetect | None:
+def _teacher(given: Path | None, options: DetectorOptions, device: Device) -> SizedDetect | None:
     """The detector that looks first."""
     from tsuiseki.tracking.features.exported import open_detector
     from tsuiseki.trainers.adapt.find import LOWEST_SCORE
 
     if given is not None:
-        return open_detector(given, LOWEST_SCORE, threads=1, options=options)
+        return open_detector(given, LOWEST_SCORE, threads=1, options=options, device=device)
     if options != DETECTOR_OPTIONS:
         raise RequestError("expected `detector_options` with a `teacher` of another project, got no teacher")
     return None

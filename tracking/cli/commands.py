@@ -86,6 +86,10 @@ EXPORT = {
     "action": (".export_networks:export_action", "from a checkpoint, one file a stream"),
     "association": (".export_costs:export_trained", "costs of the flow, from a checkpoint"),
 }
+MODELS = {
+    "list": (":list_models", "what there is, and under which terms"),
+    "get": "download one into the user's cache",
+}
 CALIBRATE = {
     "points": "from known points in space",
     "checkerboard": "a camera's focal length and lens, from pictures of a board",
@@ -135,6 +139,7 @@ COMMANDS: Tree = {
     "train": Group(FIT, "trainers", TRAIN),
     "adapt": Command("tracking.cli.adapt:adapt", f"learn a camera from its unlabelled video {EXTRA}"),
     "export": Group(f"turn a trained model into ONNX {EXTRA}", "trainers.exporting", EXPORT),
+    "models": Group("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
     "calibrate": Group("find out where cameras are and how they see", "tracking.calibrate.run", CALIBRATE),
     "track": Group("follow something through a video with exported models", "tracking", TRACK),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),

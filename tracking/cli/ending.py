@@ -73,18 +73,18 @@ def _interrupt(number: int, _: FrameType | None) -> None:
 
 @contextmanager
 def _warnings_in_a_line() -> Iterator[None]:
-    """Within the ``with`` block every `InputWarning` is printed as a note, and kept in `NOTES`."""
+    """Within the ``with`` block every `InputWarning` is printed once as a note, and kept in `NOTES`."""
     NOTES.clear()
     with warnings.catch_warnings():
         warnings.simplefilter("always", InputWarning)
         usual = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
-            if issubclass(category, InputWarning):
+            if not issubclass(category, InputWarning):
+                usual(message, category, *place, **more)
+            elif str(message) not in NOTES:
                 NOTES.append(str(message))
                 complain(f"note: {message}", DONE)
-            else:
-                usual(message, category, *place, **more)
 
         warnings.showwarning = show
         yield

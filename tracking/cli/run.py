@@ -38,6 +38,7 @@ from tsuiseki.tracking.errors import Interrupted, RunError, signal_of
 from tsuiseki.tracking.output import RunRecord, output_folder
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.weights.catalogue import records_of
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import Output
@@ -56,6 +57,7 @@ class Run:
         times: seconds of each stage.
         columns: what happened in each frame, for ``run.json``: one list a column.
         facts: what the run found out about its input, or chose by itself; likewise.
+        sources: videos that it read.
         count: finished steps.
         status: exit status, known after the ``with`` block.
         asked: the signal by which the user asked to end, 0 where none came: begin no other part.
@@ -66,6 +68,7 @@ class Run:
         self.times = StageTimes()
         self.columns: Mapping[str, Sequence[Any]] = {}
         self.facts: dict[str, Any] = {}
+        self.sources: list[Source] = []
         self.count, self._before = 0, 0
         self.status, self.asked = DONE, 0
         self._patient = self._written = False
@@ -96,16 +99,35 @@ class Run:
             source: the video.
             record: keep the frames of a live source for `replay`.
         """
-        self._live = source.live
+        self.sources.append(source)
+        if not source.live:
+            return self._read(source.frames())
+        return self._read(self.unending(source.frames()), source.frame_rate if record else None)
+
+    def unending(self, items: Iterable[T]) -> Iterator[T]:
+        """``items`` of a live source: an interrupt ends them at once, and what came before is kept."""
+        self._live, iterator = True, iter(items)
+        while not self.asked:
+            try:
+                with self.waiting():
+                    item = next(iterator)
+            except StopIteration:
+                return
+            except KeyboardInterrupt as error:
+                self.asked = signal_of(error)
+                return
+            yield item
+
+    def _read(self, frames: Iterator[Frame], recorded_rate: float | None = None) -> Iterator[Frame]:
         with ExitStack() as stack:
             writer = None
-            if source.live and record:
+            if recorded_rate is not None:
                 from tsuiseki.tracking.video.webm import VideoWriter
 
                 self._recording = self.work / PARTS / "recording.webm"
-                writer = stack.enter_context(VideoWriter(self._recording, source.frame_rate))
+                writer = stack.enter_context(VideoWriter(self._recording, recorded_rate))
             try:
-                for frame in source.frames():
+                for frame in frames:
                     if writer is not None:
                         writer.write(frame.image)
                     self._first = frame.index if self._first is None else self._first
@@ -217,7 +239,8 @@ class Run:
         if self.asked and not self._live:
             return None
         try:
-            return self.write(name, write)
+            with self.times.measure("draw"):
+                return self.write(name, write)
         except KeyboardInterrupt as error:
             self.asked = signal_of(error)
             self._say(f"interrupted while {name} was drawn", 128 + self.asked)
@@ -264,10 +287,27 @@ class Run:
     def _record(self) -> None:
         shutil.rmtree(self.work / PARTS, ignore_errors=True)
         command, settings, seconds = self.output.command, self.output.settings, self.times.seconds
+        facts = self.facts | self._facts_of_sources()
+        for name, found in (("notes", [*NOTES]), ("models", records_of(settings.values()))):
+            facts |= {name: found} if found else {}
         record = RunRecord(command, settings, int(settings.get("seed", 0)), seconds, self.columns)
-        record.partial, record.reason = bool(self._reason), self._reason
-        record.facts = self.facts | ({"notes": [*NOTES]} if NOTES else {})
+        record.partial, record.reason, record.facts = bool(self._reason), self._reason, facts
         record.write(self.work)
+
+    def _facts_of_sources(self) -> dict[str, Any]:
+        """Where the times of their frames come from, whether these are even, and where a live one had gaps."""
+        from tsuiseki.tracking.video.frame_times import uneven
+
+        found = {}
+        for source in self.sources:
+            facts = {} if source.live else uneven(list(source.times.noted.values()))
+            gaps = getattr(source, "gaps", [])
+            found[source.name] = {"timed_by": source.timed_by, **facts, **({"gaps": gaps} if gaps else {})}
+            if facts and len(self.sources) == 1 and "frame" in self.columns and "time" not in self.columns:
+                numbers = [number - 1 for number in self.columns["frame"]]
+                at = source.times.at(numbers, source.frame_rate).round(4).tolist()
+                self.columns = {**self.columns, "time": at}
+        return {"frame_times": found} if found else {}
 
     def _report(self) -> None:
         if self._reason:

@@ -223,13 +223,11 @@ def sphere(
         noise: of the sensor, standard deviation in grey levels of 255.
         cover: CAMERA,FIRST,LAST: a board hides the view of that camera in these frames, counted from 1.
     """
-    from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, Cover, plan_sphere
+    from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, plan_sphere
 
-    covers: tuple[Cover, ...] = ()
-    if cover is not None:
-        if not (1 <= cover[0] <= cameras and 1 <= cover[1] <= cover[2]):
-            raise RequestError(f"`cover`: expected CAMERA,FIRST,LAST counted from 1, got {','.join(map(str, cover))}")
-        covers = (Cover(cover[0] - 1, cover[1] - 1, cover[2] - 1),)
+    if cover is not None and not (1 <= cover[0] <= cameras and 1 <= cover[1] <= cover[2]):
+        raise RequestError(f"`cover`: expected CAMERA,FIRST,LAST counted from 1, got {','.join(map(str, cover))}")
+    covers = () if cover is None else ((cover[0] - 1, cover[1] - 1, cover[2] - 1),)
     settings = CarriedBallSettings(cameras, length.frames, frame_rate, radius, noise=noise, covers=covers)
     return _make(output, length, partial(plan_sphere, settings, output.seed), f" of {cameras} cameras")
 

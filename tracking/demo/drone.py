@@ -13,15 +13,17 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import SeededOutput
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.demo.page import DemoResult
+    from tsuiseki.tracking.devices import Device
     from tsuiseki.tracking.drone.tracking import DroneResult
 
 CLIP_FOLDER = "drone"
 
 
-def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
+def demo_drone(output: SeededOutput, frames: int, threads: int, device: Device) -> int:
     """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+    from tsuiseki.tracking.cli.detector_lines import tell_models
     from tsuiseki.tracking.cli.run import frames_expected
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import DRONE_METHODS, scored
@@ -40,7 +42,8 @@ def demo_drone(output: SeededOutput, frames: int, threads: int) -> int:
                 run.work / CLIP_FOLDER, planned, watch=lambda drawn: run.watched(drawn, "generating", frames)
             )
         source = open_source(clip)
-        models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads))
+        models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads, device=device))
+        tell_models(run, models.observers.detect, models.observers.describe, models.observers.recognise)
         truth = read_ground_truth(clip / "gt" / "gt.txt")
         cache = str(clip), run.work / "observations"
         results = {
@@ -69,8 +72,7 @@ def _write(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> No
     source, best = demo.source, results[list(results)[-1]]
     rate, painter = source.frame_rate, best.painter
     assert painter is not None
-    with run.times.measure("draw the overlay"):
-        overlay = run.draw(OVERLAY_FILE, lambda path: write_drawn(path, source.frames(), rate, painter))
+    overlay = run.draw(OVERLAY_FILE, lambda path: write_drawn(path, source.frames(), rate, painter))
     for method, name in DRONE_METHODS.items():
         run.save(results[name], folder=method)
         record_method(run, results[name].settings, run.times.seconds, run.columns)

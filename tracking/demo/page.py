@@ -28,7 +28,7 @@ STAGES = {
     "decode": "decode",
     "detect": "detect",
     "describe": "describe",
-    "overlay": "draw the overlay",
+    "draw": "draw the overlay",
 }
 
 

@@ -8,6 +8,7 @@ from typing import Literal
 
 from tsuiseki.tracking import weights
 from tsuiseki.tracking.association.learnt_costs import Affinity
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
@@ -36,10 +37,15 @@ def shipped_street() -> dict[str, Path]:
 
 
 def street_inputs(
-    source: Source, models: Mapping[str, Path], threads: int, camera: StandingCamera | None = None
+    source: Source,
+    models: Mapping[str, Path],
+    threads: int,
+    camera: StandingCamera | None = None,
+    device: Device = "auto",
 ) -> PeopleInputs:
     """Where people on a street come from; ``models`` are files by the kinds of `STREET_MODELS`."""
-    detector, appearance = Detector(models["detector"], threads=threads), Appearance(models["appearance"], threads)
+    detector = Detector(models["detector"], threads=threads, device=device)
+    appearance = Appearance(models["appearance"], threads, device=device)
     return PeopleInputs(source, detector, appearance, camera=camera, ground=ground_of(detector, "auto", source))
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.run import Run, frames_expected
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def demo(
     assets: Path | None = None,
     frames: int = FRAMES,
     threads: int = 0,
+    device: Device = "auto",
 ) -> int:
     """Run the whole path on a generated clip: detect, describe, track three ways, evaluate, report.
 
@@ -46,6 +48,7 @@ def demo(
         frames: length of the clip.
         seed: of the clip.
         threads: CPU threads of the networks; 0 takes all.
+        device: what the networks run on, as in track people.
         overwrite: replace an earlier demo in the folder.
     """
     if scene == "drone":
@@ -53,16 +56,19 @@ def demo(
 
         if train:
             raise RequestError("`train`: expected --scene street; for a drone see docs/how-to/train-and-export.md")
-        return demo_drone(output, frames, threads)
+        return demo_drone(output, frames, threads, device)
     if assets is not None and not train:
         raise RequestError("`assets`: expected it with `train`, which renders people of it; leave it out otherwise")
-    return _demo_street(output, frames, threads, train=train, assets=assets)
+    return _demo_street(output, frames, threads, device, train=train, assets=assets)
 
 
-def _demo_street(output: SeededOutput, frames: int, threads: int, *, train: bool, assets: Path | None) -> int:
+def _demo_street(
+    output: SeededOutput, frames: int, threads: int, device: Device, *, train: bool, assets: Path | None
+) -> int:
     """Generate a street, track it three ways, score and report."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+    from tsuiseki.tracking.cli.detector_lines import tell_models
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import scored, shipped_street, street_inputs, street_trackers
     from tsuiseki.tracking.features.standing_camera import StandingCamera
@@ -80,7 +86,9 @@ def _demo_street(output: SeededOutput, frames: int, threads: int, *, train: bool
             )
         source = open_source(clip)
         camera = StandingCamera()
-        found = street_inputs(source, models, threads, camera).found(run.frames(source), run.times)
+        inputs = street_inputs(source, models, threads, camera, device)
+        tell_models(run, inputs.detect, inputs.describe)
+        found = inputs.found(run.frames(source), run.times)
         steps = run.steps(found, total=frames_expected(source))
         tracks, log = run_trackers(steps, street_trackers(source, models, threads, camera), run.times)
         truth = read_ground_truth(clip / "gt" / "gt.txt").between(0, run.count - 1)
@@ -109,8 +117,7 @@ def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]
         record_method(run, settings, seconds, log.columns(tracks))
     run.facts["models"] = names
     source, best = demo.source, demo.tracks[list(demo.tracks)[-1]]
-    with run.times.measure("overlay"):
-        overlay = run.draw(OVERLAY_FILE, lambda path: write_overlay(path, source.frames(), best, source.frame_rate))
+    overlay = run.draw(OVERLAY_FILE, lambda path: write_overlay(path, source.frames(), best, source.frame_rate))
     facts = {f"{kind} model": name for kind, name in names.items()} | {"seed": str(run.output.settings["seed"])}
     report = street_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts))
     run.write(REPORT_FILE, lambda path: write_report(path, report))

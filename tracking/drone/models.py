@@ -76,10 +76,11 @@ class DroneModels:
             paths["detector"] = _detector_file(finding.detector)
         looked = shipped("appearance_people") if appearance is None else appearance
         used = given is None and not (isinstance(looked, str | Path) and str(looked) == NONE)
-        paths["appearance"] = _file(looked) if used else None
-        describe = as_describer(looked, finding.threads) if used else None
+        appearance_file = _file(looked) if used else None
+        paths["appearance"] = None if appearance_file is None else shipped_or_file("appearance", appearance_file)
+        describe = as_describer(looked, finding.threads, device=finding.device) if used else None
         streams = _streams(method, actions, needed=given is not None)
-        recognise = ActionRecogniser(streams, finding.threads) if streams else None
+        recognise = ActionRecogniser(streams, finding.threads, device=finding.device) if streams else None
         camera = camera_motion and given is None
         key = {name: None if path is None else file_digest(path) for name, path in paths.items()}
         key |= _streams_key(streams) | {"motion": str(camera)}

@@ -29,6 +29,7 @@ from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Describe, Detect
 from tsuiseki.tracking.features.streaming import stream
+from tsuiseki.tracking.onnx import weight_files
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
@@ -155,9 +156,11 @@ def digest(key: Mapping[str, Any]) -> str:
 
 
 def file_digest(path: Path) -> str:
-    """A digest of what is in a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()[:32]
+    """A digest of what is in a file; of an ONNX file, in those that hold its weights, too."""
+    found = hashlib.sha256(path.read_bytes())
+    for file in weight_files(path):
+        found.update(file.read_bytes())
+    return found.hexdigest()[:32]
 
 
 def files_key(paths: Iterator[Path] | tuple[Path, ...]) -> str:

@@ -56,7 +56,8 @@ def drone(
         drone: settings of the flow and of what is reported.
     """
     from tsuiseki.tracking.association.learnt_costs import CostNetwork
-    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
+    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
+    from tsuiseki.tracking.drone.models import DroneModels
     from tsuiseki.tracking.features.camera_path import line_on_camera
 
     if not 0 <= threshold <= 1:
@@ -66,7 +67,7 @@ def drone(
     moving = not keep_camera_motion
     models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)
     with output.run() as run:
-        tell_reading(run, models.observers.detect)
+        tell_models(run, models.observers.detect, models.observers.describe, models.observers.recognise)
         kept = None if cache is None else (video.source, cache)
         steps = run.steps(observations(run, source, models, kept), total=frames_expected(source))
         made = output.settings

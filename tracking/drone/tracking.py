@@ -16,6 +16,7 @@ from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import CostChanges, CostNetwork
 from tsuiseki.tracking.cli.options import Video
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.drone.models import DroneMethod, DroneModels, as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe
 from tsuiseki.tracking.drone.settings import DroneSettings
@@ -23,6 +24,7 @@ from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
+from tsuiseki.tracking.features.view_choice import devices_of
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.people.inputs import GivenDetections
@@ -51,6 +53,7 @@ def track_drone(
     frames: str | None = None,
     settings: DroneSettings | None = None,
     threads: int = 0,
+    device: Device = "auto",
     seed: int = 0,
 ) -> DroneResult:
     """Everyone in a video from a drone, each with an id and with what they do.
@@ -70,6 +73,7 @@ def track_drone(
         frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
         settings: of flow, alternation and output.
         threads: CPU threads of the networks; 0 takes all.
+        device: what networks that are given as files run on, see `opened_on`.
         seed: draws nothing; the methods here are exact.
 
     Raises:
@@ -80,7 +84,7 @@ def track_drone(
         raise RequestError(f"expected the method {', '.join(METHODS)}, got {method!r}")
     opened = Video(source=str(source), frames=frames).open(images=True, replayable=True)
     given: Any = {"detections": detections, "detector": detector}
-    finding = FindingOptions(**given, threads=threads, view="auto")
+    finding = FindingOptions(**given, threads=threads, device=device, view="auto")
     streams = None if actions is None else [Path(path) for path in actions]
     models = DroneModels.choose(opened, method, finding, appearance, streams)
     times = StageTimes()
@@ -138,7 +142,8 @@ def link(
     from tsuiseki.tracking.drone.page import action_page, captions_of
     from tsuiseki.tracking.report.overlay import Overlay
 
-    log, facts = FrameLog(), dict[str, Any]()
+    watching = models.observers
+    log, facts = FrameLog(), dict[str, Any](devices_of(watching.detect, watching.describe, watching.recognise))
     logged = _logged(observations, log)
     if models.given is not None:
         people = _named(logged, models, models.given, settings, source.frame_rate, log)

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.detection import (
     DetectionScores,
@@ -17,6 +19,7 @@ from tsuiseki.tracking.evaluation.detection import (
 )
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
 from tsuiseki.tracking.evaluation.truths import Truth
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
 from tsuiseki.tracking.output import RUN_FILE, is_partial
 from tsuiseki.tracking.types import Detections
@@ -114,6 +117,7 @@ def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
     for truth in truths:
         file = result_file(truth.name, result, len(truths) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES)
         tracks = read_tracks(file)
+        compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)]), truth.size)
         warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
         pairs.append(SequencePair(truth.name, truth.labels, restrict(tracks, truth.frames), truth.length))
     return pairs
@@ -140,6 +144,7 @@ def evaluate_detection_files(
     for truth in truths:
         file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
         found = read_detections(file, truth.length, score_range)
+        compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), truth.size)
         warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
         last = max(int(truth.labels.frames[-1]), len(found) - 1)
         wanted = truth.frames.within(truth.length or last + 1)

@@ -24,12 +24,14 @@ class Truth:
         labels: its ground truth, of the frames that count.
         length: number of frames; None where nothing tells.
         frames: that count; results in others are passed over.
+        size: width and height of the pictures, where the sequence says.
     """
 
     name: str
     labels: GroundTruth
     length: int | None
     frames: FrameRange = EVERY_FRAME
+    size: Size = None
 
 
 def read_truths(
@@ -51,7 +53,7 @@ def read_truths(
         truths = [_of_rotated(path)]
     else:
         truths = [
-            Truth(video.name, video.people(protocol, size), video.length, video.counted(protocol))
+            Truth(video.name, video.people(protocol, size), video.length, video.counted(protocol), video.size)
             for video in open_labelled(path)
         ]
     return [_restricted(truth, frames) for truth in truths] if frames != EVERY_FRAME else truths

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import camera_flow, camera_motion
 from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, FlowName, optical_flow
@@ -217,15 +218,19 @@ class ActionRecogniser:
         paths: of the files, one a stream.
         threads: CPU threads; 0 takes all cores.
         batch_size: most crops of one inference call.
+        device: what to run on, see `opened_on`; afterwards what they run on.
 
     Raises:
         RequestError: a file is no action stream (see `OnnxModel`), or the files do not belong together.
     """
 
-    def __init__(self, paths: Sequence[str | Path], threads: int = 0, batch_size: int = 32) -> None:
+    def __init__(
+        self, paths: Sequence[str | Path], threads: int = 0, batch_size: int = 32, device: Device = "auto"
+    ) -> None:
         if not paths:
             raise RequestError("expected the file of at least one action stream, got none")
-        self.models = [OnnxModel(path, "action", threads) for path in paths]
+        self.models = [OnnxModel(path, "action", threads, device) for path in paths]
+        self.device = self.models[0].device
         self.inputs = [_input(model) for model in self.models]
         self.batch_size = batch_size
         self.names = self.models[0].card.class_names

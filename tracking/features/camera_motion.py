@@ -7,6 +7,7 @@ frames are searched for what they share (`camera_search`). Where that does not t
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -259,3 +260,8 @@ class CameraStep:
 
     similarity: FloatArray
     deviation: float = 0.0
+
+    def and_then(self, other: CameraStep) -> CameraStep:
+        """This step and another after it, as one."""
+        first, second = (np.vstack([step.similarity, [0, 0, 1]]) for step in (self, other))
+        return CameraStep((second @ first)[:2], math.hypot(self.deviation, other.deviation))

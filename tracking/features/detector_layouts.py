@@ -226,9 +226,10 @@ def cell_count(size: Size, strides: Sequence[int] = STRIDES) -> int:
 
 
 def paired(outputs: Outputs) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Boxes and classes of two outputs; boxes are the one with four columns, or the first where both have."""
+    """Boxes and classes of two outputs, a row a box; boxes have four columns, or stand first where both have."""
     first, second = outputs
-    return (second, first) if first.shape[-1] != 4 else (first, second)
+    boxes, classes = (second, first) if first.shape[-1] != 4 else (first, second)
+    return boxes, classes if len(classes) == len(boxes) else classes.T
 
 
 def with_probabilities(layout: DetectorLayout, outputs: Outputs, kind: ScoreKind | None) -> Outputs:
@@ -326,7 +327,7 @@ LAYOUTS: Mapping[LayoutName, DetectorLayout] = {
         "(1, N, C+44) scores, then logits of distances",
         partial(read_nanodet, bins=NANODET_G_BINS),
         lambda o: nanodet_rows(o, NANODET_G_BINS)[:, : -4 * NANODET_G_BINS],
-        _NANODET,
+        replace(_NANODET, resize="letterbox", fill=0),
     ),
     "fastestdet": DetectorLayout(
         "(1, 5+C, H, W) or (N, 5+C), a box a cell of 16 pixels",

@@ -17,6 +17,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
@@ -27,6 +28,7 @@ from tsuiseki.tracking.onnx import MissingCardError, OnnxModel
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.weights import shipped_or_file
+from tsuiseki.tracking.weights.catalogue import find_model
 
 MOST_CANDIDATES = 400
 
@@ -74,15 +76,22 @@ class Detector:
         score_threshold: detections below it are dropped; in [0, 1].
         iou_threshold: of the non-maximum suppression; in [0, 1].
         threads: CPU threads; 0 takes all cores.
+        device: what to run on, see `opened_on`; afterwards what it runs on.
 
     Raises:
         RequestError: the file is no detector (see `OnnxModel`).
     """
 
     def __init__(
-        self, path: str | Path, score_threshold: float = 0.3, iou_threshold: float = 0.5, threads: int = 0
+        self,
+        path: str | Path,
+        score_threshold: float = 0.3,
+        iou_threshold: float = 0.5,
+        threads: int = 0,
+        device: Device = "auto",
     ) -> None:
-        self.model = OnnxModel(path, "detector", threads)
+        self.model = OnnxModel(path, "detector", threads, device)
+        self.device = self.model.device
         self.score_threshold = score_threshold
         self.iou_threshold = iou_threshold
         card = self.model.card
@@ -155,13 +164,15 @@ class Appearance:
         path: the ONNX file.
         threads: CPU threads; 0 takes all cores.
         batch_size: most crops of one inference call.
+        device: what to run on, see `opened_on`; afterwards what it runs on.
 
     Raises:
         RequestError: the file is no appearance network (see `OnnxModel`).
     """
 
-    def __init__(self, path: str | Path, threads: int = 0, batch_size: int = 32) -> None:
-        self.model = OnnxModel(path, "appearance", threads)
+    def __init__(self, path: str | Path, threads: int = 0, batch_size: int = 32, device: Device = "auto") -> None:
+        self.model = OnnxModel(path, "appearance", threads, device)
+        self.device = self.model.device
         self.batch_size = batch_size
 
     def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
@@ -181,38 +192,49 @@ def open_detector(
     iou_threshold: float = 0.5,
     threads: int = 0,
     options: DetectorOptions | None = None,
+    device: Device = "auto",
     *,
     turned: bool = False,
 ) -> Detector | ForeignDetector:
     """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises; see both.
 
-    A bare word stands for a shipped one, see `shipped_or_file`.
+    A bare word stands for a shipped or downloaded one, see `shipped_or_file`.
 
     Raises:
         RequestError: see the three; or ``options`` for a detector of this toolkit, which needs none.
     """
-    path = shipped_or_file("detector", path)
+    entry, path = find_model(str(path), "detector"), shipped_or_file("detector", path)
+    if entry is not None:
+        told = {} if options is None else {name: x for name, x in vars(options).items() if x is not None}
+        options = DetectorOptions(**{**entry.options, **told})
     try:
-        found = Detector(path, score_threshold, iou_threshold, threads)
+        found = Detector(path, score_threshold, iou_threshold, threads, device)
     except MissingCardError:
-        return ForeignDetector(path, score_threshold, iou_threshold, threads, options, turned=turned)
+        return ForeignDetector(path, score_threshold, iou_threshold, threads, options, device, turned)
     if options not in (None, DetectorOptions()):
         raise RequestError(f"{path} tells all by itself; leave the detector options out")
     return found
 
 
 def open_appearance(
-    path: str | Path, threads: int = 0, batch_size: int = 32, options: AppearanceOptions | None = None
+    path: str | Path,
+    threads: int = 0,
+    batch_size: int = 32,
+    options: AppearanceOptions | None = None,
+    device: Device = "auto",
 ) -> Appearance | ForeignAppearance:
     """The appearance network at ``path``: one of this toolkit, or any that `ForeignAppearance` can run.
+
+    A bare word stands for a shipped or downloaded one, see `shipped_or_file`.
 
     Raises:
         RequestError: see the two; or ``options`` for a network of this toolkit, which needs none.
     """
+    path = shipped_or_file("appearance", path)
     try:
-        found = Appearance(path, threads, batch_size)
+        found = Appearance(path, threads, batch_size, device)
     except MissingCardError:
-        return ForeignAppearance(path, threads, batch_size, options)
+        return ForeignAppearance(path, threads, batch_size, options, device)
     if options not in (None, AppearanceOptions()):
         raise RequestError(f"{path} tells all by itself; leave the appearance options out")
     return found
@@ -238,6 +260,7 @@ def as_detector(
     score_threshold: float = 0.3,
     threads: int = 0,
     options: DetectorOptions | None = None,
+    device: Device = "auto",
     *,
     turned: bool = False,
 ) -> Detect:
@@ -248,13 +271,14 @@ def as_detector(
         score_threshold: of a detector that is read from a file, in [0, 1].
         threads: CPU threads of a network that is read from a file; 0 takes all cores.
         options: what the file of another project does not tell.
+        device: of such a network, see `opened_on`.
         turned: boxes of such a file may be turned.
 
     Raises:
         RequestError: it is none of them, or the file is no detector.
     """
     if isinstance(given, str | Path):
-        return open_detector(given, score_threshold, threads=threads, options=options, turned=turned)
+        return open_detector(given, score_threshold, threads=threads, options=options, device=device, turned=turned)
     if hasattr(given, "detect"):
         return given
     if callable(given):
@@ -264,19 +288,22 @@ def as_detector(
     )
 
 
-def as_describer(given: AppearanceLike, threads: int = 0, options: AppearanceOptions | None = None) -> Describe:
+def as_describer(
+    given: AppearanceLike, threads: int = 0, options: AppearanceOptions | None = None, device: Device = "auto"
+) -> Describe:
     """What describes people's appearance.
 
     Args:
         given: an exported network's file, an `Appearance`, or a function; see the module.
         threads: CPU threads of a network that is read from a file; 0 takes all cores.
         options: what the file of another project does not tell.
+        device: of such a network, see `opened_on`.
 
     Raises:
         RequestError: it is none of them, or the file is no appearance network.
     """
     if isinstance(given, str | Path):
-        return open_appearance(given, threads, options=options)
+        return open_appearance(given, threads, options=options, device=device)
     if hasattr(given, "describe"):
         return given
     if callable(given):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.devices import Device, device_of
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.foreign_options import IMAGENET, AppearanceOptions
 from tsuiseki.tracking.onnx import image_input, open_session, run_session
@@ -23,17 +24,24 @@ class ForeignAppearance:
         threads: CPU threads; 0 takes all cores.
         batch_size: most crops of one inference call, where the file takes several.
         options: what the file does not tell.
+        device: what to run on, see `opened_on`; afterwards what it runs on.
 
     Raises:
         RequestError: the file does not turn pictures into one row of numbers each.
     """
 
     def __init__(
-        self, path: str | Path, threads: int = 0, batch_size: int = 32, options: AppearanceOptions | None = None
+        self,
+        path: str | Path,
+        threads: int = 0,
+        batch_size: int = 32,
+        options: AppearanceOptions | None = None,
+        device: Device = "auto",
     ) -> None:
         options = options or AppearanceOptions()
         self.path = Path(path)
-        self.session = open_session(path, threads)
+        self.session = open_session(path, threads, device)
+        self.device = device_of(self.session)
         if len(self.session.get_inputs()) != 1:
             names = ", ".join(x.name for x in self.session.get_inputs())
             raise RequestError(f"{self.path}: expected one input, the crops, got {names}; export it with crops alone")

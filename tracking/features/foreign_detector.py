@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.devices import Device, device_of
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.detector_layouts import LAYOUTS, TENSORFLOW, TURNED, Size, paired, with_probabilities
 from tsuiseki.tracking.features.foreign_options import DetectorOptions, ImageInput, LayoutName, ScoreKind
@@ -51,6 +52,7 @@ class ForeignDetector:
         iou_threshold: of the non-maximum suppression, where the network does none itself; in [0, 1].
         threads: CPU threads; 0 takes all cores.
         options: what the file does not tell.
+        device: what to run on, see `opened_on`; afterwards what it runs on.
         turned: turned boxes come with their angles, the longer side as height; by default as upright boxes about them.
 
     Attributes:
@@ -70,13 +72,14 @@ class ForeignDetector:
         iou_threshold: float = 0.5,
         threads: int = 0,
         options: DetectorOptions | None = None,
-        *,
+        device: Device = "auto",
         turned: bool = False,
     ) -> None:
         options, self.turned = options or DetectorOptions(), turned
         self.path, self.score_threshold, self.iou_threshold = Path(path), score_threshold, iou_threshold
         self._apart = True
-        self.session = open_session(path, threads)
+        self.session = open_session(path, threads, device)
+        self.device = device_of(self.session)
         self.metadata: Mapping[str, str] = self.session.get_modelmeta().custom_metadata_map
         names = {plain_name(x.name): x.name for x in self.session.get_outputs()}
         first = self.session.get_inputs()[0].shape

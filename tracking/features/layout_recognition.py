@@ -109,7 +109,7 @@ def possible_layouts(
     elif len(arrays) in (6, 8) and all(x.ndim == 2 for x in arrays):
         found = [name for name, bins in _NANODET.items() if _is_nanodet_apart(arrays, bins, size)]
     if "scale_factor" in inputs:
-        found = [name for name in found if name == "paddle"]
+        found = [name for name in found if name in ("paddle", "yolo-nas")]  # the second without suppression
     return [name for name in found if (name in TURNED) == turned]
 
 
@@ -241,11 +241,11 @@ def _pair(outputs: Mapping[str, NDArray[Any]], size: Size) -> list[LayoutName]:
         return ["mmdeploy"]
     if whole and rows.ndim == 2 and other.size == 1 and rows.shape[1] == 6:
         return ["paddle"]
-    if any(x.ndim != 2 or not np.issubdtype(x.dtype, np.floating) for x in arrays) or len(rows) != len(other):
-        return []
-    if all(x.shape[1] != 4 for x in arrays):
+    if any(x.ndim != 2 or not np.issubdtype(x.dtype, np.floating) for x in arrays):
         return []
     boxes, values = paired(arrays)
+    if boxes.shape[1] != 4 or len(boxes) != len(values):
+        return []
     in_order = bool((boxes[:, 2:] >= boxes[:, :2]).all())
     if (boxes < -0.5).any() or (boxes > 1.5).any():
         cells = len(boxes) in (cell_count(size), cell_count(size, MORE_STRIDES))

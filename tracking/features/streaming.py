@@ -35,7 +35,7 @@ def stream(
         detect: finds people, or their given detections, one entry a frame number.
         describe: adds appearance features, where given.
         batch_size: frames of one inference call.
-        times: gets the seconds of the stages ``decode``, ``detect`` and ``describe``, summed over the workers.
+        times: gets the seconds of the stages ``decode``, ``detect`` and ``describe``.
         workers: batches that are worked on at a time; with more than one, ``detect`` and ``describe`` are called from
             several threads, and as many batches are decoded ahead: at most ``2 * workers * batch_size`` frames are
             held.

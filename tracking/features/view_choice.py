@@ -245,6 +245,12 @@ def inner_detector(detect: object) -> object:
     return detect.detector if isinstance(detect, ViewedDetector) else detect
 
 
+def devices_of(*models: object) -> dict[str, str]:
+    """What the networks among ``models`` run on, as a fact of a run; empty where there is none."""
+    found = {getattr(inner_detector(model), "device", None) for model in models} - {None}
+    return {"device": " and ".join(sorted(map(str, found)))} if found else {}
+
+
 def _timed(detector: TiledDetector, images: Sequence[ImageArray]) -> tuple[list[Detections], float]:
     """What is found, and the milliseconds that an image took."""
     start = time.perf_counter()

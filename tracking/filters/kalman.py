@@ -79,10 +79,6 @@ def update(
     return Gaussians(state.mean + (gain @ residual[..., None])[..., 0], covariance), innovation
 
 
-# F P F' with F = [[1, 1], [0, 1]], on rows of the three different entries of P.
-_SPREAD = np.array([[1.0, 0, 0], [2.0, 1.0, 0], [1.0, 1.0, 1.0]])
-
-
 @dataclass(frozen=True)
 class BoxMotion:
     """Noise of boxes that move with constant velocity, in heights of the person.
@@ -128,12 +124,27 @@ def start_boxes(boxes: FloatArray, motion: BoxMotion) -> BoxBelief:
     return BoxBelief(np.array(boxes, dtype=np.float64), np.zeros((len(boxes), 4)), variance)
 
 
-def predict_boxes(belief: BoxBelief, motion: BoxMotion) -> BoxBelief:
-    """The boxes one frame later: the position moves by the velocity, which changes by white noise."""
-    noise = motion.acceleration**2
-    # Q of a velocity that changes evenly during the frame.
-    variance = belief.variance @ _SPREAD + (noise / 4, noise / 2, noise)
-    return BoxBelief(belief.boxes + belief.velocities, belief.velocities, variance)
+def predict_boxes(belief: BoxBelief, motion: BoxMotion, passed: float | FloatArray = 1.0) -> BoxBelief:
+    """The boxes some time later: the position moves by the velocity, which changes by white noise.
+
+    Args:
+        belief: of N boxes.
+        motion: its noise.
+        passed: frames, one for all or ``(N,)``, 0 or more.
+    """
+    t = np.asarray(passed, dtype=np.float64)
+    position, both, velocity = belief.variance.T
+    # Q of a velocity that changes evenly during each frame.
+    noise = motion.acceleration**2 * t
+    spread = noise * (t**2 / 4 + np.maximum(t**2 - 1, 0) / 12)
+    variance = [position + 2 * t * both + t**2 * velocity + spread, both + t * velocity + noise * t / 2]
+    moved = belief.boxes + t[..., None] * belief.velocities
+    return BoxBelief(moved, belief.velocities, np.stack([*variance, velocity + noise], axis=1))
+
+
+def per_longer_frame(belief: BoxBelief, longer: float) -> BoxBelief:
+    """The same belief where a frame lasts so many times as long."""
+    return BoxBelief(belief.boxes, belief.velocities * longer, belief.variance * (1.0, longer, longer**2))
 
 
 def update_boxes(belief: BoxBelief, boxes: FloatArray, motion: BoxMotion) -> BoxBelief:

@@ -58,9 +58,12 @@ def dwell_seconds(tracks: Sequence[FloorTrack], floor: FloatArray, frame_rate: f
 
 
 def dwell_figure(tracks: Sequence[FloorTrack], floor: FloatArray, frame_rate: float, ink: str = "black") -> Figure:
-    """Where people spent how long, seconds a square metre."""
+    """Where people spent how long, seconds a square metre; a plain plan where nobody was."""
     figure, axes = _plan(floor, "Time spent", ink)
     seconds = dwell_seconds(tracks, floor, frame_rate) / CELL**2
+    if not seconds.any():
+        axes.text(0.5, 0.5, "nobody was here", transform=axes.transAxes, ha="center", color=ink)
+        return figure
     shown = axes.imshow(
         seconds, origin="lower", extent=(floor[0], floor[2], floor[1], floor[3]), cmap="magma", aspect="equal"
     )
@@ -146,19 +149,21 @@ class FloorSection:
     frame_rate: float
     folder: Path
 
-    def html(self, number: int) -> str:
-        """Plan, dwell map and video."""
+    def html(self, number: int, inside: str) -> str:
+        """Plan, dwell map and video, which lies in the folder ``inside`` beside the page."""
         walked = sum(float(np.linalg.norm(np.diff(t.places, axis=0), axis=1).sum()) for t in self.tracks)
         who = "1 person" if len(self.tracks) == 1 else f"{len(self.tracks)} people"
         paths = inline_svg(lambda ink: floor_figure(self.tracks, self.floor, self.camera[None], ink), f"paths{number}")
         dwell = inline_svg(lambda ink: dwell_figure(self.tracks, self.floor, self.frame_rate, ink), f"dwell{number}")
         text = f'<p>{who}, {walked:.0f} m walked in all.</p><div class="plans">{paths}{dwell}</div>'
-        return text + embedded_overlay(self.folder)
+        return text + embedded_overlay(self.folder, inside=inside)
 
 
 def floor_page(cameras: Sequence[FloorSection], seconds: Mapping[str, float], facts: Mapping[str, str]) -> str:
     """`report.html` as text: floor plan, dwell map and overlay of each camera, and how it was made."""
-    sections = [section(each.name, each.html(k)) for k, each in enumerate(cameras)]
+    sections = [
+        section(each.name, each.html(k, each.name if len(cameras) > 1 else "")) for k, each in enumerate(cameras)
+    ]
     sections.append(section("Time in all", listing({name: f"{1000 * v:.0f} ms" for name, v in seconds.items()})))
     sections.append(section("How it was made", listing(facts)))
     introduction = "Each colour and number is one person; the thick side of a box is the feet's. Triangles are cameras."

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.run import count, frames_expected
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import (
     AppearanceLike,
@@ -20,6 +21,7 @@ from tsuiseki.tracking.features.exported import (
     as_describer,
     as_detector,
 )
+from tsuiseki.tracking.features.view_choice import devices_of
 from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, CeilingOptions, FisheyeSettings, FloorFlowSettings
 from tsuiseki.tracking.fisheye.tracking import (
     CeilingSource,
@@ -61,6 +63,7 @@ def track_fisheye(
     hungarian: FisheyeSettings = HUNGARIAN,
     flow: FloorFlowSettings = DEFAULT_FLOW,
     threads: int = 0,
+    device: Device = "auto",
     seed: int = 0,
 ) -> Result[FloorTrack]:
     """Everyone under a ceiling camera: where each is in the image and on the floor, in metres.
@@ -79,6 +82,7 @@ def track_fisheye(
         hungarian: settings of the method ``hungarian``.
         flow: settings of the method ``flow``.
         threads: CPU threads of the networks; 0 takes all.
+        device: what networks that are given as files run on, see `opened_on`.
         seed: draws nothing; the methods here are exact.
 
     Raises:
@@ -87,7 +91,7 @@ def track_fisheye(
     """
     from tsuiseki.tracking.fisheye.page import floor_page
 
-    given: Any = {"detector": detector, "appearance": appearance, "threads": threads}
+    given: Any = {"detector": detector, "appearance": appearance, "threads": threads, "device": device}
     files = None if detections is None else [Path(detections)]
     (inputs,) = opened_ceiling([str(source)], Path(cameras), options, replace(DETECTING, **given), files, camera)
     video, times = inputs.ceiling.source, StageTimes()
@@ -136,13 +140,13 @@ def fisheye(
         hungarian: settings of --method hungarian.
         flow: settings of --method flow.
     """
-    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
+    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.fisheye.page import floor_page
 
     opened = opened_ceiling(source, cameras, ceiling, finding, detections)
     sections, lines, made = [], [], output.settings
     with output.run() as run:
-        tell_reading(run, opened[0].detector)
+        tell_models(run, opened[0].detector, opened[0].describe)
         for inputs in opened:
             if run.asked:
                 break
@@ -235,12 +239,13 @@ def opened_ceiling(
     detector: Detect | None = None
     if detections is None:
         path, turned = finding.detector or shipped(DETECTORS[options.view]), options.view == "image"
-        found_by = as_detector(path, finding.score_threshold, finding.threads, options.detector_options, turned=turned)
+        how = finding.threads, options.detector_options, finding.device
+        found_by = as_detector(path, finding.score_threshold, *how, turned=turned)
         detector = found_by
         found += [looking(found_by, each.placed.camera, options.view, options.unrolling) for each in views]
     else:
         found += [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]
-    describe = None if network is None else as_describer(network, finding.threads)
+    describe = None if network is None else as_describer(network, finding.threads, device=finding.device)
     gates = [FloorGate(each.placed.camera, each.floor, person.height / 2) for each in views]
     return [
         CeilingInputs(each, options, detect, detector, describe, person, gate, FoundBoxes(each.source))
@@ -275,7 +280,7 @@ def floor_result(
     tracks = link_on_floor(found, rate, method, hungarian, flow, times)
     files: dict[str, Writer] = {
         "tracks.txt": lambda path, _: write_tracks(path, [t.track for t in tracks]),
-        "world.csv": lambda path, _: write_world(path, tracks, rate),
+        "world.csv": lambda path, _: write_world(path, tracks, ceiling.seconds),
         "floor.png": lambda path, _: floor_figure(tracks, floor, camera).savefig(path, dpi=120, facecolor="white"),
         "dwell.png": lambda path, _: dwell_figure(tracks, floor, rate).savefig(path, dpi=120, facecolor="white"),
     }
@@ -294,7 +299,7 @@ def floor_result(
         rate,
         (ceiling.placed.camera.width, ceiling.placed.camera.height),
         settings,
-        facts={ceiling.placed.name: facts},
+        facts={ceiling.placed.name: facts, **devices_of(inputs.detector, inputs.describe)},
         seconds=times.seconds,
         files=files,
         painter=floor_painter(tracks, rate),

@@ -24,7 +24,7 @@ from tsuiseki.tracking.formats.rotated import (
     read_rotated_labels,
 )
 from tsuiseki.tracking.result import StageTimes
-from tsuiseki.tracking.types import Detections, FloatArray, Frame
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, IntArray
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import Source, open_source
@@ -52,6 +52,11 @@ class CeilingSource:
     def rate(self) -> float:
         """Frames per second."""
         return self.placed.frame_rate or self.source.frame_rate
+
+    def seconds(self, frames: IntArray) -> FloatArray:
+        """``(N,)`` times of 0-based ``frames`` ``(N,)``, as fast as the camera file says."""
+        source = self.source
+        return source.times.at(frames, source.frame_rate) * (1.0 if source.live else source.frame_rate / self.rate)
 
     def view(self, tables: Path, person: PersonModel) -> CeilingView:
         """What finds people's places, with the table of boxes that the folder ``tables`` keeps."""

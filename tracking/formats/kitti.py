@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.rows import read_rows, whole_number
 from tsuiseki.tracking.types import FloatArray, IntArray
@@ -99,6 +100,7 @@ def _truth(path: Path, kinds: list[str], ids: IntArray, rows: FloatArray, length
             f"{path}: labels reach frame {frames.max()}, but the drive has {length} images, counted from 0; are these "
             "the labels of another drive?"
         )
+    compare_with_picture(path, rows[:, 2:6])
     people, times = np.unique(np.column_stack([frames, ids])[counted], axis=0, return_counts=True)
     if (times > 1).any():
         frame, track = people[times > 1][0]

@@ -13,11 +13,12 @@ Which boxes count is said where each format is read.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.drone_action import (
     DroneActionClip,
     drone_action_labels,
@@ -59,6 +60,7 @@ class LabelledVideo:
         length: number of frames; None where nothing tells.
         read_people: who is where; None where a protocol says which of the actions' rows count.
         read_actions: who does what, in pixels of a size; None where nobody labelled it.
+        size: width and height of the pictures, where the sequence says.
     """
 
     name: str
@@ -66,6 +68,7 @@ class LabelledVideo:
     length: int | None
     read_people: Callable[[], GroundTruth] | None
     read_actions: Callable[[Size], ActionLabels] | None = None
+    size: Size = None
 
     def people(self, protocol: Protocol = "lenient", size: Size = None) -> GroundTruth:
         """Who is where.
@@ -78,7 +81,9 @@ class LabelledVideo:
             RequestError: labels are missing or broken, or nobody counts.
         """
         if self.read_people is not None:
-            return self.read_people()
+            truth = self.read_people()
+            compare_with_picture(self.name, truth.boxes, self.size)
+            return truth
         truth, _ = okutama_truth(self.actions(size), protocol)
         if not truth.evaluated.any():
             raise RequestError(f"{self.name}: expected a labelled person who is neither lost nor occluded, got none")
@@ -138,6 +143,7 @@ def _sequence(sequence: MotSequence) -> LabelledVideo:
         sequence.length or None,
         lambda: read_ground_truth(sequence.ground_truth_path),
         (lambda size: read_clip_labels(sequence, size)) if (sequence.folder / ACTIONS_FILE).is_file() else None,
+        (sequence.width, sequence.height) if sequence.width and sequence.height else None,
     )
 
 
@@ -150,8 +156,8 @@ def _ground_truth(path: Path) -> LabelledVideo:
     """Labels with name and length of the sequence that a ``gt/gt.txt`` lies in, where it lies in one."""
     folder = path.resolve().parent.parent
     if path.name == "gt.txt" and path.resolve().parent.name == "gt" and (folder / "seqinfo.ini").is_file():
-        sequence = read_sequence(folder)
-        return LabelledVideo(sequence.name, (), sequence.length or None, lambda: read_ground_truth(path))
+        known = _sequence(read_sequence(folder))
+        return replace(known, files=(), read_people=lambda: read_ground_truth(path), read_actions=None)
     name = folder.name if path.name == "gt.txt" else path.stem
     return LabelledVideo(name, (), None, lambda: read_ground_truth(path))
 

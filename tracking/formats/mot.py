@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.rows import Rows, read_rows, whole_number
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
@@ -50,6 +51,7 @@ def read_ground_truth(path: str | Path) -> GroundTruth:
         raise RequestError(f"{path} is empty: expected rows of ground truth")
     frames = rows[:, 0].astype(np.int64) - 1
     _refuse_repeated(path, lines, frames, ids)
+    compare_with_picture(path, boxes_of(rows))
     active = rows[:, 6] != 0
     if rows.shape[1] == 10:
         evaluated, ignored, visibility = active, np.zeros(len(rows), dtype=np.bool_), np.ones(len(rows))
@@ -119,6 +121,7 @@ def read_classed_detections(
     if score_range is not None:
         _refuse_scores_outside(path, rows[:, 6], lines, score_range)
     rows = rows[_used(path, rows, lines, length)]
+    compare_with_picture(path, boxes_of(rows))
     _tell_two_scales(path, rows[:, 6])
     frames, boxes, scores = rows[:, 0].astype(np.int64) - 1, boxes_of(rows), rows[:, 6]
     classes = rows[:, 7].astype(np.int64) if rows.shape[1] > 7 else np.full(len(rows), -1)
@@ -209,6 +212,7 @@ def read_tracks(path: str | Path) -> list[Track]:
     _refuse_repeated(path, lines, frames, ids)
     ids = ids + (1 if ids.min() == 0 else 0)
     boxes = boxes_of(rows)
+    compare_with_picture(path, boxes)
     scores = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))
     order = np.lexsort([frames, ids])
     tracks = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)

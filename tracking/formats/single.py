@@ -21,8 +21,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
@@ -250,7 +252,17 @@ def _paired(
     if len(used) < len(boxes):
         raise RequestError(f"{name}: expected an image for each of its {len(boxes)} boxes, found {len(used)}")
     used = used[: len(boxes)]
+    compare_with_picture(name, boxes, _size(used[0]))
     return SingleSequence(name, used, boxes, attributes, len(images) - len(used))
+
+
+def _size(path: Path) -> tuple[int, int] | None:
+    """Width and height of a picture; None where it is broken, which reading it tells."""
+    try:
+        with Image.open(path) as picture:
+            return picture.size
+    except OSError:
+        return None
 
 
 def _number(path: Path) -> int | None:
@@ -292,6 +304,7 @@ def read_boxes(path: str | Path) -> FloatArray:
     values = np.array(rows)
     boxes = corners_from_xywh(values - [1, 1, 0, 0]) if values.shape[1] == RECTANGLE else polygon_hulls(values)
     _check_first(boxes, path)
+    compare_with_picture(path, boxes)
     return boxes
 
 

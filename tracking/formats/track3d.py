@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import finite_number, read_named_rows
 from tsuiseki.tracking.geometry import xywh_from_corners
-from tsuiseki.tracking.types import Position
+from tsuiseki.tracking.types import FloatArray, IntArray, Position
 from tsuiseki.tracking.types.tracks import FloorTrack, Path3D
 
 COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -52,15 +52,16 @@ def read_path3d(path: Path) -> Path3D:
 FLOOR_HEADER = "id,time,x,y,left,top,width,height,rx,ry,rw,rh,degrees"
 
 
-def write_world(path: Path, tracks: Sequence[FloorTrack], frame_rate: float) -> None:
-    """Write ``tracks`` by time, then by id."""
+def write_world(path: Path, tracks: Sequence[FloorTrack], seconds: Callable[[IntArray], FloatArray]) -> None:
+    """Write ``tracks`` by time, then by id; ``seconds`` gives the times of 0-based frames."""
     rows = []
     for each in tracks:
         boxes = xywh_from_corners(each.track.boxes) + np.array([1, 1, 0, 0])
         degrees = (np.degrees(each.rotated[:, 4:]) + 180) % 360 - 180
         values = np.concatenate([each.places, boxes, each.rotated[:, :4], degrees], axis=1)
-        for frame, line in zip(each.track.frames.tolist(), values.tolist(), strict=True):
+        times = seconds(each.track.frames).tolist()
+        for frame, time, line in zip(each.track.frames.tolist(), times, values.tolist(), strict=True):
             x, y, *rest = line
             text = ",".join([f"{x:.4f}", f"{y:.4f}", *(f"{v:.2f}" for v in rest)])
-            rows.append((frame, each.track.id, f"{each.track.id},{frame / frame_rate:.4f},{text}\n"))
+            rows.append((frame, each.track.id, f"{each.track.id},{time:.4f},{text}\n"))
     path.write_text(FLOOR_HEADER + "\n" + "".join(line for *_, line in sorted(rows)), encoding="utf-8")

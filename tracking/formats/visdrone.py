@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.rows import Rows, read_rows, whole_number
 from tsuiseki.tracking.geometry import corners_from_xywh
@@ -86,12 +87,14 @@ def read_visdrone(path: str | Path, length: int | None = None) -> GroundTruth:
     if not counted.any():
         raise RequestError(f"{path}: no usable box: expected pedestrians (1) or people (2) with score 1")
     ignored = (rows[:, 7] == IGNORED_REGION) | (rows[:, 6] == 0)
+    boxes = corners_from_xywh(rows[:, 2:6])
+    compare_with_picture(path, boxes)
     order = np.argsort(rows[:, 0], kind="stable")
     occlusion = np.clip(rows[:, 9], 0, 2).astype(np.int64)
     return GroundTruth(
         frames=rows[:, 0].astype(np.int64) - 1,
         ids=np.array(ids, dtype=np.int64)[wide],
-        boxes=corners_from_xywh(rows[:, 2:6]),
+        boxes=boxes,
         evaluated=counted,
         ignored=ignored,
         visibility=VISIBLE[occlusion],

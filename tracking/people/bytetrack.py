@@ -74,17 +74,17 @@ class ByteTrack(LifecycleTracker):
         self.settings, self.seed = settings or ByteTrackSettings(), seed
         super().__init__(self.settings.lifecycle, self.settings.motion)
 
-    def update(self, detections: DetectionsLike) -> Targets:
+    def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score counts as sure."""
         found = as_detections(detections)
         high = ~(found.scores < self.settings.high_score)
         low = ~high & (found.scores >= self.settings.low_score)
-        predicted = self._lifecycle.predict()
+        predicted = self._lifecycle.predict(time)
         everyone = np.ones(len(predicted), dtype=np.bool_)
-        seen, detected = matched(predicted, found.boxes, everyone, high, self.settings.min_iou)
+        seen, detected = matched(predicted, found.boxes, everyone, high, self._lifecycle.least(self.settings.min_iou))
         left = self._lifecycle.misses == 0
         left[seen] = False
-        more, unsure = matched(predicted, found.boxes, left, low, self.settings.min_iou_low)
+        more, unsure = matched(predicted, found.boxes, left, low, self._lifecycle.least(self.settings.min_iou_low))
         self._lifecycle.advance(np.concatenate([seen, more]), np.concatenate([detected, unsure]), found)
         return self._lifecycle.targets
 

@@ -65,7 +65,7 @@ class DeepSort(LifecycleTracker):
         super().__init__(self.settings.lifecycle, self.settings.motion)
         self._appearance = np.empty((0, 0))
 
-    def update(self, detections: DetectionsLike) -> Targets:
+    def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; those without features are matched by position.
 
         Returns:
@@ -76,7 +76,7 @@ class DeepSort(LifecycleTracker):
         """
         found = as_detections(detections)
         features = self._checked_features(found)
-        predicted = self._lifecycle.predict()
+        predicted = self._lifecycle.predict(time)
         seen, detected = assign(self._feature_costs(predicted, found, features), self.settings.feature_gate)
         seen, detected = self._match_rest(predicted, found, seen, detected)
         parts = self._lifecycle.advance(seen, detected, found)
@@ -111,7 +111,7 @@ class DeepSort(LifecycleTracker):
         tracks = np.setdiff1d(np.arange(len(predicted)), seen)
         free = np.setdiff1d(np.arange(len(detections)), detected)
         overlaps = iou_matrix(predicted[tracks], detections.boxes[free])
-        rows, columns = assign(1 - overlaps, self.settings.position_gate)
+        rows, columns = assign(1 - overlaps, 1 - self._lifecycle.least(1 - self.settings.position_gate))
         return np.concatenate([seen, tracks[rows]]), np.concatenate([detected, free[columns]])
 
     def _updated_appearance(self, parts: Survivors, features: FloatArray) -> FloatArray:

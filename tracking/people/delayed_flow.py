@@ -23,7 +23,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.flow_window import CONTEXT, FlowWindow
 from tsuiseki.tracking.association.nearby import Pairs
-from tsuiseki.tracking.association.smoothing import SmoothingSettings, fit_smoothing
+from tsuiseki.tracking.association.smoothing import SmoothingSettings
 from tsuiseki.tracking.association.tracklets import APPEARANCE_WINDOW, JOIN_WINDOW, join
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, solve_window
 from tsuiseki.tracking.people.whole_flow import long_tracks, reported
@@ -220,9 +220,9 @@ class DelayedFlow:
                 track = Track(number, table.frames[rows], table.boxes[rows], np.nan_to_num(self._scores[rows]))
                 found.append(track)
                 images.append(table.image[rows])
-        smoothing, camera = self._strength(found), self.input.camera
+        smoothing = self._strength(found)
         parts = [
-            reported(track, image, camera, longest, smoothing, self._answered)
+            reported(track, image, self.input, longest, smoothing, self._answered)
             for track, image in zip(found, images, strict=True)
         ]
         self._answers = [*self._answers, *answers_of(parts, self._answered, before)]
@@ -233,7 +233,7 @@ class DelayedFlow:
         if not self.settings.smoothing:
             return None
         if self._smoothing is None or self._frame >= self._fitted + FIT_EVERY * rate:
-            self._smoothing, self._fitted = fit_smoothing(tracks, rate), self._frame
+            self._smoothing, self._fitted = self.input.smoothing(tracks), self._frame
         return self._smoothing
 
     def _forget(self, joins: Pairs, before: int) -> None:
@@ -245,7 +245,7 @@ class DelayedFlow:
         self.input.camera.forget(min(first, int(self.window.table.frames.min(initial=first))))
         if self.input.path is not None:
             # Others may follow the same path, and have yet to ask how the camera came to the newest frame.
-            self.input.path.forget(self._frame - 1)
+            self.input.path.forget(self.input.looks.frame - 1)
 
 
 def mean_of(sums: FloatArray) -> FloatArray:

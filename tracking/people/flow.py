@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,12 +10,14 @@ import numpy as np
 from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.learnt_costs import CostChanges, ProjectsAppearance
+from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory
+from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
+from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.people.whole_flow import WholeFlow
 from tsuiseki.tracking.types import FloatArray, Targets, Track
 
@@ -34,7 +37,8 @@ class FlowTracker:
         settings: costs and stages.
         transition: learnt prices of pairs of detections, taken beside the motion; by default none.
         observation: learnt prices of scores, taken for their calibration; by default the video calibrates them.
-        frame_rate: frames a second.
+        frame_rate: frames a second, those that are skipped among them; on average where times are given.
+        stride: frames from one look to the next on average, where frames are skipped.
         size: width and height of the image, so that leaving it is told from being missed; None where not known.
         camera: its motion from images, or where it stands still by them, boxes telling the rest; it gets each frame
             before its detections come here. None takes the boxes.
@@ -69,9 +73,10 @@ class FlowTracker:
         changes: CostChanges | None = None,
         delay: float | None = None,
         drop_straddling: bool = False,
+        stride: float = 1.0,
     ) -> None:
-        if not 0 < frame_rate < np.inf:
-            raise ValueError(f"expected a frame rate above 0, got {frame_rate}")
+        if not (0 < frame_rate < np.inf and 1 <= stride < np.inf):
+            raise ValueError(f"expected a frame rate above 0 and a stride from 1, got {frame_rate} and {stride}")
         if delay is not None and not 0 <= delay < np.inf:
             raise ValueError(f"expected a delay of 0 seconds or more, got {delay}")
         settings = settings or FlowSettings()
@@ -81,7 +86,8 @@ class FlowTracker:
         self.delay = delay
         standing = camera if isinstance(camera, StandingCamera) else None
         path = camera if isinstance(camera, CameraPath) else None
-        given = FlowInput(settings.input, frame_rate, size, path, standing, observation)
+        given = FlowInput(settings.input, Looks(frame_rate, stride), size, path, standing, observation)
+        frame_rate = given.frame_rate
         most_undecided = None if settings.most_undecided is None else round(settings.most_undecided * frame_rate)
         window = FlowWindow(settings.costs, frame_rate, size, most_undecided, transition, changes)
         self._changes = changes
@@ -124,6 +130,10 @@ class FlowTracker:
         """Detections that no track used when the tracks were last asked for, and all that were given."""
         return self._given - self._used, self._given
 
+    def numbers_of(self, looks: FrameRuns) -> list[list[int]]:
+        """First and last frame of each run of looks, counted from 1."""
+        return FrameRuns(self._flow.input.looks.frames(np.array([*looks], dtype=np.int64)).tolist()).from_one()
+
     def facts(self) -> dict[str, Any]:
         """What ``run.json`` tells of the tracker, as of the last time that the tracks were asked for."""
         camera = self.camera
@@ -133,7 +143,7 @@ class FlowTracker:
             "entry_and_exit_by_place": self.settings.costs.places is not None,
             "camera_from": camera.source,
             "camera_stood_still": self._ended.input.stood_still,
-            "camera_unknown": camera.unknown.from_one(),
+            "camera_unknown": self.numbers_of(camera.unknown),
             "duplicates": self.duplicates,
             "detections": self._given,
             "detections_rejected": self._given - self._used,
@@ -141,25 +151,43 @@ class FlowTracker:
             "clutter_tracks": self._ended.clutter,
         }
 
-    def update(self, detections: DetectionsLike) -> Targets | None:
+    def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
         """Take the detections of the next frame; with a delay, the people of the frame so long before.
 
         Raises:
-            RequestError: the learnt changes project appearance, and the detections have none, or of another length.
+            RequestError: the learnt changes project appearance, and the detections have none, or of another length; or
+                see `Clock.now`.
         """
         found = as_detections(detections)
         if isinstance(self._changes, ProjectsAppearance):
             found = self._changes.projected(found)
+        looks = self._flow.input.looks
+        self._flow.input.meet(time)
         self._given += len(found)
-        self._flow.input.meet()
-        return self._flow.update(found)
+        targets = self._flow.update(found)
+        if targets is None or looks.all:
+            return targets
+        return replace(targets, frame=int(looks.frames(np.array(targets.frame))))
+
+    def skip(self) -> None:
+        """Nobody looks at the next frame."""
+        self._flow.input.skip()
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames so far, by id; what was not answered is as it is if the video ends here."""
         self._ended = self._flow.ended()
         tracks = self._ended.tracks()
         self._used = sum(int(track.observed.sum()) for track in tracks)
-        return tracks
+        return [self._in_frames(track) for track in tracks]
+
+    def _in_frames(self, track: Track) -> Track:
+        """A track of looks, with the frames between two of them filled."""
+        looks = self._flow.input.looks
+        if looks.all:
+            return track
+        found = replace(track, frames=looks.frames(track.frames))
+        steps = np.diff(found.frames)[np.diff(track.frames) == 1]
+        return fill_gaps(found, GapSettings(int(steps.max(initial=1)) - 1, np.inf, np.inf))
 
     def forget(self) -> None:
         """With a delay: drop what was answered from ``tracks()``; see `OnlineTracker`.

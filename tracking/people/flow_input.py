@@ -15,12 +15,14 @@ from tsuiseki.tracking.association.detection_tables import DetectionRows, Detect
 from tsuiseki.tracking.association.flow_rounds import FirstPrices
 from tsuiseki.tracking.association.flow_window import FlowCosts, FlowWindow
 from tsuiseki.tracking.association.nearby import centres, hidden_parts, near_pairs, sizes
+from tsuiseki.tracking.association.smoothing import SmoothingSettings, fit_smoothing
 from tsuiseki.tracking.association.video_evidence import DetectionCost, VideoEvidence
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
+from tsuiseki.tracking.people.looks import Looks
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 
 # Deviation of the place of a box where the camera stands still and nothing says otherwise, heights.
 STILL = 0.002
@@ -57,7 +59,7 @@ class FlowInput:
 
     Attributes:
         settings: of the preparation.
-        frame_rate: frames a second.
+        looks: when the video was looked at; what follows counts looks as its frames.
         size: width and height of the image; None where not known.
         path: the camera's motion from images, of which several may read; None takes the boxes.
         standing: pictures that tell where the camera stands still, whatever the boxes say; several may read them.
@@ -69,7 +71,7 @@ class FlowInput:
     """
 
     settings: InputSettings
-    frame_rate: float
+    looks: Looks
     size: tuple[int, int] | None
     path: CameraPath | None = None
     standing: StandingCamera | None = None
@@ -77,6 +79,8 @@ class FlowInput:
     duplicates: int = 0
     _last: Detections = field(default_factory=Detections.empty)
     _count: int = 0
+    _step: CameraStep | None = None
+    _stood: bool = True
 
     def __post_init__(self) -> None:
         if not self.settings.follow_camera:
@@ -84,22 +88,48 @@ class FlowInput:
         self.camera = CameraTrajectory("boxes" if self.path is None else "images")
         self.evidence = VideoEvidence(self.settings.detection, self.frame_rate)
         self._shifts: list[float] = []
-        # CameraSteps to frames whose detections have not come to `rows` yet.
+        # CameraSteps to looks whose detections have not come to `rows` yet, and the one that has begun.
         self._steps: list[CameraStep] = []
         self._still: list[bool] = []
         self.stood_still = 0
 
-    def meet(self) -> None:
-        """Ask the images how the camera came to the next frame; its detections may come to `rows` much later."""
-        if self.path is not None:
-            self._steps.append(self.path.step(len(self.camera) + len(self._steps)))
+    @property
+    def frame_rate(self) -> float:
+        """Looks a second."""
+        return self.looks.rate
+
+    def skip(self) -> None:
+        """Take a frame that is not looked at."""
+        self._follow(self.looks.frame)
+        self.looks.skip()
+
+    def meet(self, time: float | None = None) -> None:
+        """Ask the images how the camera came to the next frame; its detections may come to `rows` much later.
+
+        Raises:
+            RequestError: see `Clock.now`.
+        """
+        frame = self.looks.frame
+        self.looks.add(time)
+        self._follow(frame)
+        if self._step is not None:
+            self._steps.append(self._step)
         if self.standing is not None:
-            self._still.append(self.standing.stands_still(len(self.camera) + len(self._still)))
+            self._still.append(self._stood)
+        self._step, self._stood = None, True
+
+    def _follow(self, frame: int) -> None:
+        """Add how the camera came to a frame."""
+        if self.path is not None:
+            step = self.path.step(frame)
+            self._step = step if self._step is None else self._step.and_then(step)
+        if self.standing is not None:
+            self._stood = self._stood and self.standing.stands_still(frame)
 
     def copy(self) -> FlowInput:
         """A copy that goes on by itself."""
         other = copy(self)
-        other._steps, other._still = [*self._steps], [*self._still]
+        other._steps, other._still, other.looks = [*self._steps], [*self._still], self.looks.copy()
         other.camera, other.evidence = self.camera.copy(), self.evidence.copy()
         return other
 
@@ -118,11 +148,12 @@ class FlowInput:
         self._count += len(rows)
         self._follow_camera(rows, first, len(found))
         boxes = self.camera.to_first(rows.boxes, rows.frames)
-        self.evidence.add(rows.frames, boxes, rows.scores, len(self.camera) - 1)
+        times = None if self.looks.even else self.looks.seconds(rows.frames)
+        self.evidence.add(rows.frames, boxes, rows.scores, len(self.camera) - 1, times)
         last = rows.frames == len(self.camera) - 1
         self._last = Detections(rows.boxes[last], rows.scores[last])
         measured = Measurements(
-            rows.frames / self.frame_rate,
+            self.looks.seconds(rows.frames),
             np.concatenate([centres(boxes), np.log(sizes(boxes))], axis=1),
             self._noise(rows),
             self.camera.variance(rows.frames),
@@ -137,8 +168,17 @@ class FlowInput:
             self.frame_rate,
             self.size,
             rows.actions,
+            self.looks.even,
         )
         return seen, rows.scores
+
+    def on_grid(self, track: Track) -> Track:
+        """A track whose frames are as far apart as its times."""
+        return track if self.looks.even else replace(track, frames=self.looks.ticks(track.frames))
+
+    def smoothing(self, tracks: Sequence[Track]) -> SmoothingSettings:
+        """By how much it suits tracks to be smoothed, see `fit_smoothing`."""
+        return fit_smoothing([self.on_grid(track) for track in tracks], self.looks.tick_rate)
 
     def probability(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` of detections of ``(N,)`` scores being right: as learnt, and by the video where nothing is."""

@@ -12,6 +12,7 @@ from typing import TypeAlias, get_args
 
 import numpy as np
 
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import (
@@ -31,13 +32,15 @@ from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detector
 from tsuiseki.tracking.features.views import parse_view
+from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_classed_detections
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
+from tsuiseki.tracking.people.looks import given_looks, looked_at, stride_of
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
 from tsuiseki.tracking.result import StageTimes
-from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray, IntArray
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray, IntArray
+from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped
 
 GivenDetections: TypeAlias = str | Path | Sequence[DetectionsLike]
@@ -57,6 +60,7 @@ class PeopleInputs:
         threads: cores that networks may use; 0 for all. Functions of other people are called one at a time, and live
             sources are never read ahead.
         ground: weighs what was found, in the order of the video.
+        looked: ``(F,)`` by frame number, where a detector was run; None for everywhere.
     """
 
     source: Source
@@ -66,6 +70,7 @@ class PeopleInputs:
     camera: CameraPath | StandingCamera | None = None
     threads: int = 1
     ground: GroundPlane | None = None
+    looked: BoolArray | None = None
 
     @property
     def workers(self) -> int:
@@ -172,9 +177,13 @@ def given_detections(
                 f"expected detections for {source.length} frames, one entry a frame, got {len(given)}; are these the "
                 "detections of another video?"
             )
-        return [as_detections(entry) for entry in given]
+        rows = [as_detections(entry) for entry in given]
+        compare_with_picture(
+            "`detections`", np.concatenate([np.empty((0, 4)), *(r.boxes for r in rows)]), image_size(source)
+        )
+        return rows
     # The header of a video file only estimates its length: what is too much shows when the video has ended.
-    found, classes = read_classed_detections(given, source.length, score_range)
+    found, classes = _read(given, source, score_range)
     if len(named := classes_of(classes)) > 1:
         shown = ",".join(map(str, named))
         warnings.warn(
@@ -183,6 +192,48 @@ def given_detections(
             stacklevel=2,
         )
     return found
+
+
+def _read(
+    path: str | Path, source: Source, score_range: tuple[float, float] | None
+) -> tuple[list[Detections], list[IntArray]]:
+    """The detections in a file and their classes, compared with the pictures of the source."""
+    found, classes = read_classed_detections(path, source.length, score_range)
+    compare_with_picture(path, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), image_size(source))
+    return found, classes
+
+
+def looks_of(
+    detect: Detect | Sequence[Detections], source: Source, given: Iterable[int] | None = None
+) -> BoolArray | None:
+    """``(F,)`` the frames that given detections were looked for in; None for all. What a pattern says is reported.
+
+    Args:
+        detect: a detector looks at all frames.
+        source: the video.
+        given: 0-based numbers of the frames, where the user says so; by default the detections say it, `looked_at`.
+
+    Raises:
+        RequestError: see `given_looks`; or there is a detector.
+    """
+    if not isinstance(detect, Sequence):
+        if given is not None:
+            raise RequestError("expected `frames_looked_at` with `detections`, got it with a detector")
+        return None
+    length = max(source.length or 0, len(detect))
+    if given is not None:
+        return given_looks(given, length)
+    looked = looked_at(np.array([*map(len, detect), *[0] * (length - len(detect))], dtype=np.int64))
+    if looked is not None:
+        stride = stride_of(looked)
+        every = f"{stride:g}th" if stride == round(stride) else f"{stride:.3g}th, on average,"
+        warnings.warn(
+            f"there are detections in {looked.sum()} of {len(looked)} frames, every {every} one; the others are taken "
+            "as not looked at, and nobody is missed in them",
+            InputWarning,
+            stacklevel=2,
+        )
+    return looked
 
 
 def classes_of(classes: Iterable[IntArray]) -> list[int]:
@@ -218,7 +269,7 @@ def people_detect(
         raise RequestError(f"{source.name} has no images to find people in; give `detections`")
     detector = shipped(default) if finding.detector is None else finding.detector
     threads = finding.threads if threads is None else threads
-    found = as_detector(detector, finding.score_threshold, threads, finding.detector_options)
+    found = as_detector(detector, finding.score_threshold, threads, finding.detector_options, finding.device)
     if wanted == (1, None) or not isinstance(found, Detector | ForeignDetector):
         return found
     return ViewedDetector(found, wanted, frame_rate=source.frame_rate)
@@ -249,6 +300,7 @@ def people_describer(
     appearance: AppearanceLike | None,
     threads: int = 0,
     options: AppearanceOptions | None = None,
+    device: Device = "auto",
 ) -> Describe | None:
     """What describes appearance, where it is compared and there are images.
 
@@ -258,6 +310,7 @@ def people_describer(
         appearance: a file, a network or a function; by default the shipped network; ``"none"`` for none.
         threads: CPU threads of the network.
         options: what a file of another project does not tell.
+        device: of the network.
 
     Raises:
         RequestError: the method does not compare appearance; see `as_describer`.
@@ -270,7 +323,7 @@ def people_describer(
         return None
     if appearance is None and not source.has_images:
         return None
-    return as_describer(shipped("appearance_people") if appearance is None else appearance, threads, options)
+    return as_describer(shipped("appearance_people") if appearance is None else appearance, threads, options, device)
 
 
 def classed_detections(source: Source, finding: PeopleFinding) -> tuple[list[Detections], list[IntArray]]:
@@ -285,7 +338,7 @@ def classed_detections(source: Source, finding: PeopleFinding) -> tuple[list[Det
     """
     if finding.detections is None:
         raise RequestError("expected `classes` with `detections`, whose column 8 they stand in, got no detections")
-    found, classes = read_classed_detections(finding.detections, source.length, finding.score_range)
+    found, classes = _read(finding.detections, source, finding.score_range)
     there = classes_of(classes)
     if missing := [number for number in finding.classes or () if number not in there]:
         named = ", ".join(map(str, there)) or "none"

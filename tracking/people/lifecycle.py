@@ -11,11 +11,13 @@ from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
     BoxMotion,
     join_boxes,
+    per_longer_frame,
     predict_boxes,
     select_boxes,
     start_boxes,
     update_boxes,
 )
+from tsuiseki.tracking.people.looks import Intervals
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
 
 _STATUSES = np.array(STATUSES)
@@ -27,8 +29,8 @@ class LifecycleSettings:
 
     Attributes:
         min_hits: detections in a row that confirm a new track; an earlier miss drops it.
-        max_age: frames that a confirmed track is kept without a detection.
-        start_score: lowest score of a detection that may start a track.
+        max_age: looks at the video for which a confirmed track is kept without a detection.
+        start_score: lowest score of a detection that may start a track; one without a score may.
         boxes: what a track that was seen reports: the box of its filter after the update, or the detected one.
     """
 
@@ -64,25 +66,46 @@ class Survivors:
 class Lifecycle:
     """The tracks that are alive, each with a Kalman filter, and the record of all that were.
 
-    A track is reported where it was seen.
+    A track is reported where it was seen. A frame of its filter is the usual interval between looks.
+
+    Attributes:
+        clock: counts frames and times looks.
+        longer: by what factor a frame of the filter has become longer before the last look.
     """
 
     def __init__(self, settings: LifecycleSettings, motion: BoxMotion) -> None:
         self._settings = settings
         self._motion = motion
         self._record = Record()
-        self._frame = -1
+        self.clock = Intervals(settings.max_age + 2)
         self._belief = start_boxes(np.empty((0, 4)), motion)
         self._numbers = np.empty(0, dtype=np.int64)
         self._hits = np.empty(0, dtype=np.int64)
         self._misses = np.empty(0, dtype=np.int64)
         self._targets = Targets.empty(0)
+        self.longer = 1.0
 
-    def predict(self) -> FloatArray:
-        """``(N, 4)`` where the live tracks are expected in the next frame."""
-        self._frame += 1
-        self._belief = predict_boxes(self._belief, self._motion)
+    def predict(self, time: float | None = None) -> FloatArray:
+        """``(N, 4)`` where the live tracks are expected in the next frame, at a time in seconds.
+
+        Raises:
+            RequestError: see `Clock.now`.
+        """
+        passed, longer = self.clock.step(time)
+        self.longer = longer
+        belief = self._belief if longer == 1 else per_longer_frame(self._belief, longer)
+        self._belief = predict_boxes(belief, self._motion, passed)
         return self._belief.boxes
+
+    def least(self, overlap: float) -> float:
+        """The least overlap of a match: less after an interval longer than usual, over which people move further."""
+        return overlap / max(1.0, self.clock.passed[-1])
+
+    def skip(self) -> Targets:
+        """The confirmed tracks where they are expected in the next frame, which nobody looks at."""
+        self.clock.skip()
+        boxes = predict_boxes(self._belief, self._motion, self.clock.since_look()).boxes
+        return self._answer(np.zeros(len(boxes)), boxes, self._numbers[:0], boxes[:0], skipped=True)
 
     @property
     def belief(self) -> BoxBelief:
@@ -99,7 +122,7 @@ class Lifecycle:
 
     @property
     def misses(self) -> IntArray:
-        """``(N,)`` frames since each live track was last seen."""
+        """``(N,)`` looks since each live track was last seen."""
         return self._misses
 
     @property
@@ -148,7 +171,7 @@ class Lifecycle:
         unseen = self._hits >= self._settings.min_hits
         unseen[seen] = False
         young = self._misses < self._settings.max_age
-        free = detections.scores >= self._settings.start_score
+        free = ~(detections.scores < self._settings.start_score)
         free[detected] = False
         kept, lost = np.flatnonzero(unseen & young), np.flatnonzero(unseen & ~young)
         return Survivors(seen, detected, kept, np.flatnonzero(free), lost)
@@ -170,14 +193,16 @@ class Lifecycle:
         if self._settings.boxes == "detected":
             boxes = boxes.copy()
             boxes[present] = detections.boxes[detected]
-        self._record.append(self._frame, numbers, boxes[present], scores[present])
+        self._record.append(self.clock.frame - 1, numbers, boxes[present], scores[present])
         return scores, boxes
 
-    def _answer(self, scores: FloatArray, boxes: FloatArray, lost: IntArray, lost_boxes: FloatArray) -> Targets:
+    def _answer(
+        self, scores: FloatArray, boxes: FloatArray, lost: IntArray, lost_boxes: FloatArray, *, skipped: bool = False
+    ) -> Targets:
         """The confirmed live tracks, then those deleted in this frame."""
         confirmed = np.flatnonzero(self._hits >= self._settings.min_hits)
         numbers, boxes, scores = self._numbers[confirmed], boxes[confirmed], scores[confirmed]
-        searched = self._misses[confirmed] > 0
+        searched = (self._misses[confirmed] > 0) | skipped
         status = _STATUSES[searched.astype(np.intp)]
         if len(lost):
             numbers, boxes = np.append(numbers, lost), np.concatenate([boxes, lost_boxes])
@@ -185,7 +210,7 @@ class Lifecycle:
             status = np.append(status, _STATUSES[np.full(len(lost), 2)])
         # Only a box that was not seen can have shrunk.
         boxes = with_area(boxes) if len(lost) or searched.any() else boxes
-        return Targets(self._frame, self._record.ids(numbers), boxes, scores, status)
+        return Targets(self.clock.frame - 1, self._record.ids(numbers), boxes, scores, status)
 
 
 class LifecycleTracker:
@@ -202,6 +227,10 @@ class LifecycleTracker:
     def tracks(self) -> list[Track]:
         """The confirmed tracks of all frames so far, by id."""
         return self._lifecycle.tracks()
+
+    def skip(self) -> Targets:
+        """See `OnlineTracker`."""
+        return self._lifecycle.skip()
 
     def forget(self) -> None:
         """See `OnlineTracker`."""

@@ -26,7 +26,8 @@ from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.settings import METHODS, NONE, MethodSettings, PeopleMethod
 from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.people.tracker import PeopleTracker
+from tsuiseki.tracking.people.tracker import PeopleTracker, skipped, updated
+from tsuiseki.tracking.people.unused import FirstDetections
 from tsuiseki.tracking.types import FloatArray, IntArray, Targets, Track
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE
 from tsuiseki.tracking.video.source import Source, image_size
@@ -50,6 +51,7 @@ def people_tracker(
     delay: float | None = None,
     scores: ScoreCost | None = None,
     drop_straddling: bool = False,
+    stride: float = 1.0,
 ) -> PeopleTracker:
     """A fresh tracker; the flow has hand-set costs where there is no affinity.
 
@@ -64,6 +66,7 @@ def people_tracker(
         delay: seconds after which the flow answers a frame; None answers at the end.
         scores: what scores cost the flow where no ``affinity`` says so; None learns it from the video.
         drop_straddling: see `FlowTracker`; `straddles` says it of a detector.
+        stride: frames from one look at the video to the next.
 
     Raises:
         RequestError: there is no such method, or another than the flow shall have a delay.
@@ -83,7 +86,7 @@ def people_tracker(
         flow = settings.flow
         if isinstance(observation, ProbabilityCost) and flow.least == FlowSettings().least:
             flow = replace(flow, least=_PROBABLE)
-        return FlowTracker(flow, pairs, observation, rate, size, camera, seed, changes, delay, drop_straddling)
+        return FlowTracker(flow, pairs, observation, rate, size, camera, seed, changes, delay, drop_straddling, stride)
     makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {
         "deepsort": lambda: DeepSort(settings.deepsort, seed),
         "sort": lambda: Sort(settings.sort, seed),
@@ -168,12 +171,19 @@ class MotionCompensated:
         self.tracker, self.path = tracker, path
         self._frame = 0
 
-    def update(self, detections: DetectionsLike) -> Targets | None:
+    def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
         """Take the detections of the next frame; what the tracker answers, in pixels of the frame it is about."""
         found = as_detections(detections)
         boxes = moved_boxes(found.boxes, self.path.transforms[self._frame])
         self._frame += 1
-        targets = self.tracker.update(replace(found, boxes=boxes))
+        return self._returned(updated(self.tracker, replace(found, boxes=boxes), time))
+
+    def skip(self) -> Targets | None:
+        """Nobody looks at the next frame."""
+        self._frame += 1
+        return self._returned(skipped(self.tracker))
+
+    def _returned(self, targets: Targets | None) -> Targets | None:
         if targets is None:
             return None
         return replace(targets, boxes=moved_boxes(targets.boxes, undone(self.path.transforms[targets.frame])))
@@ -200,6 +210,7 @@ class ByClass:
     Attributes:
         wanted: each once.
         trackers: by class.
+        first: what they were given first, by class.
 
     >>> from tsuiseki.tracking.people.sort import Sort
     >>> tracker = ByClass(Sort, [np.array([1, 2])] * 4, [1, 2])
@@ -212,18 +223,30 @@ class ByClass:
     def __init__(self, make: Callable[[], PeopleTracker], classes: Sequence[IntArray], wanted: Sequence[int]) -> None:
         self.wanted = tuple(dict.fromkeys(wanted))
         self._classes = classes
+        self.first = {number: FirstDetections() for number in self.wanted}
         self.trackers = {number: make() for number in self.wanted}
         self._ids: dict[tuple[int, int], int] = {}
         self._frame = 0
 
-    def update(self, detections: DetectionsLike) -> Targets | None:
+    def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
         """Take the next frame; the targets of all classes, where every class has decided on the same frame."""
         found = as_detections(detections)
         classes = self._classes[self._frame] if self._frame < len(self._classes) else np.empty(0, np.int64)
         if len(found) != len(classes):
             raise ValueError(f"expected {len(classes)} detections in frame {self._frame}, got {len(found)}")
         self._frame += 1
-        answers = [self._renumbered(n, t.update(found.select(classes == n))) for n, t in self.trackers.items()]
+        every = {number: found.select(classes == number) for number in self.trackers}
+        for number, one in every.items():
+            self.first[number].add(one)
+        return self._joined([updated(tracker, every[number], time) for number, tracker in self.trackers.items()])
+
+    def skip(self) -> Targets | None:
+        """Nobody looks at the next frame."""
+        self._frame += 1
+        return self._joined([skipped(tracker) for tracker in self.trackers.values()])
+
+    def _joined(self, every: Sequence[Targets | None]) -> Targets | None:
+        answers = [self._renumbered(number, one) for number, one in zip(self.trackers, every, strict=True)]
         known = [answer for answer in answers if answer is not None]
         if len(known) < len(answers) or len({answer.frame for answer in known}) != 1:
             return None

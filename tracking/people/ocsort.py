@@ -22,7 +22,7 @@ The paper leaves these points open; here:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
     BoxMotion,
     join_boxes,
+    per_longer_frame,
     predict_boxes,
     select_boxes,
     start_boxes,
@@ -92,14 +93,18 @@ class OcSort(LifecycleTracker):
         super().__init__(self.settings.lifecycle, self.settings.motion)
         self._history = _no_history(self.settings)
 
-    def update(self, detections: DetectionsLike) -> Targets:
+    def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score takes part."""
         found = as_detections(detections)
         sure = found.select(~(found.scores < self.settings.min_score))
-        predicted, misses = self._lifecycle.predict(), self._lifecycle.misses
+        predicted, misses = self._lifecycle.predict(time), self._lifecycle.misses
+        if self._lifecycle.longer != 1:
+            belief = per_longer_frame(self._history.belief, self._lifecycle.longer)
+            self._history = replace(self._history, belief=belief)
         seen, detected = self._match(predicted, sure)
         seen, detected = self._recover(sure, seen, detected)
-        again = re_updated(self._history, seen, misses[seen], sure.boxes[detected], self.settings.motion)
+        passed = np.array(self._lifecycle.clock.passed)
+        again = re_updated(self._history, seen, misses[seen], sure.boxes[detected], self.settings.motion, passed)
         self._lifecycle.correct(seen, again)
         parts = self._lifecycle.advance(seen, detected, sure)
         self._history = _continued(self._history, parts, misses, sure.boxes, self._lifecycle.belief)
@@ -111,14 +116,16 @@ class OcSort(LifecycleTracker):
         weight = self.settings.direction_weight
         # The least cost 1 - IoU + λ C_v is the most of IoU - λ C_v, which is never below -λ.
         gains = overlaps - weight * direction_costs(self._history, centres(detections.boxes))
-        return assign_overlaps(np.where(overlaps >= self.settings.min_iou, gains, -np.inf), -weight)
+        near = overlaps >= self._lifecycle.least(self.settings.min_iou)
+        return assign_overlaps(np.where(near, gains, -np.inf), -weight)
 
     def _recover(self, detections: Detections, seen: IntArray, detected: IntArray) -> tuple[IntArray, IntArray]:
         """The matches so far and those with last observations among what they left."""
         last = self._history.boxes
         tracks = np.setdiff1d(np.arange(len(last)), seen)
         free = np.setdiff1d(np.arange(len(detections)), detected)
-        rows, columns = assign_overlaps(iou_matrix(last[tracks], detections.boxes[free]), self.settings.min_iou)
+        least = self._lifecycle.least(self.settings.min_iou)
+        rows, columns = assign_overlaps(iou_matrix(last[tracks], detections.boxes[free]), least)
         return np.concatenate([seen, tracks[rows]]), np.concatenate([detected, free[columns]])
 
 
@@ -151,7 +158,7 @@ def _continued(history: History, parts: Survivors, misses: IntArray, boxes: Floa
     Args:
         history: before it.
         parts: where the tracks after the frame come from.
-        misses: ``(N,)`` frames that each track before had not been seen for.
+        misses: ``(N,)`` looks that each track before had not been seen for.
         boxes: ``(M, 4)`` the detections of the frame.
         belief: of the tracks after the frame.
     """
@@ -191,22 +198,33 @@ def direction_costs(history: History, found: FloatArray) -> FloatArray:
     return np.where(known, np.arctan2(np.abs(across), along) / np.pi - 0.5, 0.0)
 
 
-def re_updated(history: History, which: IntArray, misses: IntArray, found: FloatArray, motion: BoxMotion) -> BoxBelief:
+def re_updated(
+    history: History,
+    which: IntArray,
+    misses: IntArray,
+    found: FloatArray,
+    motion: BoxMotion,
+    passed: FloatArray,
+) -> BoxBelief:
     """ORU: what tracks found again predict for this frame, had they been seen on the straight way there.
 
     Args:
         history: of all tracks.
         which: ``(K,)`` the tracks that were matched.
-        misses: ``(K,)`` frames that each had not been seen for; the filter is run through as many virtual observations.
+        misses: ``(K,)`` looks that each had not been seen for; the filter is run through as many virtual observations.
         found: ``(K, 4)`` the detections they were matched to.
         motion: noise of the filter.
+        passed: ``(L,)`` frames of the filter before each of the last looks, the newest last; more than of ``misses``.
     """
     belief, start = select_boxes(history.belief, which), history.boxes[which]
-    step = (found - start) / (misses + 1)[:, None]
-    for passed in range(1, int(misses.max(initial=0)) + 1):
-        hidden, rest = np.flatnonzero(misses >= passed), np.flatnonzero(misses < passed)
-        virtual = start[hidden] + passed * step[hidden]
-        again = update_boxes(predict_boxes(select_boxes(belief, hidden), motion), virtual, motion)
+    times = np.append(0, np.cumsum(passed))
+    last = len(passed) - 1 - misses
+    step = (found - start) / np.maximum(times[-1] - times[last], 1e-9)[:, None]
+    for look in range(1, int(misses.max(initial=0)) + 1):
+        hidden, rest = np.flatnonzero(misses >= look), np.flatnonzero(misses < look)
+        now = last[hidden] + look
+        virtual = start[hidden] + (times[now] - times[last[hidden]])[:, None] * step[hidden]
+        again = update_boxes(predict_boxes(select_boxes(belief, hidden), motion, passed[now - 1]), virtual, motion)
         joined = join_boxes([again, select_boxes(belief, rest)])
         belief = select_boxes(joined, np.argsort(np.concatenate([hidden, rest])))
-    return predict_boxes(belief, motion)
+    return predict_boxes(belief, motion, passed[-1])

@@ -15,14 +15,14 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
     Args:
         seed: of random numbers; kept in run.json, for the methods here draw none.
     """
-    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_reading
+    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.people.tracking import open_people, people_result
 
     source = video.open(timed=True)
     opened = open_people(source, finding, linking, output.seed)
     with output.run() as run:
-        tell_reading(run, opened.inputs.detect)
+        tell_models(run, opened.inputs.detect, opened.inputs.describe)
         found = opened.inputs.found(run.frames(source, record=video.overlay), run.times)
         steps = run.steps(found, total=frames_expected(source))
         result, lines = people_result(opened, steps, run.times, {"method": linking.method, "source": video.source})

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.options import Shared
@@ -29,11 +30,13 @@ class Detecting(Shared):
     """The networks that detect and describe people. Python calls give functions and arrays, too, for files.
 
     Attributes:
-        detector: exported detector; by default the shipped one. A bare word, such as street, names another shipped one.
+        detector: exported detector; by default the shipped one. A bare word names another shipped one, such as street,
+            or a downloaded one, such as yolox-s (see tsuiseki models list).
         score_threshold: the detector keeps what scores at least this, from 0 to 1.
         score_range: smallest and largest score that the rows of --detections may have; by default any.
         appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
         threads: CPU cores of the networks; 0 takes all.
+        device: what the networks run on: cpu, cuda (a GPU, with onnxruntime-gpu), or auto (cuda where it works).
     """
 
     detector: Path | None = None
@@ -41,6 +44,7 @@ class Detecting(Shared):
     score_range: tuple[float, float] | None = None
     appearance: Path | None = None
     threads: int = 0
+    device: Device = "auto"
 
     def check(self) -> None:
         """See `Shared.check`."""
@@ -89,9 +93,9 @@ class PeopleFinding(FindingOptions):
     """Where the detections come from, and who is compared by appearance.
 
     Attributes:
-        detector: detector as ONNX; by default the shipped detector_people.onnx; a bare word, such as street, names
-            another shipped one. One of other projects (YOLO, YOLOX, RT-DETR, RF-DETR, torchvision) is recognised by its
-            inputs and outputs.
+        detector: detector as ONNX; by default the shipped detector_people.onnx; a bare word names another shipped one,
+            such as street, or a downloaded one, such as yolox-s (tsuiseki models list). One of other projects (YOLO,
+            YOLOX, RT-DETR, RF-DETR, torchvision) is recognised by its inputs and outputs.
         view: in how many overlapping tiles the detector looks at a frame: auto (as many as find more people, by looks
             at some frames), tiles across such as 3 (1 is the whole frame alone), across and down such as 3x2, or tiles
             (as many as show more than fewer).

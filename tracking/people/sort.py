@@ -50,10 +50,11 @@ class Sort(LifecycleTracker):
         self.settings, self.seed = settings or SortSettings(), seed
         super().__init__(self.settings.lifecycle, self.settings.motion)
 
-    def update(self, detections: DetectionsLike) -> Targets:
+    def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people."""
         found = as_detections(detections)
-        predicted = self._lifecycle.predict()
-        seen, detected = assign(1 - iou_matrix(predicted, found.boxes), 1 - self.settings.min_iou)
+        predicted = self._lifecycle.predict(time)
+        least = self._lifecycle.least(self.settings.min_iou)
+        seen, detected = assign(1 - iou_matrix(predicted, found.boxes), 1 - least)
         self._lifecycle.advance(seen, detected, found)
         return self._lifecycle.targets

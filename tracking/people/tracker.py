@@ -12,9 +12,12 @@ A tracker of many is fed the detections of one frame after the other, frames wit
   always answers None.
 * ``tracks()`` gives the tracks of all frames so far, as they are if the video ends here. It may be asked at any time
   and changes nothing. Of a tracker with a delay it repeats what was answered, and adds the frames that were not.
+* ``update(detections, time=seconds)`` also takes the time of the frame, with every frame or with none. Filters then
+  step by it: frames may be dropped, and rates change. What counts in frames, such as an age, counts calls.
+* ``skip()`` takes a frame that nobody looked at, so that nobody is missed in it.
 
-Frames count from 0, the first ``update``. IDs count from 1, live in the tracker, and are never given twice: two
-trackers in one process share nothing. An id that was answered stays that target's id, also in ``tracks()``.
+Frames count from 0, the first ``update`` or ``skip``. IDs count from 1, live in the tracker, and are never given
+twice: two trackers in one process share nothing. An id that was answered stays that target's id, also in ``tracks()``.
 
 What the status of a target says:
 
@@ -37,8 +40,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from tsuiseki.tracking.interchange import DetectionsLike
+from tsuiseki.tracking.people.unused import FirstDetections
 from tsuiseki.tracking.result import StageTimes
-from tsuiseki.tracking.types import Detections, Targets, Track
+from tsuiseki.tracking.types import BoolArray, Detections, Targets, Track
 
 
 class PeopleTracker(Protocol):
@@ -54,8 +58,11 @@ class PeopleTracker(Protocol):
 class OnlineTracker(PeopleTracker, Protocol):
     """A tracker that answers at once."""
 
-    def update(self, detections: DetectionsLike) -> Targets:
+    def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the next frame; its targets."""
+
+    def skip(self) -> Targets:
+        """Nobody looks at the next frame; where its targets are expected."""
 
     def forget(self) -> None:
         """Drop what is kept for ``tracks()``, which then begins with the next frame that is answered; ids go on.
@@ -73,11 +80,13 @@ class FrameLog:
         frames: 0-based numbers.
         detections: number of detections.
         scores: mean of the detections' scores, NaN where there are none.
+        first: the first detections.
     """
 
     frames: list[int] = field(default_factory=list)
     detections: list[int] = field(default_factory=list)
     scores: list[float] = field(default_factory=list)
+    first: FirstDetections = field(default_factory=FirstDetections)
 
     def add(self, frame: int, found: Detections) -> None:
         """Note a frame and its detections."""
@@ -105,7 +114,10 @@ class FrameLog:
 
 
 def run_trackers(
-    frames: Iterable[tuple[int, Detections]], trackers: Mapping[str, PeopleTracker], times: StageTimes
+    frames: Iterable[tuple[int, Detections]],
+    trackers: Mapping[str, PeopleTracker],
+    times: StageTimes,
+    looked: BoolArray | None = None,
 ) -> tuple[dict[str, list[Track]], FrameLog]:
     """Feed the same detections to every tracker.
 
@@ -113,6 +125,7 @@ def run_trackers(
         frames: consecutive 0-based frame numbers, from any on, and what was found there.
         trackers: fresh ones, by name.
         times: gets the seconds of each tracker under its name.
+        looked: ``(F,)`` by frame number, where a detector was run; None for everywhere.
 
     Returns:
         The tracks of each tracker, numbered as the frames are, and what happened in each frame.
@@ -120,15 +133,33 @@ def run_trackers(
     log = FrameLog()
     for index, found in frames:
         log.add(index, found)
+        seen = looked is None or looked[index : index + 1].any()
+        if seen:
+            log.first.add(found)
         for name, tracker in trackers.items():
             with times.measure(name):
-                tracker.update(found)
+                if seen:
+                    tracker.update(found)
+                else:
+                    skipped(tracker)
     first = log.frames[0] if log.frames else 0
     tracks = {}
     for name, tracker in trackers.items():
         with times.measure(name):
             tracks[name] = [shifted(track, first) for track in tracker.tracks()]
     return tracks, log
+
+
+def updated(tracker: PeopleTracker, detections: Detections, time: float | None) -> Targets | None:
+    """Feed a tracker, which need not know of times where there are none."""
+    return tracker.update(detections) if time is None else tracker.update(detections, time=time)  # type: ignore[call-arg]
+
+
+def skipped(tracker: PeopleTracker) -> Targets | None:
+    """Tell a tracker that nobody looks at the next frame; one that does not care takes it as empty."""
+    skip = getattr(tracker, "skip", None)
+    answer: Targets | None = tracker.update(Detections.empty()) if skip is None else skip()
+    return answer
 
 
 def shifted(track: Track, frames: int) -> Track:

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,10 +15,11 @@ from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.devices import Device
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
-from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
+from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of, knows_scores
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.inputs import (
@@ -25,10 +27,12 @@ from tsuiseki.tracking.people.inputs import (
     PeopleInputs,
     classed_detections,
     ground_of,
+    looks_of,
     people_describer,
     people_detect,
     threads_of_a_call,
 )
+from tsuiseki.tracking.people.looks import stride_of
 from tsuiseki.tracking.people.methods import (
     ByClass,
     LearntCosts,
@@ -41,7 +45,8 @@ from tsuiseki.tracking.people.methods import (
     straddles,
 )
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
-from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers
+from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers, skipped
+from tsuiseki.tracking.people.unused import FirstDetections
 from tsuiseki.tracking.result import Result, StageTimes
 from tsuiseki.tracking.types import Detections, Frame, IntArray, Targets, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
@@ -62,9 +67,13 @@ class PeopleKeywords(TypedDict, total=False):
         affinity: exported link costs for ``flow``; by default the shipped ones after an exported detector, hand-set
             costs otherwise; ``"none"`` takes hand-set costs always.
         frames: only these frames, counted from 1 with both ends, such as ``"301-400"``.
+        frames_looked_at: numbers, counted from 0, of the frames that ``detections`` were looked for in, such as
+            ``range(0, 300, 10)``; by default the detections tell a stride. Nobody is missed in other frames.
         moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
             ``flow`` sees in them where the camera stands still, and takes the motion of the boxes elsewhere.
         threads: CPU threads of the networks; 0 takes all.
+        device: what networks that are given as files run on: ``cpu``, ``cuda``, or by default ``auto``, see
+            `opened_on`.
         seed: of the tracker's random numbers.
         delay: seconds after which ``flow`` decides on a frame for good; by default it decides at the end. With
             `follow_people` each frame comes so much later.
@@ -77,8 +86,10 @@ class PeopleKeywords(TypedDict, total=False):
     appearance: AppearanceLike | None
     affinity: str | Path | LearntCosts | None
     frames: str | None
+    frames_looked_at: Iterable[int] | None
     moving_camera: bool
     threads: int
+    device: Device
     seed: int
     delay: float | None
     ground: Ground
@@ -110,7 +121,10 @@ def track_people(
         raise RequestError(f"{video.name} does not end by itself; give frames, or use follow_people")
     name, times = method if isinstance(method, str) else type(method).__name__, StageTimes()
     made = {"method": name, "source": str(source), "seed": keywords.get("seed", 0)}
-    return people_result(opened, opened.inputs.found(times=times), times, made)[0]
+    result, _ = people_result(opened, opened.inputs.found(times=times), times, made)
+    if why := result.facts.get("detections_without_track"):
+        warnings.warn(why, InputWarning, stacklevel=2)
+    return result
 
 
 def follow_people(
@@ -158,7 +172,9 @@ class OpenedPeople:
     class_of: Callable[[int], int] = lambda _: -1
 
 
-def open_people(source: Source, finding: PeopleFinding, linking: Linking, seed: int) -> OpenedPeople:
+def open_people(
+    source: Source, finding: PeopleFinding, linking: Linking, seed: int, looked: Iterable[int] | None = None
+) -> OpenedPeople:
     """All models and files opened and checked.
 
     Args:
@@ -166,6 +182,7 @@ def open_people(source: Source, finding: PeopleFinding, linking: Linking, seed: 
         finding: the options; in Python also what `PeopleKeywords` allow instead of files.
         linking: likewise; its method may be a tracker.
         seed: of the tracker's random numbers.
+        looked: numbers from 0 of the frames that given detections were looked for in; by default they tell.
 
     Raises:
         RequestError: something cannot be used; the message says what and why.
@@ -179,10 +196,12 @@ def open_people(source: Source, finding: PeopleFinding, linking: Linking, seed: 
     else:
         detect, kinds = classed_detections(source, finding)
     compared = compares_appearance(linking.method)
-    describe = people_describer(source, compared, finding.appearance, threads, finding.appearance_options)
+    given, more = finding.appearance, finding.appearance_options
+    describe = people_describer(source, compared, given, threads, more, finding.device)
     camera = camera_for(linking.method, moving=linking.moving_camera)
     ground = ground_of(detect, finding.ground, source)
-    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground)
+    looks = looks_of(detect, source, looked)
+    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks)
     make = _tracker_maker(inputs, linking, seed)
     if finding.classes is None:
         return OpenedPeople(inputs, make())
@@ -198,8 +217,9 @@ def _tracker_maker(inputs: PeopleInputs, linking: Linking, seed: int) -> Callabl
         known = knows_scores(inputs.detect)
         learnt = people_affinity(method, linking.affinity, inputs.threads, known_scores=known)
         scores, drop = cost_of_scores(inputs.detect), straddles(inputs.detect)
+        stride = 1.0 if inputs.looked is None else stride_of(inputs.looked)
         return lambda: people_tracker(
-            method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop
+            method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
         )
     if not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
@@ -217,6 +237,7 @@ def _opened(
     method: Any,
     *,
     frames: str | None = None,
+    frames_looked_at: Iterable[int] | None = None,
     affinity: Any = None,
     moving_camera: bool = False,
     seed: int = 0,
@@ -225,7 +246,8 @@ def _opened(
 ) -> OpenedPeople:
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
     linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
-    return open_people(open_source(str(source), parse_frames(frames)), PeopleFinding(**finding), linking, seed)
+    video = open_source(str(source), parse_frames(frames))
+    return open_people(video, PeopleFinding(**finding), linking, seed, frames_looked_at)
 
 
 def people_result(
@@ -243,9 +265,11 @@ def people_result(
     from tsuiseki.tracking.report.overlay import Overlay
 
     video, name = opened.inputs.source, settings["method"]
-    every, log = run_trackers(found, {name: opened.tracker}, times)
+    every, log = run_trackers(found, {name: opened.tracker}, times, opened.inputs.looked)
     tracks = every[name]
     facts, lines = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
+    if unused := _lines_on_unused(opened, log.first, tracks):
+        facts["detections_without_track"] = "; ".join(unused)
 
     result: Result[Track] = Result.of(
         video,
@@ -260,7 +284,7 @@ def people_result(
         },
         painter=Overlay(tracks, video.frame_rate).draw,
     )
-    return result, lines
+    return result, [*lines, *unused]
 
 
 def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any], list[str]]:
@@ -271,7 +295,7 @@ def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any],
         milliseconds: that the detector took a frame.
     """
     inputs, tracker = opened.inputs, opened.tracker
-    facts: dict[str, Any] = {}
+    facts: dict[str, Any] = {**devices_of(inputs.detect, inputs.describe)}
     lines: list[str] = []
     if isinstance(tracker, FlowTracker):
         facts["flow"] = tracker.facts()
@@ -298,13 +322,23 @@ def _lines_on_flow(tracker: FlowTracker) -> list[str]:
     lines = []
     camera = tracker.camera
     if camera.lost:
-        lines.append(line_on_camera(camera.lost.from_one(), camera.source))
+        lines.append(line_on_camera(tracker.numbers_of(camera.lost), camera.source))
     if tracker.duplicates:
         boxes = "1 box" if tracker.duplicates == 1 else f"{tracker.duplicates} boxes"
         lines.append(f"{boxes} left out that lay on another")
-    rejected, given = tracker.rejected
-    if 2 * rejected > given:
-        lines.append(f"{rejected} of {given} detections belong to no track: too rarely found again")
+    return lines
+
+
+def _lines_on_unused(opened: OpenedPeople, first: FirstDetections, tracks: Sequence[Track]) -> list[str]:
+    """Why most detections, of each class, belong to no track."""
+    tracker, lines = _inner(opened.tracker), []
+    groups = {-1: (first, tracker)}
+    if isinstance(tracker, ByClass):
+        groups = {number: (tracker.first[number], _inner(one)) for number, one in tracker.trackers.items()}
+    for number, (given, one) in groups.items():
+        ours = [track for track in tracks if opened.class_of(track.id) == number]
+        line = given.line(sum(int(t.observed.sum()) for t in ours), len(ours), getattr(one, "settings", None))
+        lines += [] if line is None else [line if number < 0 else f"class {number}: {line}"]
     return lines
 
 
@@ -321,19 +355,30 @@ def _inner(tracker: PeopleTracker) -> PeopleTracker:
 def _followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Frame, Targets]]:
     forget = getattr(_inner(tracker), "forget", None)
     waiting: deque[Frame] = deque()
-    first = 0
+    first, looked = 0, inputs.looked
+    last = Targets.empty(0)
     for number, (frame, found) in enumerate(inputs.with_frames()):
         first = frame.index - number
         waiting.append(frame)
-        targets = tracker.update(found)
+        seen = looked is None or looked[frame.index : frame.index + 1].any()
+        targets = tracker.update(found) if seen else skipped(tracker)
         if targets is not None:
-            answered = waiting.popleft()
-            yield answered, replace(targets, frame=answered.index)
+            while waiting[0].index - first < targets.frame:
+                # With a delay, frames that nobody looked at are not answered by themselves.
+                yield waiting[0], expected(last, waiting.popleft().index)
+            last = replace(targets, frame=waiting[0].index)
+            yield waiting.popleft(), last
         if forget is not None:
             forget()
     if waiting:
         tracks = tracker.tracks()
         yield from ((frame, targets_at(tracks, frame.index - first, frame.index)) for frame in waiting)
+
+
+def expected(targets: Targets, frame: int) -> Targets:
+    """The same people in a frame that nothing is known of."""
+    here = targets.select(targets.status != "lost")
+    return replace(here, frame=frame, scores=np.zeros(len(here)), status=np.full(len(here), "searching"))
 
 
 def targets_at(tracks: Iterable[Track], frame: int, number: int | None = None) -> Targets:

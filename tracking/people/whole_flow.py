@@ -13,9 +13,8 @@ import numpy as np
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.sliding_flow import Decision
-from tsuiseki.tracking.association.smoothing import GapSettings, SmoothingSettings, fill_gaps, fit_smoothing, smooth
+from tsuiseki.tracking.association.smoothing import GapSettings, SmoothingSettings, fill_gaps, smooth
 from tsuiseki.tracking.association.tracklets import Chained, Tracklets, join, straddling_tracks
-from tsuiseki.tracking.features.camera_path import CameraTrajectory
 from tsuiseki.tracking.people.flow_input import SETTLE, FlowInput, FlowSettings, solve_window
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 
@@ -131,8 +130,8 @@ class WholeFlow:
             self.actions.append(None if every.actions is None else every.actions[piece])
             tracks.append(track)
             images.append(every.image[piece])
-        smoothing = fit_smoothing(tracks, rate) if settings.smoothing else None
-        result = [reported(*one, self.input.camera, longest, smoothing) for one in zip(tracks, images, strict=True)]
+        smoothing = self.input.smoothing(tracks) if settings.smoothing else None
+        result = [reported(*one, self.input, longest, smoothing) for one in zip(tracks, images, strict=True)]
         return self._without_straddling(result) if self.drop_straddling else result
 
     def _without_straddling(self, tracks: list[Track]) -> list[Track]:
@@ -146,7 +145,7 @@ class WholeFlow:
 def reported(
     track: Track,
     image: FloatArray,
-    camera: CameraTrajectory,
+    given: FlowInput,
     longest: int,
     smoothing: SmoothingSettings | None,
     first: int = 0,
@@ -156,16 +155,16 @@ def reported(
     Args:
         track: its boxes as if the camera stood still.
         image: ``(T, 4)`` the same where the image shows them.
-        camera: where the frames lie.
+        given: knows where the frames lie, and when they came.
         longest: gap that is filled, frames.
         smoothing: of the boxes; None reports them as detected.
         first: frame before which nothing is reported.
     """
     filled = fill_gaps(track, GapSettings(longest_gap=longest, support=np.inf, mismatch=np.inf))
-    smoothed = filled if smoothing is None else smooth(filled, smoothing)
+    smoothed = filled if smoothing is None else smooth(given.on_grid(filled), smoothing)
     asked = slice(int(np.searchsorted(filled.frames, first)), None)
     frames, observed = filled.frames[asked], filled.observed[asked]
-    boxes = camera.from_first(smoothed.boxes[asked], frames)
+    boxes = given.camera.from_first(smoothed.boxes[asked], frames)
     if smoothing is None:
         boxes = boxes.copy()
         boxes[observed] = image[len(image) - int(observed.sum()) :]

@@ -1,6 +1,7 @@
-"""`report.html`: a result on one self-contained page, for light and dark screens.
+"""`report.html`: a result on one page, for light and dark screens.
 
-Everything is inside the file: the overlay as base64 WebM, the plots as inline SVG. Text from inputs is escaped.
+Everything is inside the file: the overlay as base64 WebM, the plots as inline SVG; only a large overlay lies beside it.
+Text from inputs is escaped.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from urllib.parse import quote
 
 from tsuiseki.tracking.evaluation.coverage import Coverage, coverage, spans
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
@@ -20,6 +22,8 @@ from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.webm import video_type
 
+MOST_EMBEDDED = 8_000_000
+"""Bytes of the largest video inside a page."""
 LOWER_IS_BETTER = {"id_switches", "false_positives", "false_negatives"}
 
 
@@ -170,18 +174,28 @@ def _overlay(report: Report) -> str:
     return section(heading, embedded_video(report.overlay, heading, report.overlay_note))
 
 
-def embedded_video(path: Path, label: str = "", note: str = "") -> str:
-    """HTML of a video that is inside the page, with what it shows and a note below it, where given."""
-    data = base64.b64encode(path.read_bytes()).decode("ascii")
+def embedded_video(path: Path, label: str = "", note: str = "", inside: str = "") -> str:
+    """HTML of a video that is in the page, or beside it where it is large.
+
+    Args:
+        path: of the video; one above `MOST_EMBEDDED` bytes is linked.
+        label: what it shows.
+        note: below it.
+        inside: folder beside the page in which it lies; by default that of the page.
+    """
+    if path.stat().st_size > MOST_EMBEDDED:
+        place = quote(str(PurePosixPath(inside, path.name)))
+    else:
+        place = f"data:{video_type(path)};base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
     named = f' aria-label="{escape(label)}"' if label else ""
     below = f"<p class=note>{escape(note)}</p>" if note else ""
-    return f'<video controls loop muted playsinline{named} src="data:{video_type(path)};base64,{data}"></video>{below}'
+    return f'<video controls loop muted playsinline{named} src="{place}"></video>{below}'
 
 
-def embedded_overlay(folder: Path, name: str = "overlay", label: str = "", note: str = "") -> str:
+def embedded_overlay(folder: Path, name: str = "overlay", label: str = "", note: str = "", inside: str = "") -> str:
     """Likewise, of the video that a run has drawn into its folder; empty where none lies there."""
     drawn = sorted(folder.glob(f"{name}.*"))
-    return embedded_video(drawn[0], label, note) if drawn else ""
+    return embedded_video(drawn[0], label, note, inside) if drawn else ""
 
 
 def _timelines(report: Report) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from tsuiseki.tracking.result import Result, StageTimes
 from tsuiseki.tracking.sphere.following import Seen, SphereLog, SphereRun, Start, check_start
 from tsuiseki.tracking.sphere.page import distances_to_truth, sphere_result, write_sphere_overlay
 from tsuiseki.tracking.sphere.search import find_ball
-from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen_motion, frame_count
+from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen_motion, frame_times
 from tsuiseki.tracking.sphere.tracker import SphereTracker
 from tsuiseki.tracking.sphere.views import (
     BackgroundLikelihood,
@@ -222,7 +222,7 @@ def chosen_likelihood(
     if backgrounds is None:
         pictures = []
         for source in sources:
-            step = max(1, frame_count(source) // BACKGROUND_FRAMES)
+            step = max(1, len(frame_times(source)) // BACKGROUND_FRAMES)
             pictures.append(median_background([f.image for f in source.frames() if f.index % step == 0]))
         return BackgroundLikelihood(cameras, pictures)
     if len(backgrounds) != len(cameras):
@@ -298,7 +298,12 @@ def sphere(
         raise RequestError("`overlay`: expected recorded videos, which can be played again; got live cameras")
     rng = np.random.default_rng(output.seed)
     with output.run() as run:
-        log = chosen.run(rng, run.times, lambda items: run.steps(items, total=chosen.length))
+        run.sources += chosen.sources
+
+        def watched(seen: Iterable[Seen]) -> Iterator[Seen]:
+            return run.steps(seen if chosen.length else run.unending(seen), total=chosen.length)
+
+        log = chosen.run(rng, run.times, watched)
         result = sphere_result(chosen, log, run.times, output.settings, true_path)
         run.save(result, partial(_draw, run, drawing, chosen, log))
         run.done(_summary(result, true_path, output.out / "track3d.csv"))
@@ -335,8 +340,7 @@ def _draw(run: Run, drawing: Drawing, chosen: SphereRun, log: SphereLog) -> None
     """A video for each camera, where that is wanted."""
     if not drawing.overlay:
         return
-    with run.times.measure("overlay"):
-        for view, (source, placed) in enumerate(zip(chosen.sources, chosen.placed, strict=True)):
-            frames = run.watched(source.frames(), f"drawing {placed.name}", source.length)
-            write = partial(write_sphere_overlay, frames=frames, chosen=chosen, log=log, view=view)
-            run.draw(f"overlay{view + 1}.{drawing.overlay_format}", write)
+    for view, (source, placed) in enumerate(zip(chosen.sources, chosen.placed, strict=True)):
+        frames = run.watched(source.frames(), f"drawing {placed.name}", source.length)
+        write = partial(write_sphere_overlay, frames=frames, chosen=chosen, log=log, view=view)
+        run.draw(f"overlay{view + 1}.{drawing.overlay_format}", write)

@@ -16,6 +16,7 @@ from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.motion.points import Ballistic, ConstantVelocity3D, RandomWalk3D
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.video.frame_times import uneven
 from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.video.synchronise import read_timestamps
 
@@ -113,10 +114,14 @@ class FrameTimes(Shared):
             RequestError: offsets, times and videos differ in number or length, or a source is live.
         """
         self._check_number(len(sources), "video")
-        lengths = [frame_count(source) for source in sources]
+        played = [frame_times(source) for source in sources]
+        lengths = [len(times) for times in played]
         if self.timestamps is None:
             rates = [p.frame_rate or s.frame_rate for p, s in zip(placed, sources, strict=True)]
             stamps = self._even(lengths, rates, placed)
+            for times, source, rate, stamp in zip(played, sources, rates, stamps, strict=True):
+                if uneven(times):
+                    stamp += times * source.frame_rate / rate - np.arange(len(times)) / rate
             if self.offsets is None and not any(p.offset for p in placed):
                 check_lengths(stamps, [s.name for s in sources])
             return stamps
@@ -158,8 +163,8 @@ class FrameTimes(Shared):
         return [stamp + offset for stamp, offset in zip(stamps, offsets, strict=True)]
 
 
-def frame_count(source: Source) -> int:
-    """Number of frames; a video file is decoded once to count, for its header only estimates.
+def frame_times(source: Source) -> FloatArray:
+    """``(T,)`` seconds of each frame; a video file is decoded once for them, and for their number.
 
     Raises:
         RequestError: the source is live.
@@ -167,16 +172,15 @@ def frame_count(source: Source) -> int:
     if source.live:
         raise RequestError(f"{source.name}: expected recorded videos beside recorded ones, got a live camera")
     if source.length is not None:
-        return source.length
-    count = 0
+        return np.arange(source.length) / source.frame_rate
+    times: list[float] = []
     try:
-        for frame in source.frames():
-            count = frame.index + 1
+        times.extend(frame.time for frame in source.frames())
     except RunError as error:
-        if not count:
+        if not times:
             raise
         warnings.warn(f"{error}; it is used up to there", InputWarning, stacklevel=2)
-    return count
+    return np.array(times)
 
 
 def check_lengths(times: Sequence[FloatArray], names: Sequence[str]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -15,6 +15,7 @@ from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES, is_sequence, 
 from tsuiseki.tracking.formats.single import IMAGE_FOLDERS, LABEL_NAMES
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy
 
 DEFAULT_FRAME_RATE = 25.0
 ORIENTATION_TAG = 0x0112
@@ -37,6 +38,8 @@ class ImageFolder:
     frames_wanted: FrameRange
     live: bool = False
     rate_missing: bool = False
+    timed_by: TimedBy = "frame rate"
+    times: NotedTimes = field(default_factory=NotedTimes, compare=False)
 
     @classmethod
     def open(cls, folder: Path, wanted: FrameRange) -> ImageFolder:

@@ -5,21 +5,22 @@ OpenCV's BGR order stops here: a `Frame` is RGB.
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.coded_size import CodedSizes, Size
+from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, container_time, stated_rate, uneven
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder
+from tsuiseki.tracking.video.live import LiveSource
 
 PLAYLIST_HEADERS = (b"#EXTM3U", b"ffconcat")
 
@@ -30,6 +31,8 @@ class Source(Protocol):
     Attributes:
         name: for people to read.
         frame_rate: frames per second.
+        timed_by: where the times of frames come from.
+        times: of the frames that it gave so far.
         rate_missing: what should say the rate, such as ``seqinfo.ini``, does not, and 25 are taken.
         length: number of frames of the whole video; None where only playing it tells.
         live: it cannot be played again, and ends when the user says so.
@@ -41,6 +44,10 @@ class Source(Protocol):
     def name(self) -> str: ...
     @property
     def frame_rate(self) -> float: ...
+    @property
+    def timed_by(self) -> TimedBy: ...
+    @property
+    def times(self) -> NotedTimes: ...
     @property
     def rate_missing(self) -> bool: ...
     @property
@@ -68,14 +75,17 @@ def open_source(source: str | Path, frames: FrameRange | None = None, frame_rate
         source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
             webcam, or the address of a stream.
         frames: the stretch to read; by default all.
-        frame_rate: frames a second, instead of what the source says.
+        frame_rate: frames a second, instead of what the source says; a file's frames are then timed by it.
 
     Raises:
         RequestError: there is no such thing, it cannot be read, it has no frame, its images differ in size, or
             the stretch lies beyond it.
     """
     opened = _opened(source, frames or FrameRange())
-    return opened if frame_rate is None else replace(opened, frame_rate=frame_rate, rate_missing=False)
+    if frame_rate is None:
+        return opened
+    timed_by: TimedBy = "arrival" if opened.live else "frame rate"
+    return replace(opened, frame_rate=frame_rate, rate_missing=False, timed_by=timed_by)
 
 
 def _opened(source: str | Path, wanted: FrameRange) -> ImageFolder | VideoFile | LiveSource:
@@ -105,11 +115,14 @@ class VideoFile:
     name: str
     frame_rate: float
     promised: int
+    duration: float
     frames_wanted: FrameRange
     live: bool = False
     length: int | None = None
     has_images: bool = True
     rate_missing: bool = False
+    timed_by: TimedBy = "container"
+    times: NotedTimes = field(default_factory=NotedTimes, compare=False)
 
     @classmethod
     def open(cls, path: Path, wanted: FrameRange) -> VideoFile:
@@ -120,16 +133,24 @@ class VideoFile:
         capture = cv2.VideoCapture(str(path))
         try:
             readable = capture.isOpened()
-            rate = _stated_rate(capture)
+            rate = stated_rate(capture)
             promised = int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT))) if readable else 0
             if not readable or not capture.grab():
                 found = "no frame in it" if readable else "something else"
                 raise RequestError(f"{path}: expected a video that OpenCV can decode, found {found}")
+            first = capture.get(cv2.CAP_PROP_POS_MSEC)
+            # A raw stream has no times: all are 0.
+            timed_by: TimedBy = "frame rate"
+            if capture.grab() and capture.get(cv2.CAP_PROP_POS_MSEC) > first:
+                timed_by = "container"
         finally:
             capture.release()
         if promised and max(wanted.first, wanted.last or 0) >= promised + _slack(promised):
             wanted.within(promised)
-        return cls(path, path.name, rate or DEFAULT_FRAME_RATE, promised, wanted, rate_missing=rate is None)
+        taken = rate or DEFAULT_FRAME_RATE
+        return cls(
+            path, path.name, taken, promised, promised / taken, wanted, rate_missing=rate is None, timed_by=timed_by
+        )
 
     @property
     def slack(self) -> float:
@@ -139,20 +160,37 @@ class VideoFile:
     def frames(self) -> Iterator[Frame]:
         """See `Source.frames`."""
         capture, sizes = cv2.VideoCapture(str(self.path)), CodedSizes(self.path)
-        index, milliseconds, size = 0, 0.0, None
+        times: list[float] = []
+        stamp, first, size = 0.0, 0.0, None
         try:
-            while self.frames_wanted.last is None or index <= self.frames_wanted.last:
+            while self.frames_wanted.last is None or len(times) <= self.frames_wanted.last:
+                index = len(times)
                 if not capture.grab():
-                    self._refuse_early_end(index, milliseconds / 1000)
-                    return
+                    self._refuse_early_end(index, stamp)
+                    break
                 size = self._same_size(index, size, sizes.read())
-                milliseconds = capture.get(cv2.CAP_PROP_POS_MSEC)
-                if index >= self.frames_wanted.first:
-                    yield Frame(index, index / self.frame_rate, _retrieve(capture, f"{self.path}: frame {index + 1}"))
-                index += 1
+                stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+                first = first if times else stamp
+                times.append(self._time(stamp - first, times))
+                if index in self.frames_wanted:
+                    image = _retrieve(capture, f"{self.path}: frame {index + 1}")
+                    yield self.times.note(Frame(index, times[-1], image))
         finally:
             capture.release()
             sizes.close()
+        if found := uneven(times) if self.timed_by == "container" else {}:
+            warnings.warn(
+                f"{self.name}: its frames are {found['shortest_step']:g} to {found['longest_step']:g} s apart, about "
+                f"{found['missing']} are missing; their times are the container's",
+                InputWarning,
+                stacklevel=2,
+            )
+
+    def _time(self, stated: float, before: Sequence[float]) -> float:
+        """Of the frame after those ``before``."""
+        if self.timed_by == "frame rate":
+            return len(before) / self.frame_rate
+        return container_time(stated, before, self.frame_rate)
 
     def _same_size(self, index: int, size: Size | None, stated: Size | None) -> Size | None:
         """The size of the pictures so far; raises RunError where a coded frame states another one."""
@@ -173,60 +211,14 @@ class VideoFile:
         if frames <= wanted.first or wanted.last is not None:
             raise RunError(f"{self.path}: expected frames {wanted}, but the video ends after frame {frames}")
         slack = self.slack
-        if frames + slack < self.promised and seconds + slack / self.frame_rate < self.promised / self.frame_rate:
+        if frames + slack < self.promised and seconds + slack * self.duration / self.promised < self.duration:
             raise RunError(
                 f"{self.path}: expected {self.promised} frames, but the video breaks off after frame {frames}"
             )
 
 
-@dataclass(frozen=True)
-class LiveSource:
-    """A webcam or a stream, which ends when the user says so."""
-
-    address: int | str
-    name: str
-    frame_rate: float
-    frames_wanted: FrameRange
-    live: bool = True
-    length: int | None = None
-    has_images: bool = True
-    rate_missing: bool = False
-
-    @classmethod
-    def open(cls, address: int | str, name: str, wanted: FrameRange) -> LiveSource:
-        """The source at ``address``; raises RequestError where nothing answers."""
-        capture = cv2.VideoCapture(address)
-        try:
-            if not capture.isOpened():
-                raise RequestError(f"expected pictures from {name}, got none; is it connected, and free?")
-            return cls(address, name, _stated_rate(capture) or DEFAULT_FRAME_RATE, wanted)
-        finally:
-            capture.release()
-
-    def frames(self) -> Iterator[Frame]:
-        """See `Source.frames`."""
-        capture = cv2.VideoCapture(self.address)
-        start, index = time.monotonic(), 0
-        try:
-            while self.frames_wanted.last is None or index <= self.frames_wanted.last:
-                if not capture.grab():
-                    if index == 0:
-                        raise RunError(f"{self.name} stopped before the first frame")
-                    return
-                if index >= self.frames_wanted.first:
-                    yield Frame(index, time.monotonic() - start, _retrieve(capture, f"{self.name}: frame {index + 1}"))
-                index += 1
-        finally:
-            capture.release()
-
-
 def _slack(promised: int) -> float:
     return max(3.0, 0.02 * promised)
-
-
-def _stated_rate(capture: cv2.VideoCapture) -> float | None:
-    rate = float(capture.get(cv2.CAP_PROP_FPS))
-    return rate if math.isfinite(rate) and 0 < rate <= 1000 else None
 
 
 def _retrieve(capture: cv2.VideoCapture, what: str) -> ImageArray:

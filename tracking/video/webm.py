@@ -31,10 +31,16 @@ TRACK_UID = re.compile(rb"(?<=\x73\xc5\x88).{8}|(?<=\x63\xc5\x88).{8}", re.DOTAL
 CLUSTER = b"\x1f\x43\xb6\x75"
 SEGMENT = b"\x18\x53\x80\x67"
 HEADER_BYTES = 4096
+# OpenCV asks VP8 and VP9 for 64 bits a pixel, far more than any picture has, but for no more than so many a second.
+MOST_BITS = 2**30
+# So pictures are coded as if they came fast enough to be left this many bits a pixel, of which a quarter is spent; the
+# coded ones are then packed again with their own rate.
+BITS_A_PIXEL, FASTEST = 0.5, 3_000
+CODING = ".coding"
 
 
 class VideoWriter:
-    """A WebM or MP4 file, written frame by frame and closed with the ``with`` block.
+    """A WebM or MP4 file of bounded bit rate, written frame by frame and closed with the ``with`` block.
 
     Args:
         path: ends in ``.webm`` or ``.mp4``.
@@ -68,9 +74,11 @@ class VideoWriter:
         self._written += 1
 
     def _opened(self) -> cv2.VideoWriter:
+        fast = min(FASTEST, MOST_BITS / (BITS_A_PIXEL * self._size[0] * self._size[1]))
         for codec in self._codecs:
-            with _silent_stderr():
-                writer = cv2.VideoWriter(str(self.path), cv2.VideoWriter.fourcc(*codec), self.frame_rate, self._size)
+            self._codec, self._fast = codec, codec != "avc1"  # H.264 is coded by quality
+            rate = max(self.frame_rate, round(fast)) if self._fast else self.frame_rate
+            writer = self._writing(self._coding if self._fast else self.path, rate, [])
             if writer.isOpened():
                 return writer
         shown = " or ".join(self._codecs)
@@ -81,6 +89,15 @@ class VideoWriter:
             f"{self._size[0]}x{self._size[1]} pixels{advice}"
         )
 
+    @property
+    def _coding(self) -> Path:
+        return self.path.with_suffix(CODING + self.path.suffix)
+
+    def _writing(self, path: Path, rate: float, options: list[int]) -> cv2.VideoWriter:
+        with _silent_stderr():
+            fourcc = cv2.VideoWriter.fourcc(*self._codec)
+            return cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, fourcc, rate, self._size, options)
+
     def __enter__(self) -> VideoWriter:
         return self
 
@@ -90,20 +107,40 @@ class VideoWriter:
         if self._writer is None:
             return
         self._writer.release()
-        if kind is None:
-            self._check_complete()
-            if self.path.suffix.lower() != ".mp4":
-                _number_the_track(self.path)
+        try:
+            if kind is None and self._fast:
+                self._check_complete(self._coding)
+                self._pack()
+            if kind is None:
+                self._check_complete(self.path)
+        finally:
+            self._coding.unlink(missing_ok=True)
+        if kind is None and self.path.suffix.lower() != ".mp4":
+            _number_the_track(self.path)
 
-    def _check_complete(self) -> None:
+    def _pack(self) -> None:
+        """Put the coded pictures into the file, at their own rate."""
+        coded = cv2.VideoCapture(str(self._coding), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+        # An interval of 0: which pictures are key frames is said of each.
+        options = [cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1, cv2.VIDEOWRITER_PROP_KEY_INTERVAL, 0]
+        packed = self._writing(self.path, self.frame_rate, options)
+        try:
+            while (read := coded.read())[0]:
+                packed.set(cv2.VIDEOWRITER_PROP_KEY_FLAG, coded.get(cv2.CAP_PROP_LRF_HAS_KEY_FRAME))
+                packed.write(read[1].reshape(1, -1))
+        finally:
+            coded.release()
+            packed.release()
+
+    def _check_complete(self, path: Path) -> None:
         """OpenCV does not say that a write failed; a file that was cut short lacks what is written last."""
-        capture = cv2.VideoCapture(str(self.path))
+        capture = cv2.VideoCapture(str(path))
         try:
             counted = capture.get(cv2.CAP_PROP_FRAME_COUNT) if capture.isOpened() else 0
         finally:
             capture.release()
-        short = self.path.suffix.lower() != ".mp4" and _promised_size(self.path) != self.path.stat().st_size
-        if short or abs(counted - self._written) > 1 + 0.02 * self._written:
+        short = path.suffix.lower() != ".mp4" and _promised_size(path) != path.stat().st_size
+        if short or (path == self.path and abs(counted - self._written) > 1 + 0.02 * self._written):
             raise RunError(f"{self.path.name}: the video was not written to its end; is the disk full?")
 
 

@@ -6,6 +6,7 @@ import difflib
 from pathlib import Path
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.weights.catalogue import find_model
 
 FOLDER = Path(__file__).resolve().parent
 # The detector of people that is taken where none is given.
@@ -39,14 +40,14 @@ def shipped(name: str) -> Path:
 
 
 def shipped_or_file(kind: str, given: str | Path) -> Path:
-    """A file as it is given; a bare word stands for the shipped model of that name.
+    """A file as it is given; a bare word stands for the shipped or downloaded model of that name.
 
     Args:
         kind: what the shipped models' names begin with: ``detector``, …
-        given: a path, or the rest of such a name.
+        given: a path, the rest of such a name, or that of a model of the catalogue.
 
     Raises:
-        RequestError: a bare word that names neither a file nor a shipped model of this kind.
+        RequestError: a bare word that names neither a file nor a model of this kind, or one that is not downloaded.
 
     >>> shipped_or_file("detector", "street").name, shipped_or_file("detector", "own/best.onnx").name
     ('detector_street.onnx', 'best.onnx')
@@ -55,8 +56,13 @@ def shipped_or_file(kind: str, given: str | Path) -> Path:
     if path.suffix or len(path.parts) != 1 or path.is_file():
         return path
     names = [name.removeprefix(f"{kind}_") for name in shipped_names() if name.startswith(f"{kind}_")]
+    if path.name not in names and (entry := find_model(path.name, kind)):
+        return entry.checked()
     if path.name not in names:
-        raise RequestError(f"`{kind}`: expected an ONNX file or one of the shipped {', '.join(names)}, got {given}")
+        raise RequestError(
+            f"`{kind}`: expected an ONNX file or one of the shipped {', '.join(names)}, got {given}; `tsuiseki models "
+            "list` shows what can be downloaded"
+        )
     return shipped(f"{kind}_{path.name}")
 
 

@@ -92,10 +92,11 @@ def find(
     """
     from tsuiseki.tracking.weights import shipped
 
-    looking = open_detector(given, LOWEST_SCORE, threads=1) if isinstance(given, Path) else given
+    device = settings.device
+    looking = open_detector(given, LOWEST_SCORE, threads=1, device=device) if isinstance(given, Path) else given
     # What is learnt is to know people as large as this camera shows them, so nothing is enlarged.
     detector = ViewedDetector(looking, parse_view(view), frame_rate=watched.frame_rate, enlarge=False)
-    describe = open_appearance(shipped("appearance_people"), 1)
+    describe = open_appearance(shipped("appearance_people"), 1, device=device)
     camera = StandingCamera()
     inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=settings.threads)
     costs = people_affinity("flow", affinity, 1, known_scores=knows_scores(detector))

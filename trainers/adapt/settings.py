@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 
 # Share of each video, its end, that nothing is learnt from and that says which round is best; and the share before it
@@ -24,6 +25,7 @@ class AdaptSettings:
         sitting: people may sit or stand through most of the video; what never moves is then left out of the learning.
         seed: of all chance.
         threads: CPU cores; 0 takes all.
+        device: what exported networks run on.
     """
 
     rounds: int = 3
@@ -33,6 +35,7 @@ class AdaptSettings:
     sitting: bool = False
     seed: int = 0
     threads: int = 0
+    device: Device = "auto"
 
     def __post_init__(self) -> None:
         if min(self.rounds, self.steps) < 1 or self.pictures < 20 or self.threads < 0:

@@ -35,6 +35,7 @@ from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences
 from tsuiseki.tracking.output import check_output_file, output_file
 from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
+from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file
@@ -84,7 +85,7 @@ def link_samples(
     path = CameraPath()
     for one in observations:
         path.follow(one.motion or CameraStep(STANDS_STILL))
-    given = FlowInput(flow.input, frame_rate, size, path)
+    given = FlowInput(flow.input, Looks(frame_rate), size, path)
     found = [replace(o.detections, actions=averaged(o.actions)) for o in observations if o.actions is not None]
     seen, scores = given.rows(found)
     assert seen.actions is not None

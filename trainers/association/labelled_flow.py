@@ -15,7 +15,8 @@ price, as in the tracker. These costs are constants: no gradient goes through th
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -160,6 +161,11 @@ class FlowCounts:
         tail, head = owners[graph.tail[links]], owners[graph.head[links]]
         self.switches += float(((tail != head) & (tail >= 0) & (head >= 0)).sum())
         self.windows.append(graph.name)
+
+    @classmethod
+    def together(cls, parts: Sequence[FlowCounts]) -> FlowCounts:
+        """The sum of counts."""
+        return cls(*(sum((getattr(one, x.name) for one in parts), getattr(cls(), x.name)) for x in fields(cls)))
 
     @property
     def agreement(self) -> float:

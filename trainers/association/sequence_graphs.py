@@ -20,6 +20,7 @@ from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, price
 from tsuiseki.tracking.association.tracklets import MISS_OF_JOIN, MOST_FOR_JOIN, Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, owners_of
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
+from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin
 from tsuiseki.trainers.association.labelled_flow import ALWAYS, labelled, short_runs, taken_out, without
@@ -39,7 +40,7 @@ def sequence_graphs(
         settings: of the tracker.
     """
     settings = settings or FlowSettings().alike()
-    preparing = FlowInput(settings.input, video.frame_rate, video.size, video.path())
+    preparing = FlowInput(settings.input, Looks(video.frame_rate), video.size, video.path())
     seen, scores = preparing.rows(list(video.detections) or [Detections.empty()])
     settings = replace(settings, costs=preparing.flow_costs(settings.costs))
     probability = preparing.probability(scores)

@@ -26,7 +26,7 @@ from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss
 from tsuiseki.trainers.association.windows import AssociationData, TrainingWindow
 from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 from tsuiseki.trainers.networks.detector_training import DetectorTraining
-from tsuiseki.trainers.networks.modules import Optimisation, plain_hyperparameters
+from tsuiseki.trainers.networks.modules import Optimisation, gathered, plain_hyperparameters
 
 # Where a checkpoint says how many epochs, and how many steps at most, its training is to have; below 0 for no end.
 PLANNED, PLANNED_STEPS = "planned_epochs", "planned_steps"
@@ -112,7 +112,8 @@ class AssociationTraining(lightning.LightningModule):
         self.trunk = FrozenTrunk()
         if detector.file is not None:
             self.detector, self._detector_made_of = detector_of(detector.file)
-        self._counts, self._planned = FlowCounts(), (-1, -1)
+        self._counts: list[FlowCounts] = []
+        self._planned = (-1, -1)
 
     def transfer_batch_to_device(
         self, batch: TrainingWindow, device: torch.device, dataloader_idx: int
@@ -163,7 +164,9 @@ class AssociationTraining(lightning.LightningModule):
             return None
         rng = np.random.default_rng([self.seed, self.global_step])
         objective, others = self.losses(batch, self.loss, rng)
-        self.log("train/objective", objective, on_step=False, on_epoch=True, prog_bar=True, batch_size=1)
+        self.log(
+            "train/objective", objective, on_step=False, on_epoch=True, prog_bar=True, batch_size=1, sync_dist=True
+        )
         return finite(objective + others, batch.detections.name)
 
     def losses(self, batch: TrainingWindow, loss: FlowLoss, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
@@ -192,15 +195,16 @@ class AssociationTraining(lightning.LightningModule):
         graph = batch.detections
         with torch.no_grad():
             costs = self.makers().costs(batch).double().cpu().numpy()
-        self._counts.add(graph, cheapest(Problem(costs, graph.tail, graph.head)))
+        self._counts.append(FlowCounts())
+        self._counts[-1].add(graph, cheapest(Problem(costs, graph.tail, graph.head)))
 
     def on_validation_epoch_end(self) -> None:
         """Log agreement with the labelled flow, MOTA and switches of all windows."""
-        if not self.trainer.sanity_checking and self._counts.windows:
-            self.log("val/agreement", self._counts.agreement, prog_bar=True)
-            self.log("val/mota", self._counts.mota, prog_bar=True)
-            self.log("val/switches", self._counts.switches, prog_bar=True)
-        self._counts = FlowCounts()
+        if not self.trainer.sanity_checking:
+            counts = FlowCounts.together(gathered(self, self._counts))
+            for name in ("agreement", "mota", "switches"):
+                self.log(f"val/{name}", getattr(counts, name), prog_bar=True, sync_dist=True)
+        self._counts = []
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW under a warm-up and a cosine."""

@@ -19,7 +19,7 @@ from tsuiseki.tracking.features.action import STREAMS, ActionInput, StreamName
 from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import BoolArray, FloatArray
-from tsuiseki.trainers.networks.modules import Optimisation, normalised, plain_hyperparameters
+from tsuiseki.trainers.networks.modules import Optimisation, gathered, normalised, plain_hyperparameters
 
 OKUTAMA_ACTIONS = 12
 # Exponent of the weight of rare actions (see `positive_weights`), of which 0 is eq. 5.1 as it stands, and the largest.
@@ -66,8 +66,7 @@ class ActionTraining(lightning.LightningModule):
         self.trunk, self.actions, self.names = trunk, actions, tuple(f"action {n + 1}" for n in range(actions))
         self.optimisation = optimisation
         self.register_buffer("positive_weight", torch.ones(actions))
-        self._said: list[dict[str, Tensor]] = []
-        self._true: list[Tensor] = []
+        self._validated: list[tuple[dict[str, Tensor], Tensor]] = []
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
         self.network.to(memory_format=torch.channels_last)
 
@@ -120,25 +119,27 @@ class ActionTraining(lightning.LightningModule):
             action_loss(logits.float(), batch.actions, self.positive_weight) for logits in self(batch.crops).values()
         ]
         loss = torch.stack(losses).sum()
-        self.log("train/loss", loss / len(losses), on_step=False, on_epoch=True, prog_bar=True, batch_size=1)
+        shown = loss / len(losses)
+        self.log("train/loss", shown, on_step=False, on_epoch=True, prog_bar=True, batch_size=1, sync_dist=True)
         return loss
 
     def validation_step(self, batch: ActionBatch, batch_index: int) -> None:
         """Recognise a batch; the scores need all of them."""
         del batch_index
-        self._said.append({name: logits.float().sigmoid().cpu() for name, logits in self(batch.crops).items()})
-        self._true.append(batch.actions.cpu())
+        said = {name: logits.float().sigmoid().cpu() for name, logits in self(batch.crops).items()}
+        self._validated.append((said, batch.actions.cpu()))
 
     def on_validation_epoch_end(self) -> None:
         """Log the mAP of the average of all streams, and of each."""
         if not self.trainer.sanity_checking:
-            truth = torch.cat(self._true).numpy() > 0
-            said = {name: torch.cat([part[name] for part in self._said]).double().numpy() for name in self.inputs}
+            parts, actions = zip(*gathered(self, self._validated), strict=True)
+            truth = torch.cat(actions).numpy() > 0
+            said = {name: torch.cat([part[name] for part in parts]).double().numpy() for name in self.inputs}
             together = np.mean(list(said.values()), axis=0)
-            self.log("val/map", mean_average_precision(together, truth), prog_bar=True)
+            self.log("val/map", mean_average_precision(together, truth), prog_bar=True, sync_dist=True)
             for name, probabilities in said.items():
-                self.log(f"val/map_{name}", mean_average_precision(probabilities, truth))
-        self._said, self._true = [], []
+                self.log(f"val/map_{name}", mean_average_precision(probabilities, truth), sync_dist=True)
+        self._validated = []
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW under a linear warm-up and a cosine decay over the whole training."""

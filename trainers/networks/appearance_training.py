@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import lightning
 import numpy as np
@@ -17,7 +17,7 @@ from tsuiseki.models.metric_losses import contrastive_loss, softmax_contrastive_
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import Retrieval, evaluate_retrieval
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.trainers.networks.modules import Optimisation, normalised, plain_hyperparameters
+from tsuiseki.trainers.networks.modules import Optimisation, gathered, normalised, plain_hyperparameters
 
 LossName = Literal["softmax", "triplet", "contrastive"]
 LOSSES = {"softmax": softmax_contrastive_loss, "triplet": triplet_loss, "contrastive": contrastive_loss}
@@ -69,8 +69,7 @@ class AppearanceTraining(lightning.LightningModule):
         )
         self.loss, self.margin = LOSSES[loss], margin
         self.optimisation = optimisation
-        self._described: list[Tensor] = []
-        self._validated: list[AppearanceBatch] = []
+        self._validated: list[tuple[Any, ...]] = []
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
         self.network.to(memory_format=torch.channels_last)
 
@@ -84,14 +83,14 @@ class AppearanceTraining(lightning.LightningModule):
         del batch_index
         # Distances of close features cancel in half precision.
         loss = self.loss(self(batch.images).float(), batch.ids, self.margin)
-        self.log("train/loss", loss, on_step=False, on_epoch=True, prog_bar=True)
+        self.log("train/loss", loss, on_step=False, on_epoch=True, prog_bar=True, sync_dist=True)
         return loss
 
     def validation_step(self, batch: AppearanceBatch, batch_index: int) -> None:
         """Describe a batch; the scores need all of them."""
         del batch_index
-        self._described.append(self(batch.images).float().cpu())
-        self._validated.append(batch)
+        rows = (self(batch.images).float(), batch.ids, batch.frames, batch.query)
+        self._validated += zip(*(values.cpu().numpy() for values in rows), strict=True)
 
     def on_validation_epoch_end(self) -> None:
         """Log rank-1 and mean average precision of the queries against the gallery."""
@@ -99,14 +98,11 @@ class AppearanceTraining(lightning.LightningModule):
             scores = self._score()
             self.log("val/rank1", scores.rank1, prog_bar=True, sync_dist=True)
             self.log("val/map", scores.mean_average_precision, prog_bar=True, sync_dist=True)
-        self._described, self._validated = [], []
+        self._validated = []
 
     def _score(self) -> Retrieval:
-        features = torch.cat(self._described).double().numpy()
-        ids, frames, query = (
-            torch.cat([getattr(batch, name) for batch in self._validated]).cpu().numpy()
-            for name in ("ids", "frames", "query")
-        )
+        described, ids, frames, query = (np.stack(x) for x in zip(*gathered(self, self._validated), strict=True))
+        features = described.astype(np.float64)
         distances = 1 - features[query] @ features[~query].T
         # Views a moment apart look the same to anything; finding those says nothing.
         near = np.abs(frames[query][:, None] - frames[~query][None]) < APART

@@ -31,7 +31,7 @@ from tsuiseki.trainers.networks.detector_network import (
     detector_card,
     take_over,
 )
-from tsuiseki.trainers.networks.modules import Optimisation, normalised, plain_hyperparameters
+from tsuiseki.trainers.networks.modules import Optimisation, gathered, normalised, plain_hyperparameters
 
 # Widths and heights of people in street views, in pixels of a 640x480 input, at strides 8, 16, 32 and 64.
 STREET_ANCHORS: list[list[tuple[float, float]]] = [
@@ -111,8 +111,7 @@ class DetectorTraining(lightning.LightningModule):
         self.teacher = None if teacher.file is None else SoftTeacher(teacher.file, self.network, self.card)
         self.teacher_weight = teacher.weight
         self.optimisation, self.features_rate = optimisation, features_rate
-        self._truth: list[LabelledBoxes] = []
-        self._found: list[Detections] = []
+        self._validated: list[tuple[LabelledBoxes, Detections]] = []
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
         self.network.to(memory_format=torch.channels_last)
 
@@ -142,25 +141,27 @@ class DetectorTraining(lightning.LightningModule):
             soft = distillation_loss(logits, offsets, self.network.anchors, self.teacher.targets(images))
             terms["train/teacher_loss"] = self.teacher_weight * (soft[0] + self.loss.box_weight * soft[1])
             total = total + terms["train/teacher_loss"]
-        self.log_dict(terms, on_step=False, on_epoch=True)
+        self.log_dict(terms, on_step=False, on_epoch=True, sync_dist=True)
         return total
 
     def validation_step(self, batch: DetectionBatch, batch_index: int) -> None:
         """Keep what was found in a batch, and what was there."""
         del batch_index
         logits, offsets = self(batch.images)
-        self._found += detections(logits, offsets, self.network.anchors, self.card)
-        for boxes, labels in zip(batch.boxes.double().cpu().numpy(), batch.labels.cpu().numpy(), strict=True):
+        found = detections(logits, offsets, self.network.anchors, self.card)
+        truth = zip(batch.boxes.double().cpu().numpy(), batch.labels.cpu().numpy(), strict=True)
+        for (boxes, labels), here in zip(truth, found, strict=True):
             real = labels != PADDING
-            self._truth.append(LabelledBoxes(boxes[real], labels[real] == IGNORED))
+            self._validated.append((LabelledBoxes(boxes[real], labels[real] == IGNORED), here))
 
     def on_validation_epoch_end(self) -> None:
-        """Log AP50 over the validation images of this device."""
+        """Log AP50 over the validation images of all devices."""
         if not self.trainer.sanity_checking:
-            scores = evaluate_detections(self._truth, self._found)
+            truth, found = zip(*gathered(self, self._validated), strict=True)
+            scores = evaluate_detections(truth, found)
             self.log("val/ap50", scores.average_precision, prog_bar=True, sync_dist=True)
             self.log("val/f1", scores.best_f1, sync_dist=True)
-        self._truth, self._found = [], []
+        self._validated = []
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW or SGD under a linear warm-up and a cosine decay over the whole training."""

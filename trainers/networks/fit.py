@@ -17,9 +17,10 @@ from typing import Any
 import lightning
 import torch
 from jsonargparse import ArgumentError
+from lightning.fabric.utilities.exceptions import MisconfigurationException
 from lightning.pytorch.callbacks import Callback, LearningRateMonitor, ModelCheckpoint
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
-from lightning.pytorch.loggers import CSVLogger, Logger, TensorBoardLogger
+from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.output import RunRecord
@@ -78,7 +79,7 @@ def fit_detector(arguments: Sequence[str]) -> Path | None:
     """Train a detector as the command line ``arguments`` say; with --propose-anchors only print anchors that fit.
 
     Returns:
-        The best checkpoint; None for anchors.
+        The best checkpoint; None for anchors, and where `fit` gives none.
     """
     if PROPOSE not in arguments:
         return fit(DETECTOR, arguments)
@@ -89,17 +90,17 @@ def fit_detector(arguments: Sequence[str]) -> Path | None:
     return None
 
 
-def fit_appearance(arguments: Sequence[str]) -> Path:
+def fit_appearance(arguments: Sequence[str]) -> Path | None:
     """Train an appearance network as the command line ``arguments`` say; see `fit`."""
     return fit(APPEARANCE, arguments)
 
 
-def fit_action(arguments: Sequence[str]) -> Path:
+def fit_action(arguments: Sequence[str]) -> Path | None:
     """Train an action network as the command line ``arguments`` say; see `fit`."""
     return fit(ACTION, arguments)
 
 
-def fit_association(arguments: Sequence[str]) -> Path:
+def fit_association(arguments: Sequence[str]) -> Path | None:
     """Train an association network as the command line ``arguments`` say, and export it; see `fit`.
 
     ``DIR`` also gets ``association.onnx``, the best network as the tracker takes it, and ``appearance.onnx`` and
@@ -108,6 +109,8 @@ def fit_association(arguments: Sequence[str]) -> Path:
     from tsuiseki.trainers.exporting.export_costs import export_trained
 
     best = fit(ASSOCIATION, arguments)
+    if best is None:
+        return None
     out = best.parent.parent
     held = torch.load(best, map_location="cpu", weights_only=True)
     appearance, detector = (
@@ -119,16 +122,17 @@ def fit_association(arguments: Sequence[str]) -> Path:
     return best
 
 
-def fit(task: Task, arguments: Sequence[str]) -> Path:
+def fit(task: Task, arguments: Sequence[str]) -> Path | None:
     """Train as the command line ``arguments`` say.
 
     Besides ``--config FILE``, ``--trainer.*``, ``--model.*`` and ``--data.*`` these are ``--out DIR``,
     ``--ckpt_path FILE`` (go on from there) and ``--overwrite``. ``DIR`` gets ``checkpoints/{best,last}.ckpt`` (and
     what a `ModelCheckpoint` among ``--trainer.callbacks`` keeps), ``metrics/version_N/{metrics.csv,config.yaml}`` (N
-    counts the sittings), TensorBoard events and ``run.json``.
+    counts the sittings), TensorBoard events and ``run.json``. Loggers and views of the progress that ``--trainer.*``
+    gives are taken instead.
 
     Returns:
-        The best checkpoint.
+        The best checkpoint; None where this training kept none, for want of a validation, say.
 
     Raises:
         RequestError: an unknown key, a wrong type, a missing file, or an output folder that holds a training.
@@ -148,9 +152,10 @@ def fit(task: Task, arguments: Sequence[str]) -> Path:
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
         cli = _parse(task, arguments)
         _fit(task, cli)
-    best = Path(cli.out) / "checkpoints" / "best.ckpt"
+    kept = next((c for c in cli.trainer.checkpoint_callbacks if getattr(c, "monitor", None) == task.monitor), None)
+    best = Path(kept.best_model_path) if isinstance(kept, ModelCheckpoint) and kept.best_model_path else None
     if cli.trainer.is_global_zero:
-        print(f"best checkpoint: {best}")
+        print("no best checkpoint was kept" if best is None else f"best checkpoint: {best}")
     return best
 
 
@@ -229,33 +234,29 @@ class TaskCLI(LightningCLI):
             )
 
     def instantiate_trainer(self, **kwargs: object) -> lightning.Trainer:
-        """The configured trainer with our loggers and callbacks added."""
-        out = str(self.out)
-        loggers: list[Logger] = [
-            CSVLogger(out, name="metrics"),
-            TensorBoardLogger(out, name="", version="tensorboard"),
-        ]
-        on_terminal = sys.stdout.isatty()
-        callbacks: list[Callback] = [
-            ModelCheckpoint(
-                self.out / "checkpoints",
-                filename="best",
-                monitor=self.task.monitor,
-                mode="max",
-                enable_version_counter=False,
-            ),
-            # By itself: save_last of the one above would only follow the best.
-            ModelCheckpoint(self.out / "checkpoints", filename="last", enable_version_counter=False),
-            LearningRateMonitor(logging_interval="epoch"),
-        ]
-        self.trainer_defaults["callbacks"] = callbacks if on_terminal else [*callbacks, EpochLines()]
-        trainer = super().instantiate_trainer(
-            logger=loggers,
-            default_root_dir=out,
-            enable_progress_bar=on_terminal,
-            enable_model_summary=on_terminal,
-            **kwargs,
-        )
+        """The configured trainer with our callbacks added, and our loggers where no others are given."""
+        out, given, on_terminal = str(self.out), self.config.trainer, sys.stdout.isatty()
+        ours: dict[str, Any] = {
+            "logger": [CSVLogger(out, name="metrics"), TensorBoardLogger(out, name="", version="tensorboard")],
+            "default_root_dir": out,
+            "enable_progress_bar": on_terminal,
+            "enable_model_summary": on_terminal,
+        }
+        callbacks: list[Callback] = []
+        if given.enable_checkpointing is not False:
+            best: dict[str, Any] = {"filename": "best", "monitor": self.task.monitor, "mode": "max"}
+            # The last by itself: save_last of the best would only follow the best.
+            callbacks += [
+                ModelCheckpoint(self.out / "checkpoints", enable_version_counter=False, **how)
+                for how in (best, {"filename": "last"})
+            ]
+        if given.logger is None or given.logger:
+            callbacks.append(LearningRateMonitor(logging_interval="epoch"))
+        if not (on_terminal or given.enable_progress_bar):
+            callbacks.append(EpochLines())
+        self.trainer_defaults["callbacks"] = callbacks
+        kwargs |= {name: value for name, value in ours.items() if given[name] is None}
+        trainer = super().instantiate_trainer(**kwargs)
         for callback in trainer.checkpoint_callbacks:
             # Lightning would put them into the folder of this sitting, where a training that goes on does not look.
             if isinstance(callback, ModelCheckpoint) and callback.dirpath is None:
@@ -298,7 +299,7 @@ def _class(place: str) -> Any:
 def _parse(task: Task, arguments: Sequence[str]) -> TaskCLI:
     try:
         return TaskCLI(task, arguments)
-    except ArgumentError as error:
+    except (ArgumentError, MisconfigurationException, ModuleNotFoundError) as error:
         raise RequestError(one_line(error)) from error
 
 

@@ -9,7 +9,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import torch
 from lightning import LightningModule, Trainer
@@ -19,6 +19,8 @@ from torch.optim import SGD, AdamW, Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
 from tsuiseki.tracking.onnx import ModelCard
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,22 @@ def _plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {name: _plain(part) for name, part in dataclasses.asdict(value).items()}
     return str(value) if isinstance(value, Path) else value
+
+
+def gathered(module: LightningModule, rows: list[T]) -> list[T]:
+    """The ``rows`` of all devices together, as one device would have them.
+
+    Args:
+        module: on one of the devices, which Lightning gives every n-th sample of the validation.
+        rows: one for each of its samples, in their order.
+    """
+    if module.trainer.world_size == 1:
+        return rows
+    every: list[list[T]] = [[] for _ in range(module.trainer.world_size)]
+    torch.distributed.all_gather_object(every, rows)
+    # So that all have as many, the last samples are the first ones again.
+    samples: Any = module.trainer.val_dataloaders
+    return [row for step in zip(*every, strict=True) for row in step][: len(samples.dataset)]
 
 
 def normalised(images: Tensor, card: ModelCard) -> Tensor:

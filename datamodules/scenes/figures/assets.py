@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.figures.mesh import triangles_of_quads
+from tsuiseki.datamodules.scenes.render.photographs import shrunk
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
@@ -102,19 +103,12 @@ class Assets:
         self.folder = Path(folder)
         base = next(iter(sorted(self.folder.rglob("3dobjs/base.obj"))), None)
         if base is None:
-            raise RequestError(
-                f"expected the unpacked body packages under {self.folder} with a file 3dobjs/base.obj, got none; "
-                "docs/methods/rendered-people.md says how to get them"
-            )
+            raise _lacking(f"the unpacked body packages under {self.folder} with a file 3dobjs/base.obj")
         self.model = base.parent.parent
         proxies = next(iter(sorted(self.folder.rglob("proxies/clothes"))), None)
         skins = sorted(self.folder.rglob("skins/*/textures/*diffuse*.png"))
         if proxies is None or not skins:
-            raise RequestError(
-                f"expected folders proxies/clothes and skins with textures under {self.folder}, got "
-                f"{'no clothes' if proxies is None else 'no skins'}; "
-                "docs/methods/rendered-people.md says how to get them"
-            )
+            raise _lacking(f"{'proxies/clothes' if proxies is None else 'skins with textures'} under {self.folder}")
         self.proxies = proxies.parent
         self.skins = skins
         self.body = _read_body(self.model)
@@ -135,15 +129,17 @@ class Assets:
         """The clothes or the hair (``kind``) of this name."""
         path = self.proxies / kind / name / f"{name}.json"
         if not path.exists():
-            raise RequestError(
-                f"expected {path}, got nothing there; docs/methods/rendered-people.md says which packages hold it"
-            )
+            raise _lacking(str(path))
         return _read_garment(path)
 
     @lru_cache(maxsize=8)  # noqa: B019
     def skin(self, number: int) -> ImageArray:
         """``(h, w, 4)`` uint8 RGBA."""
         return read_texture(self.skins[number])
+
+
+def _lacking(what: str) -> RequestError:
+    return RequestError(f"expected {what}, got none; docs/methods/rendered-people.md says how to get the packages")
 
 
 def read_texture(path: Path) -> ImageArray:
@@ -153,9 +149,7 @@ def read_texture(path: Path) -> ImageArray:
         raise RequestError(f"expected a picture at {path}, got something that cannot be decoded; unpack it again")
     if image.ndim == 2:
         image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    shrink = _LARGEST_TEXTURE / image.shape[1]
-    if shrink < 1:
-        image = cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+    image = shrunk(image, _LARGEST_TEXTURE / image.shape[1])
     opaque = np.full(image.shape[:2], 255, dtype=np.uint8)
     alpha = image[..., 3] if image.shape[2] == 4 else opaque
     return np.dstack([image[..., 2::-1], alpha])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +38,8 @@ class Mesh:
 def vertex_normals(vertices: FloatArray, triangles: IntArray) -> FloatArray:
     """``(N, 3)`` unit normals: means over the triangles about each vertex, weighted by area."""
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    of_triangle = np.cross(b - a, c - a)
-    total = np.stack(
-        [np.bincount(triangles.ravel(), np.repeat(of_triangle[:, k], 3), minlength=len(vertices)) for k in range(3)],
-        axis=1,
-    )
+    shares = np.repeat(np.cross(b - a, c - a), 3, axis=0)
+    total = np.stack([np.bincount(triangles.ravel(), share, minlength=len(vertices)) for share in shares.T], axis=1)
     return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12))
 
 
@@ -63,21 +60,13 @@ def ellipsoid(centre: FloatArray, radii: FloatArray, power: float = 1.0) -> tupl
     rings, sectors = 13, 20
     around = np.linspace(0, 2 * np.pi, sectors, endpoint=False)
     up = np.linspace(-np.pi / 2, np.pi / 2, rings)
-    unit = np.stack(
-        [
-            np.outer(np.cos(up), np.cos(around)),
-            np.outer(np.cos(up), np.sin(around)),
-            np.outer(np.sin(up), np.ones(sectors)),
-        ],
-        axis=-1,
-    ).reshape(-1, 3)
+    out = np.cos(up)
+    axes = [np.outer(out, np.cos(around)), np.outer(out, np.sin(around)), np.outer(np.sin(up), np.ones(sectors))]
+    unit = np.stack(axes, axis=-1).reshape(-1, 3)
     boxy = np.sign(unit) * np.abs(unit) ** power
     row, column = np.divmod(np.arange((rings - 1) * sectors), sectors)
-    after = (column + 1) % sectors
-    quads = np.stack(
-        [row * sectors + column, row * sectors + after, (row + 1) * sectors + after, (row + 1) * sectors + column],
-        axis=1,
-    )
+    low, high, after = row * sectors, (row + 1) * sectors, (column + 1) % sectors
+    quads = np.stack([low + column, low + after, high + after, high + column], axis=1)
     return centre + boxy * radii, triangles_of_quads(quads)
 
 
@@ -106,6 +95,11 @@ class Fragments:
         return Fragments(self.pixel[kept], self.triangle[kept], self.where[kept], self.depth[kept])
 
 
+def joined(parts: list[Fragments]) -> Fragments:
+    """All fragments of several lists."""
+    return Fragments(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Fragments)))
+
+
 def rasterise(corners: FloatArray, depth: FloatArray, width: int, height: int) -> Fragments:
     """All pixels whose centres lie in triangles.
 
@@ -127,12 +121,7 @@ def rasterise(corners: FloatArray, depth: FloatArray, width: int, height: int) -
         _on_squares(np.flatnonzero(there & (side > before) & (side <= k)), k, corners, depth, low, high, width)
         for before, k in zip((0, *_SIDES), _SIDES, strict=False)
     ]
-    return Fragments(
-        np.concatenate([p.pixel for p in parts]),
-        np.concatenate([p.triangle for p in parts]),
-        np.concatenate([p.where for p in parts]),
-        np.concatenate([p.depth for p in parts]),
-    )
+    return joined(parts)
 
 
 def _on_squares(

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.figures.assets import BONES, Assets
 from tsuiseki.datamodules.scenes.figures.figure import Figure, random_figure
-from tsuiseki.datamodules.scenes.figures.mesh import Fragments, Mesh, nearest, rasterise, vertex_normals
+from tsuiseki.datamodules.scenes.figures.mesh import Fragments, Mesh, joined, nearest, rasterise, vertex_normals
 from tsuiseki.datamodules.scenes.people.person import view_from
 from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton, place, random_manner, standing, walking
+from tsuiseki.datamodules.scenes.render.solids import tight
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -23,6 +24,11 @@ _PARENTS = {"trunk": "pelvis", "head": "trunk"} | {
         ("upperarm", "trunk"), ("lowerarm", "upperarm"), ("wrist", "lowerarm"),
         ("upperleg", "pelvis"), ("lowerleg", "upperleg"), ("foot", "lowerleg"),
     )
+}  # fmt: skip
+# Where each limb begins and ends in a `PersonSkeleton`.
+_JOINTS = {
+    "upperarm": ("shoulder", "elbow"), "lowerarm": ("elbow", "wrist"), "wrist": ("wrist", "fingers"),
+    "upperleg": ("hip", "knee"), "lowerleg": ("knee", "ankle"), "foot": ("ankle", "toe"),
 }  # fmt: skip
 _NEXT = {"upperarm": "lowerarm", "lowerarm": "wrist", "upperleg": "lowerleg", "lowerleg": "foot"}
 
@@ -57,20 +63,9 @@ def _bones(figure: Figure, skeleton: PersonSkeleton) -> tuple[list[FloatArray], 
             part, side = bone.split(".")
             end = figure.joints[BONES.index(f"{_NEXT[part]}.{side}")] if part in _NEXT else figure.tips[bone]
             rest = rotation[parent] @ (end - figure.joints[b])
-            rotation[bone] = shortest_turn(rest, _direction(skeleton, part, "LR".index(side))) @ rotation[parent]
+            start, stop = (getattr(skeleton, joint)["LR".index(side)] for joint in _JOINTS[part])
+            rotation[bone] = shortest_turn(rest, stop - start) @ rotation[parent]
     return [rotation[b] for b in BONES], [origin[b] for b in BONES]
-
-
-def _direction(s: PersonSkeleton, part: str, k: int) -> FloatArray:
-    start, end = {
-        "upperarm": (s.shoulder, s.elbow),
-        "lowerarm": (s.elbow, s.wrist),
-        "wrist": (s.wrist, s.fingers),
-        "upperleg": (s.hip, s.knee),
-        "lowerleg": (s.knee, s.ankle),
-        "foot": (s.ankle, s.toe),
-    }[part]
-    return np.asarray(end[k] - start[k])
 
 
 def shortest_turn(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -170,14 +165,8 @@ def render_figure(figure: Figure, skeleton: PersonSkeleton, camera: PinholeCamer
     """
     vertices = posed(figure, skeleton)
     parts = [_fragments(mesh, points, camera) for mesh, points in zip(figure.meshes, vertices, strict=True)]
-    owner = np.concatenate([np.full(len(p.pixel), k) for k, p in enumerate(parts)])
-    every = Fragments(
-        np.concatenate([p.pixel for p in parts]),
-        np.stack([owner, np.concatenate([p.triangle for p in parts])], axis=1),
-        np.concatenate([p.where for p in parts]),
-        np.concatenate([p.depth for p in parts]),
-    )
-    seen = nearest(every)
+    owned = [np.stack([np.full(len(p.pixel), k), p.triangle], axis=1) for k, p in enumerate(parts)]
+    seen = nearest(joined([replace(part, triangle=of) for part, of in zip(parts, owned, strict=True)]))
     size = (camera.height, camera.width)
     albedo, normal = np.zeros((*size, 3), np.uint8), np.zeros((*size, 3), np.int8)
     label = np.zeros(size, np.uint8)
@@ -189,10 +178,10 @@ def render_figure(figure: Figure, skeleton: PersonSkeleton, camera: PinholeCamer
         label[rows, columns] = mesh.labels[triangle]
         normal[rows, columns] = np.round(127 * _normals(mesh, points, triangle, own.where, camera)).astype(np.int8)
     ends, _ = camera.project(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, figure.height]]))
-    rows, columns = np.flatnonzero(label.any(axis=1)), np.flatnonzero(label.any(axis=0))
-    at = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-    feet, head = ends - [columns[0], rows[0]]
-    sides = np.array([0.0, columns[-1] + 1.0 - columns[0]])
+    left, top, right, bottom = tight(label > 0)
+    at = (slice(top, bottom), slice(left, right))
+    feet, head = ends - [left, top]
+    sides = np.array([0.0, float(right - left)])
     return Sprite(albedo[at], normal[at], label[at], feet, head, figure.height, tilt, sides)
 
 

@@ -112,13 +112,9 @@ def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
     width = sprite.label.shape[1]
     normal = sprite.normal[:, ::-1].copy()
     normal[..., 1] *= -1
-    flip = np.array([-1.0, 1.0])
-    offset = np.array([width, 0.0])
-    return Sprite(
-        np.ascontiguousarray(albedo[:, ::-1]), normal, np.ascontiguousarray(sprite.label[:, ::-1]),
-        offset + flip * sprite.feet, offset + flip * sprite.head, sprite.height, sprite.tilt,
-        width - sprite.steady[::-1],
-    )  # fmt: skip
+    feet, head = (np.array([width, 0.0]) + np.array([-1.0, 1.0]) * place for place in (sprite.feet, sprite.head))
+    albedo, labels = np.ascontiguousarray(albedo[:, ::-1]), np.ascontiguousarray(sprite.label[:, ::-1])
+    return Sprite(albedo, normal, labels, feet, head, sprite.height, sprite.tilt, width - sprite.steady[::-1])
 
 
 def tilt_of(camera: RayCamera, spot: FloatArray) -> float:
@@ -136,14 +132,11 @@ def _similarity(a: FloatArray, b: FloatArray, to_a: FloatArray, to_b: FloatArray
 def _warped(sprite: Sprite, affine: FloatArray, size: tuple[int, int]) -> Sprite:
     centred = affine.copy()
     centred[:, 2] += affine[:, :2].sum(axis=1) / 2 - 0.5
-    parts = [
+    albedo, normal, label = (
         cv2.warpAffine(part, centred, size, flags=cv2.INTER_NEAREST)
         for part in (sprite.albedo, sprite.normal.astype(np.int16), sprite.label)
-    ]
-    return Sprite(
-        np.asarray(parts[0], np.uint8), parts[1].astype(np.int8), np.asarray(parts[2], np.uint8),
-        sprite.feet, sprite.head, sprite.height, sprite.tilt, sprite.steady,
-    )  # fmt: skip
+    )
+    return replace(sprite, albedo=albedo.astype(np.uint8), normal=normal.astype(np.int8), label=label.astype(np.uint8))
 
 
 # Metres: about a person's height and less, up to that of a sign on its post.
@@ -155,13 +148,9 @@ _FACING = (-107, 0, 68)
 
 
 def pictured_things(
-    rng: np.random.Generator,
-    photographs: Photographs,
-    camera: PinholeCamera,
-    count: int,
-    taken: FloatArray,
+    rng: np.random.Generator, photographs: Photographs, camera: PinholeCamera, count: int, taken: FloatArray,
     largest: float,
-) -> list[Thing]:
+) -> list[Thing]:  # fmt: skip
     """Up to ``count`` photographed things, clear of the places ``taken`` ``(N, 2)``; see `clutter_around`."""
     made: list[tuple[Solids, Sprite]] = []
 

@@ -19,26 +19,15 @@ from tsuiseki.datamodules.scenes.people.posture import (
     UPPER_ARM,
     Build,
     Manner,
+    Pair,
     Pose,
+    pair,
     standing,
     stride_length,
     walking,
 )
 from tsuiseki.datamodules.scenes.people.props import CART_AHEAD, CRATE_AHEAD, HANDLE_HEIGHT, SUITCASE_BEHIND, Kind, Prop
-from tsuiseki.tracking.formats.acting_tracks import (
-    CALLING,
-    CARRYING,
-    DRINKING,
-    HANDSHAKING,
-    HUGGING,
-    LYING,
-    PUSHING,
-    READING,
-    RUNNING,
-    SITTING,
-    STANDING,
-    WALKING,
-)
+from tsuiseki.tracking.formats import acting_tracks as act
 from tsuiseki.tracking.types import FloatArray
 
 LEFT, RIGHT = 0, 1
@@ -48,7 +37,9 @@ SIP = (0.6, 1.6, 0.6, 1.4)
 SHAKE_RATE, SHAKE_RISE = 2.2, 0.09
 
 
-def reach(build: Build, pose: Pose, hand: int, target: tuple[float, float, float], swivel: float = 0.4) -> Pose:
+def reach(
+    build: Build, pose: Pose, hand: int, target: FloatArray | tuple[float, float, float], swivel: float = 0.4
+) -> Pose:
     """``pose`` with the palm of ``hand`` at ``target``, or as near to it as the arm is long.
 
     Args:
@@ -87,14 +78,14 @@ def _angles(direction: FloatArray) -> tuple[float, float]:
     return math.atan2(x, -z), math.asin(float(np.clip(y, -1, 1)))
 
 
-def _put(pair: tuple[float, float], hand: int, value: float) -> tuple[float, float]:
-    return (value, pair[1]) if hand == LEFT else (pair[0], value)
+def _put(both: Pair, hand: int, value: float) -> Pair:
+    return (value, both[1]) if hand == LEFT else (both[0], value)
 
 
 def running(build: Build, manner: Manner, phase: float, speed: float) -> Pose:
     """Running at ``phase`` strides: knees high, heels up behind, bent arms that swing, and a flight between steps."""
     effort = min(speed / 3.5, 1.3)
-    legs = [_running_leg(phase + 0.5 * k, effort) for k in (0, 1)]
+    hip, knee, ankle = zip(*(_running_leg(phase + 0.5 * k, effort) for k in (0, 1)), strict=True)
     beat = math.cos(2 * math.pi * phase)
     swing = 0.75 * effort
     return Pose(
@@ -105,9 +96,9 @@ def running(build: Build, manner: Manner, phase: float, speed: float) -> Pose:
         spread=(0.15, 0.15),
         elbow=(1.5, 1.5),
         inward=(0.35, 0.35),
-        hip=(legs[0][0], legs[1][0]),
-        knee=(legs[0][1], legs[1][1]),
-        ankle=(legs[0][2], legs[1][2]),
+        hip=hip,
+        knee=knee,
+        ankle=ankle,
         lift=0.05 * build.height * effort * abs(math.sin(2 * math.pi * phase)),
     )
 
@@ -126,15 +117,14 @@ def sitting(rng: np.random.Generator, on_ground: bool) -> Pose:
     if on_ground:
         bent = rng.uniform(0.15, 1.5, 2)
         # A bent knee stands up: thigh and shank make a triangle over the ground.
-        hip = 1.5 + 0.5 * bent
         return Pose(
             lean=float(rng.uniform(-0.25, 0.25)),
             nod=float(rng.uniform(0.0, 0.3)),
-            shoulder=(float(rng.uniform(0.1, 0.7)), float(rng.uniform(0.1, 0.7))),
+            shoulder=pair(rng.uniform(0.1, 0.7, 2)),
             spread=(0.2, 0.2),
             elbow=(0.5, 0.5),
-            hip=(float(hip[0]), float(hip[1])),
-            knee=(float(bent[0]), float(bent[1])),
+            hip=pair(1.5 + 0.5 * bent),
+            knee=pair(bent),
             straddle=(0.15, 0.15),
         )
     return Pose(
@@ -144,7 +134,7 @@ def sitting(rng: np.random.Generator, on_ground: bool) -> Pose:
         spread=(0.08, 0.08),
         elbow=(0.8, 0.8),
         inward=(0.3, 0.3),
-        hip=(1.5 + float(knees[0]), 1.5 + float(knees[1])),
+        hip=pair(1.5 + knees),
         knee=(1.45, 1.45),
         straddle=(0.12, 0.12),
     )
@@ -152,10 +142,7 @@ def sitting(rng: np.random.Generator, on_ground: bool) -> Pose:
 
 def lying(rng: np.random.Generator, build: Build) -> Pose:
     """Somebody who lies on the back or on the belly, one leg perhaps drawn up."""
-    arms = rng.uniform(0.1, 1.2, 2)
-    spread = (float(arms[0]), float(arms[1]))
-    apart = (float(rng.uniform(0.03, 0.25)), float(rng.uniform(0.03, 0.25)))
-    quarter = math.pi / 2
+    spread, apart, quarter = pair(rng.uniform(0.1, 1.2, 2)), pair(rng.uniform(0.03, 0.25, 2)), math.pi / 2
     if rng.random() < 0.65:
         drawn = float(rng.uniform(0, 1.6)) if rng.random() < 0.4 else 0.0
         # The leg that stays stretched is the lower one, so the body rests on it.
@@ -189,11 +176,8 @@ def drinking(build: Build, pose: Pose, hand: int, seconds: float) -> Pose:
     raised = sip(seconds)
     h = build.height
     low, high = np.array([0.12, -0.02, -0.2]) * h, np.array([0.085, -0.09, 0.1]) * h
-    x, y, z = low + raised * (high - low)
-    return replace(
-        reach(build, pose, hand, (float(x), float(y), float(z)), swivel=0.4 + 0.5 * raised),
-        nod=pose.nod * (1 - raised) - 0.35 * raised,
-    )
+    held = reach(build, pose, hand, low + raised * (high - low), swivel=0.4 + 0.5 * raised)
+    return replace(held, nod=pose.nod * (1 - raised) - 0.35 * raised)
 
 
 def sip(seconds: float) -> float:
@@ -240,11 +224,6 @@ def pulling(build: Build, pose: Pose, hand: int) -> Pose:
     return replace(reach(build, pose, hand, (-0.2 * h, 0.03 * h, -0.3 * h), swivel=0.2), lean=pose.lean + 0.12)
 
 
-def strolling(build: Build, manner: Manner, phase: float, speed: float) -> Pose:
-    """`gait.walking` with both arms free."""
-    return walking(build, replace(manner, carry=(0.0, 0.0)), phase, speed)
-
-
 @dataclass(frozen=True)
 class Activity:
     """A posture, with or without something that is done meanwhile.
@@ -269,66 +248,60 @@ class Activity:
     @property
     def moving(self) -> bool:
         """Whether one gets somewhere by it."""
-        return self.posture in (WALKING, RUNNING)
+        return self.posture in (act.WALKING, act.RUNNING)
 
 
-WALK, STAND = Activity(WALKING), Activity(STANDING)
-SIT, LIE = Activity(SITTING, seconds=(4, 10)), Activity(LYING, seconds=(4, 10))
+WALK, STAND = Activity(act.WALKING), Activity(act.STANDING)
+SIT, LIE = Activity(act.SITTING, seconds=(4, 10)), Activity(act.LYING, seconds=(4, 10))
 ACTIVITIES = (
     WALK,
     STAND,
     SIT,
     LIE,
-    Activity(RUNNING, weight=1.5),
-    Activity(STANDING, READING, weight=0.5),
-    Activity(SITTING, READING, (4, 10), 0.6),
-    Activity(STANDING, DRINKING, weight=0.5),
-    Activity(SITTING, DRINKING, (4, 8), 0.3),
-    Activity(WALKING, DRINKING, weight=0.3),
-    Activity(STANDING, CALLING, weight=0.5),
-    Activity(WALKING, CALLING, weight=0.5),
-    Activity(WALKING, PUSHING, (5, 12), 1.2),
-    Activity(WALKING, CARRYING, (5, 12), 0.9),
-    Activity(STANDING, CARRYING, (2, 4), 0.2),
-    Activity(STANDING, HANDSHAKING, (2.5, 5), 1.2),
-    Activity(STANDING, HUGGING, (2.5, 5), 1.2),
+    Activity(act.RUNNING, weight=1.5),
+    Activity(act.STANDING, act.READING, weight=0.5),
+    Activity(act.SITTING, act.READING, (4, 10), 0.6),
+    Activity(act.STANDING, act.DRINKING, weight=0.5),
+    Activity(act.SITTING, act.DRINKING, (4, 8), 0.3),
+    Activity(act.WALKING, act.DRINKING, weight=0.3),
+    Activity(act.STANDING, act.CALLING, weight=0.5),
+    Activity(act.WALKING, act.CALLING, weight=0.5),
+    Activity(act.WALKING, act.PUSHING, (5, 12), 1.2),
+    Activity(act.WALKING, act.CARRYING, (5, 12), 0.9),
+    Activity(act.STANDING, act.CARRYING, (2, 4), 0.2),
+    Activity(act.STANDING, act.HANDSHAKING, (2.5, 5), 1.2),
+    Activity(act.STANDING, act.HUGGING, (2.5, 5), 1.2),
 )
 # What each action is done with; what stands on the ground must be fetched first.
-HELD: dict[str, tuple[Kind, ...]] = {READING: ("book",), DRINKING: ("bottle",), CALLING: ("phone",)}
-FETCHED: dict[str, tuple[Kind, ...]] = {PUSHING: ("cart", "suitcase"), CARRYING: ("crate",)}
+HELD: dict[str, tuple[Kind, ...]] = {act.READING: ("book",), act.DRINKING: ("bottle",), act.CALLING: ("phone",)}
+FETCHED: dict[str, tuple[Kind, ...]] = {act.PUSHING: ("cart", "suitcase"), act.CARRYING: ("crate",)}
 # Metres between two people.
-APART = {HANDSHAKING: 0.95, HUGGING: 0.42}
+APART = {act.HANDSHAKING: 0.95, act.HUGGING: 0.42}
 # Metres from the person's middle to that of what was fetched, forward.
 AHEAD: dict[Kind, float] = {"cart": CART_AHEAD, "suitcase": -SUITCASE_BEHIND, "crate": CRATE_AHEAD}
 
 
 def resting_pose(rng: np.random.Generator, activity: Activity, person: Person, on_bench: bool) -> Pose:
     """The posture under an activity, as this person takes it this time."""
-    if activity.posture == SITTING:
+    if activity.posture == act.SITTING:
         return sitting(rng, not on_bench)
-    if activity.posture == LYING:
+    if activity.posture == act.LYING:
         return lying(rng, person.build)
     return standing(rng, person.manner)
 
 
 def stride_frequency(activity: Activity, person: Person, speed: float) -> float:
     """Strides a second at ``speed`` m/s."""
-    if activity.posture == RUNNING:
+    if activity.posture == act.RUNNING:
         return 1.25 + 0.06 * speed
     return speed / stride_length(person.build, person.manner, speed)
 
 
 def pose_of(
-    activity: Activity,
-    person: Person,
-    rest: Pose,
-    seconds: float,
-    phase: float,
-    speed: float,
-    hand: int,
+    activity: Activity, person: Person, rest: Pose, seconds: float, phase: float, speed: float, hand: int,
     prop: Prop | None,
-) -> Pose:
-    """The pose after ``seconds`` of an activity.
+) -> Pose:  # fmt: skip
+    """The pose of ``person`` after ``seconds`` of an activity.
 
     Args:
         activity: what is done.
@@ -341,26 +314,26 @@ def pose_of(
         prop: what it is done with.
     """
     build = person.build
-    if activity.posture == RUNNING:
+    if activity.posture == act.RUNNING:
         return running(build, person.manner, phase, speed)
-    if activity.posture == WALKING:
-        pose = strolling(build, person.manner, phase, speed)
+    if activity.posture == act.WALKING:
+        pose = walking(build, replace(person.manner, carry=(0.0, 0.0)), phase, speed)
     else:
         # Nobody keeps quite still.
         pose = replace(rest, look=rest.look + 0.2 * math.sin(0.9 * seconds + 7 * phase), sway=rest.sway)
-    if activity.act == READING:
+    if activity.act == act.READING:
         return reading(build, pose)
-    if activity.act == DRINKING:
+    if activity.act == act.DRINKING:
         return drinking(build, pose, hand, seconds)
-    if activity.act == CALLING:
+    if activity.act == act.CALLING:
         return calling(build, pose, hand)
-    if activity.act == HANDSHAKING:
-        return shaking_hands(build, pose, seconds, APART[HANDSHAKING])
-    if activity.act == HUGGING:
+    if activity.act == act.HANDSHAKING:
+        return shaking_hands(build, pose, seconds, APART[act.HANDSHAKING])
+    if activity.act == act.HUGGING:
         return hugging(build, pose, seconds)
-    if activity.act == CARRYING:
+    if activity.act == act.CARRYING:
         return holding_before(build, replace(pose, lean=pose.lean - 0.08), 0.36, 0.5, 1.0)
-    if activity.act == PUSHING and prop is not None:
+    if activity.act == act.PUSHING and prop is not None:
         if prop.kind == "suitcase":
             return pulling(build, pose, hand)
         return holding_before(build, replace(pose, lean=pose.lean + 0.15), 0.42, 0.45, HANDLE_HEIGHT)

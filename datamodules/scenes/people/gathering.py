@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.people.activities import (
     ACTIVITIES,
     AHEAD,
@@ -22,7 +23,7 @@ from tsuiseki.datamodules.scenes.people.activities import (
 )
 from tsuiseki.datamodules.scenes.people.person import Person, somebody
 from tsuiseki.datamodules.scenes.people.posture import Pose, blend
-from tsuiseki.datamodules.scenes.people.props import Prop, random_prop
+from tsuiseki.datamodules.scenes.people.props import Kind, Prop, random_prop
 from tsuiseki.tracking.formats.acting_tracks import CARRYING, PUSHING, RUNNING, SITTING
 from tsuiseki.tracking.types import FloatArray
 
@@ -30,6 +31,8 @@ from tsuiseki.tracking.types import FloatArray
 CHANGE = 0.45
 # Metres that people keep between their middles, and radians a second that they turn by.
 SPACE, TURN_RATE = 0.8, 3.5
+# Most seconds on the way to somewhere, and metres within which a place is reached.
+PATIENCE, ARRIVED = 9.0, 0.12
 
 
 @dataclass(frozen=True)
@@ -102,50 +105,6 @@ class Actor:
         return np.array([math.cos(angle), math.sin(angle)])
 
 
-def walk_on(actor: Actor, away: FloatArray, others: FloatArray, rate: float) -> None:
-    """One frame of walking or running.
-
-    Args:
-        actor: takes the step.
-        away: ``(2,)`` metres to where it wants to go.
-        others: ``(M, 3)`` x, y and radius of what it goes around.
-        rate: frames per second.
-    """
-    distance = float(np.linalg.norm(away))
-    desired = away / max(distance, 1e-6)
-    if actor.errand is None or distance > 1.5:
-        gap = actor.position - others[:, :2]
-        far = np.maximum(np.linalg.norm(gap, axis=1) - others[:, 2], 1e-3)
-        push = np.clip((SPACE + 0.5 - far) / 0.5, 0, 1)[:, None] * gap / far[:, None]
-        desired = desired + 1.6 * push.sum(axis=0)
-    wanted = math.atan2(desired[1], desired[0])
-    turn = (wanted - actor.heading + math.pi) % (2 * math.pi) - math.pi
-    # Near its aim somebody turns on the spot instead of circling it.
-    nimble = 4.0 if actor.errand is not None and distance < 1.0 else 1.0
-    limit = nimble * TURN_RATE / rate
-    actor.heading += float(np.clip(turn, -limit, limit))
-    speed = actor.pace * (0.35 + 0.65 * max(math.cos(turn), 0.0))
-    if actor.errand is not None:
-        speed = min(speed, 0.25 + 1.5 * distance)
-    actor.position = actor.position + actor.facing() * min(speed / rate, distance if actor.errand else 1e6)
-    actor.phase += stride_frequency(actor.activity, actor.person, speed) / rate
-
-
-def remember(actor: Actor, frame: int, rate: float) -> None:
-    """Add what ``actor`` is like in ``frame`` to its states."""
-    seconds = (frame - actor.began) / rate
-    pose = pose_of(actor.activity, actor.person, actor.rest, seconds, actor.phase, actor.pace, actor.hand, actor.prop)
-    if actor.states and seconds < CHANGE:
-        pose = blend(actor.before, pose, 0.5 - 0.5 * math.cos(math.pi * seconds / CHANGE))
-    actor.states.append(
-        PerformerState(actor.position.copy(), actor.heading, pose, actor.activity, actor.prop, actor.hand)
-    )
-
-
-# Most seconds on the way to somewhere, and metres within which a place is reached.
-PATIENCE, ARRIVED = 9.0, 0.12
-
-
 @dataclass(frozen=True)
 class Gathering:
     """Everybody and everything of a clip."""
@@ -158,29 +117,18 @@ class _Stage:
     """The simulation: steps everybody from frame to frame."""
 
     def __init__(
-        self,
-        rng: np.random.Generator,
-        people: int,
-        frame_rate: float,
-        arena: FloatArray,
-        obstacles: FloatArray,
+        self, rng: np.random.Generator, people: int, rate: float, arena: FloatArray, obstacles: FloatArray,
         look_alikes: float,
-    ) -> None:
-        self.rng, self.rate, self.arena, self.obstacles = rng, frame_rate, arena, obstacles
-        self.things = [
-            PlacedProp(random_prop(rng, "bench"), self.somewhere(0.9), float(rng.uniform(0, 2 * np.pi)))
-            for _ in range(int(rng.integers(1, 3)))
-        ]
+    ) -> None:  # fmt: skip
+        self.rng, self.rate, self.arena, self.obstacles = rng, rate, arena, obstacles
+        self.things = [self._put("bench", 0.9) for _ in range(int(rng.integers(1, 3)))]
         self.spent = dict.fromkeys(ACTIVITIES, 0.0)
         self.actors: list[Actor] = []
         for _ in range(people):
             person = somebody(rng, [actor.person for actor in self.actors], look_alikes)
             self.actors.append(Actor(person, self.somewhere(), float(rng.uniform(0, 2 * np.pi))))
-        for kind in ("cart", "crate", "suitcase"):
-            if rng.random() < 0.5:
-                self.things.append(
-                    PlacedProp(random_prop(rng, kind), self.somewhere(), float(rng.uniform(0, 2 * np.pi)))
-                )
+        kinds: tuple[Kind, ...] = ("cart", "crate", "suitcase")
+        self.things += [self._put(kind) for kind in kinds if rng.random() < 0.5]
         for index in range(people):
             if self.actors[index].until == 0:
                 self.choose(index, 0, at_once=True)
@@ -191,6 +139,9 @@ class _Stage:
         spot: FloatArray = self.arena[0] + radius * self.arena[1] * np.array([np.cos(angle), np.sin(angle)])
         return spot
 
+    def _put(self, kind: Kind, reach: float = 1.0) -> PlacedProp:
+        return PlacedProp(random_prop(self.rng, kind), self.somewhere(reach), float(self.rng.uniform(0, 2 * np.pi)))
+
     def step(self, frame: int) -> None:
         """Let everybody live through one frame and remember it."""
         for index, actor in enumerate(self.actors):
@@ -199,10 +150,10 @@ class _Stage:
                 self._pursue(index, frame)
             elif frame >= actor.until:
                 self.choose(index, frame)
-        for index, actor in enumerate(self.actors):
+        for actor in self.actors:
             if actor.activity.moving:
-                self._move(index)
-            remember(actor, frame, self.rate)
+                self._move(actor)
+            self._remember(actor, frame)
 
     def choose(self, index: int, frame: int, at_once: bool = False) -> None:
         """The next activity of somebody: what has been rare so far is likelier."""
@@ -280,11 +231,14 @@ class _Stage:
                 self.begin(i, WALK, frame)
             self.actors[i].errand = Errand(activity, spot, heading, deadline, with_whom)
         if at_once:
-            until = frame + int(self.rng.uniform(*activity.seconds) * self.rate)
-            for i in (index, other):
-                self.begin(i, activity, frame)
-                self.actors[i].until = until
+            self._begin_together((index, other), activity, frame)
         return True
+
+    def _begin_together(self, pair: tuple[int, int], activity: Activity, frame: int) -> None:
+        until = frame + int(self.rng.uniform(*activity.seconds) * self.rate)
+        for i in pair:
+            self.begin(i, activity, frame)
+            self.actors[i].until = until
 
     def _fetch(self, index: int, activity: Activity, frame: int) -> bool:
         """Send somebody to the nearest thing on the ground that the activity needs."""
@@ -340,46 +294,62 @@ class _Stage:
         assert partner.errand is not None
         if np.linalg.norm(partner.position - partner.errand.spot) <= ARRIVED:
             partner.position, partner.heading = partner.errand.spot.copy(), partner.errand.heading
-            until = frame + int(self.rng.uniform(*errand.activity.seconds) * self.rate)
-            for i in (index, errand.partner):
-                assert i is not None
-                self.begin(i, errand.activity, frame)
-                self.actors[i].until = until
+            assert errand.partner is not None
+            self._begin_together((index, errand.partner), errand.activity, frame)
         elif actor.activity.moving:
             self.begin(index, STAND, frame)
             actor.errand = errand
 
-    def _move(self, index: int) -> None:
+    def _move(self, actor: Actor) -> None:
         """One frame of walking or running towards the target, around others."""
-        actor = self.actors[index]
         away = actor.target - actor.position
         if np.linalg.norm(away) < 0.5 and actor.errand is None:
             actor.target = self.somewhere(1.15)
         others = np.array([[*a.position, 0.0] for a in self.actors if a is not actor]).reshape(-1, 3)
-        walk_on(actor, away, np.concatenate([others, self.obstacles]), self.rate)
+        others = np.concatenate([others, self.obstacles])
+        distance = float(np.linalg.norm(away))
+        desired = away / max(distance, 1e-6)
+        if actor.errand is None or distance > 1.5:
+            gap = actor.position - others[:, :2]
+            far = np.maximum(np.linalg.norm(gap, axis=1) - others[:, 2], 1e-3)
+            push = np.clip((SPACE + 0.5 - far) / 0.5, 0, 1)[:, None] * gap / far[:, None]
+            desired = desired + 1.6 * push.sum(axis=0)
+        wanted = math.atan2(desired[1], desired[0])
+        turn = (wanted - actor.heading + math.pi) % (2 * math.pi) - math.pi
+        # Near its aim somebody turns on the spot instead of circling it.
+        nimble = 4.0 if actor.errand is not None and distance < 1.0 else 1.0
+        limit = nimble * TURN_RATE / self.rate
+        actor.heading += float(np.clip(turn, -limit, limit))
+        speed = actor.pace * (0.35 + 0.65 * max(math.cos(turn), 0.0))
+        if actor.errand is not None:
+            speed = min(speed, 0.25 + 1.5 * distance)
+        actor.position = actor.position + actor.facing() * min(speed / self.rate, distance if actor.errand else 1e6)
+        actor.phase += stride_frequency(actor.activity, actor.person, speed) / self.rate
+
+    def _remember(self, actor: Actor, frame: int) -> None:
+        """Add what ``actor`` is like in ``frame`` to its states."""
+        a, seconds = actor, (frame - actor.began) / self.rate
+        pose = pose_of(a.activity, a.person, a.rest, seconds, a.phase, a.pace, a.hand, a.prop)
+        if a.states and seconds < CHANGE:
+            pose = blend(a.before, pose, 0.5 - 0.5 * math.cos(math.pi * seconds / CHANGE))
+        a.states.append(PerformerState(a.position.copy(), a.heading, pose, a.activity, a.prop, a.hand))
 
 
 def gather(
-    rng: np.random.Generator,
-    people: int,
-    frames: int,
-    frame_rate: float,
-    arena: FloatArray,
-    obstacles: FloatArray,
+    rng: np.random.Generator, clip: ClipSettings, people: int, arena: FloatArray, obstacles: FloatArray,
     look_alikes: float = 0.3,
-) -> Gathering:
-    """Let ``people`` act for ``frames`` within an ellipse.
+) -> Gathering:  # fmt: skip
+    """Let ``people`` act within an ellipse throughout a clip.
 
     Args:
         rng: draws everything.
+        clip: its length and frame rate.
         people: how many.
-        frames: how long.
-        frame_rate: frames per second.
         arena: ``(2, 2)`` centre and half axes of the ellipse, metres.
         obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
         look_alikes: probability of being dressed much like somebody else.
     """
-    stage = _Stage(rng, people, frame_rate, arena, obstacles, look_alikes)
-    for frame in range(frames):
+    stage = _Stage(rng, people, clip.frame_rate, arena, obstacles, look_alikes)
+    for frame in range(clip.frames):
         stage.step(frame)
     return Gathering([Performer(a.person, tuple(a.states)) for a in stage.actors], stage.things)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.posture import Build
-from tsuiseki.datamodules.scenes.render.solids import CHECKS, CLOUDS, PLAIN, SPECKLE, STRIPES_ACROSS, STRIPES_ALONG
-
-Colour = tuple[float, float, float]
+from tsuiseki.datamodules.scenes.render.solids import Colour, Pattern, as_colour
 
 SKINS: tuple[Colour, ...] = (
     (0.94, 0.78, 0.69),
@@ -101,8 +100,8 @@ class Outfit:
     shirt: Colour
     hat: Colour
     bag_colour: Colour
-    upper_pattern: int = PLAIN
-    lower_pattern: int = PLAIN
+    upper_pattern: int = Pattern.PLAIN
+    lower_pattern: int = Pattern.PLAIN
     period: float = 0.08
     long_sleeves: bool = True
     lower_style: str = "trousers"
@@ -115,15 +114,25 @@ class Outfit:
     phase: float = 0.0
 
 
-def _pick(rng: np.random.Generator, palette: tuple[Colour, ...]) -> Colour:
-    base = np.array(palette[int(rng.integers(len(palette)))])
-    colour = np.clip(base * rng.uniform(0.8, 1.2) + rng.normal(0, 0.025, 3), 0.02, 0.97)
-    return float(colour[0]), float(colour[1]), float(colour[2])
+def colour_of(
+    rng: np.random.Generator, palette: tuple[Colour, ...], spread: float = 0.03, brightest: float = 0.98
+) -> Colour:
+    """A colour near one of ``palette``."""
+    base = np.array(palette[int(rng.integers(len(palette)))]) * rng.uniform(0.8, 1.2)
+    return as_colour(np.clip(base + rng.normal(0, spread, 3), 0.02, brightest))
+
+
+def any_colour(rng: np.random.Generator) -> Colour:
+    """Dark, middling, light or bright."""
+    return colour_of(rng, (DARK, MIDDLE, LIGHT, BRIGHT)[int(rng.choice(4, p=(0.3, 0.3, 0.2, 0.2)))])
+
+
+# Of what people wear.
+_pick = partial(colour_of, spread=0.025, brightest=0.97)
 
 
 def _garment(rng: np.random.Generator, weights: tuple[float, float, float, float]) -> Colour:
-    palettes = (DARK, MIDDLE, LIGHT, BRIGHT)
-    return _pick(rng, palettes[int(rng.choice(4, p=weights))])
+    return _pick(rng, (DARK, MIDDLE, LIGHT, BRIGHT)[int(rng.choice(4, p=weights))])
 
 
 def _towards(a: Colour, b: Colour, part: float) -> Colour:
@@ -138,7 +147,7 @@ def random_look(rng: np.random.Generator) -> Outfit:
     lower = _pick(rng, DENIM) if denim else _garment(rng, (0.70, 0.19, 0.08, 0.03))
     skin = _pick(rng, SKINS)
     two_tone = rng.random() < 0.14
-    patterns = (PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, SPECKLE, CLOUDS)
+    patterns = (Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.CHECKS, Pattern.SPECKLE, Pattern.CLOUDS)
     return Outfit(
         skin=skin,
         hair=_pick(rng, HAIRS),
@@ -194,15 +203,3 @@ def look_alike(rng: np.random.Generator, look: Outfit) -> Outfit:
     for index in chosen:
         result = replace(result, **changes[index])
     return result
-
-
-def colour_of(rng: np.random.Generator, palette: tuple[Colour, ...]) -> Colour:
-    """A colour near one of ``palette``."""
-    base = np.array(palette[int(rng.integers(len(palette)))]) * rng.uniform(0.8, 1.2)
-    r, g, b = np.clip(base + rng.normal(0, 0.03, 3), 0.02, 0.98)
-    return float(r), float(g), float(b)
-
-
-def any_colour(rng: np.random.Generator) -> Colour:
-    """Dark, middling, light or bright."""
-    return colour_of(rng, (DARK, MIDDLE, LIGHT, BRIGHT)[int(rng.choice(4, p=(0.3, 0.3, 0.2, 0.2)))])

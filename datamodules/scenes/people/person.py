@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import Colour, Outfit, look_alike, random_build, random_look
+from tsuiseki.datamodules.scenes.people.look import Outfit, look_alike, random_build, random_look
 from tsuiseki.datamodules.scenes.people.posture import (
     Build,
     Manner,
+    Pair,
     PersonSkeleton,
     Pose,
     place,
@@ -20,18 +22,22 @@ from tsuiseki.datamodules.scenes.people.posture import (
     standing,
     walking,
 )
+from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.shading import NOISE, NOISE_SIZE, Light, random_light, shade
 from tsuiseki.datamodules.scenes.render.solids import (
     HEAD,
-    NO_DETAIL,
     PELVIS,
-    PLAIN,
     TRUNK,
+    UP,
+    Colour,
     Float32,
     Layer,
     Parts,
+    Pattern,
     Solids,
     Surface,
+    overlap,
+    tight,
     trace,
 )
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -67,22 +73,11 @@ class _Flesh:
         self.height, self.phase, self.parts, self.count = height, phase, Parts(), 0
 
     def add(
-        self,
-        start: FloatArray,
-        end: FloatArray,
-        radius: tuple[float, float],
-        front: FloatArray,
-        flat: float,
-        colour: Colour,
-        second: Colour | None = None,
-        pattern: int = PLAIN,
-        period: float = 0.1,
-        relief: float = 0.14,
-        detail: int = NO_DETAIL,
+        self, start: FloatArray, end: FloatArray, radius: Pair, front: FloatArray, flat: float, *cloth: Any, **more: Any
     ) -> None:
-        """One more, with the surface of the rest."""
+        """One more with a `Surface` of its own phase."""
         self.count += 1
-        surface = Surface(colour, second, pattern, period, relief, detail, self.phase + 1.7 * self.count)
+        surface = Surface(*cloth, **{"relief": 0.14, "phase": self.phase + 1.7 * self.count, **more})
         self.parts.cone(start, end, (radius[0] * self.height, radius[1] * self.height), surface, flat, front)
 
 
@@ -98,6 +93,11 @@ def person_solids(person: Person, pose: Pose, position: FloatArray, heading: flo
     _skirt(flesh, person, skeleton)
     _bag(flesh, person, skeleton)
     return flesh.parts.solids()
+
+
+def person_thing(person: Person, pose: Pose, position: FloatArray, heading: float) -> Thing:
+    """`person_solids` with what the person wears."""
+    return Thing(person_solids(person, pose, position, heading), person.look)
 
 
 def _trunk(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
@@ -168,20 +168,16 @@ def _leg(flesh: _Flesh, person: Person, s: PersonSkeleton, k: int) -> None:
     g = build.girth
     bare = look.lower_style in ("shorts", "skirt")
     cloth = _lower(look)
-    skin = (look.skin, look.skin, PLAIN, 0.1)
+    skin = (look.skin, look.skin, Pattern.PLAIN, 0.1)
     thigh = skin if look.lower_style == "skirt" else cloth
     flesh.add(s.hip[k], s.knee[k], (0.056 * g, 0.036 * g), front, 1.0, *thigh)
     shin = (0.034 * g, 0.022 * g) if bare else (0.036 * g, 0.029 * g)
     flesh.add(s.knee[k], s.ankle[k], shin, front, 1.0, *(skin if bare else cloth))
     toe = s.toe[k]
+    step = (toe - s.ankle[k]) / np.linalg.norm(toe - s.ankle[k])
     heel = s.ankle[k] + (s.ankle[k] - toe) * 0.2
-    heel = heel - 0.018 * build.height * np.cross(_unit(toe - s.ankle[k]), s.pelvis_axes[:, 1]) * -1.0
-    up = np.array([0.0, 0.0, 1.0])
-    flesh.add(heel, toe, (0.026, 0.021), up, 0.9, look.shoes, relief=0.08)
-
-
-def _unit(vector: FloatArray) -> FloatArray:
-    return np.asarray(vector / np.linalg.norm(vector))
+    heel = heel - 0.018 * build.height * np.cross(step, s.pelvis_axes[:, 1]) * -1.0
+    flesh.add(heel, toe, (0.026, 0.021), UP, 0.9, look.shoes, relief=0.08)
 
 
 def _skirt(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
@@ -241,9 +237,8 @@ def draw_alone(
 ) -> Float32:
     """``(h, w, 4)`` linear colour times coverage and coverage of a layer, by pixels, tight about it."""
     mask = layer.mask
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    x1, y1 = (columns[0] + layer.left) // samples, (rows[0] + layer.top) // samples
-    x2, y2 = (columns[-1] + layer.left) // samples + 1, (rows[-1] + layer.top) // samples + 1
+    box = tight(mask) + np.array([layer.left, layer.top] * 2)
+    (x1, y1), (x2, y2) = box[:2] // samples, (box[2:] - 1) // samples + 1
     fine = np.zeros(((y2 - y1) * samples, (x2 - x1) * samples, 4), dtype=np.float32)
     at = np.nonzero(mask)
     colours = shade(layer, mask, solids, camera, samples, light, person.look)
@@ -310,14 +305,9 @@ def random_identities(rng: np.random.Generator, count: int, look_alikes: float) 
 
 def paste(canvas: Float32, sprite: ImageArray, left: int, top: int) -> None:
     """Lays a sprite ``(h, w, 4)`` over ``canvas`` ``(H, W, 3)``, in place; what leaves the canvas is cut off."""
-    height, width = canvas.shape[:2]
-    x1, y1 = max(left, 0), max(top, 0)
-    x2, y2 = min(left + sprite.shape[1], width), min(top + sprite.shape[0], height)
-    if x1 >= x2 or y1 >= y2:
-        return
-    part = sprite[y1 - top : y2 - top, x1 - left : x2 - left].astype(np.float32)
-    alpha = part[:, :, 3:] / np.float32(255)
-    canvas[y1:y2, x1:x2] += alpha * (part[:, :, :3] - canvas[y1:y2, x1:x2])
+    there, own = overlap(canvas.shape, (top, left), sprite.shape)
+    part = sprite[own].astype(np.float32)
+    canvas[there] += part[:, :, 3:] / np.float32(255) * (part[:, :, :3] - canvas[there])
 
 
 def random_backdrop(rng: np.random.Generator, height: int, width: int) -> Float32:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,12 @@ HEAD_ABOVE_SHOULDER = 0.052
 SIDES = (1.0, -1.0)
 
 Pair = tuple[float, float]
+
+
+def pair(values: FloatArray) -> Pair:
+    """``(2,)`` of the left and right side."""
+    left, right = values.tolist()
+    return left, right
 
 
 @dataclass(frozen=True)
@@ -95,14 +102,13 @@ class Pose:
 
 def blend(a: Pose, b: Pose, part: float) -> Pose:
     """The pose ``part`` of the way from ``a`` to ``b``, angle by angle."""
-    values: dict[str, float | Pair] = {}
-    for name in (f.name for f in fields(Pose)):
-        x, y = getattr(a, name), getattr(b, name)
+
+    def between(x: Any, y: Any) -> Any:
         if isinstance(x, tuple):
-            values[name] = (x[0] + part * (y[0] - x[0]), x[1] + part * (y[1] - x[1]))
-        else:
-            values[name] = x + part * (y - x)
-    return Pose(**values)  # type: ignore[arg-type]
+            return tuple(between(*each) for each in zip(x, y, strict=True))
+        return x + part * (y - x)
+
+    return Pose(*(between(getattr(a, f.name), getattr(b, f.name)) for f in fields(Pose)))
 
 
 @dataclass(frozen=True)
@@ -146,13 +152,8 @@ def turn(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> FloatArray:
 
 def hanging(forward: float, sideways: float, side: float) -> FloatArray:
     """Unit vector of a limb that hangs down, raised by two angles; ``side`` is 1 for the left."""
-    return np.array(
-        [
-            math.sin(forward) * math.cos(sideways),
-            side * math.sin(sideways),
-            -math.cos(forward) * math.cos(sideways),
-        ]
-    )
+    out = math.cos(sideways)
+    return np.array([math.sin(forward) * out, side * math.sin(sideways), -math.cos(forward) * out])
 
 
 def place(build: Build, pose: Pose, position: FloatArray, heading: float) -> PersonSkeleton:
@@ -168,25 +169,12 @@ def place(build: Build, pose: Pose, position: FloatArray, heading: float) -> Per
     chest = trunk_axes[:, 2] * trunk
     head = chest + trunk_axes[:, 2] * HEAD_ABOVE_SHOULDER * height + head_axes[:, 2] * 0.065 * height * build.head
     limbs = [_limbs(build, pose, k, chest, pelvis_axes, trunk_axes) for k in (0, 1)]
-    shoulder, elbow, wrist, fingers, hip, knee, ankle, toe = (np.stack(pair) for pair in zip(*limbs, strict=True))
+    paired = [np.stack(pair) for pair in zip(*limbs, strict=True)]
+    ankle, toe = paired[-2:]
     rest = min(ankle[:, 2].min() - ANKLE_HEIGHT * height, toe[:, 2].min() - 0.016 * height)
     root = np.array([position[0], position[1], pose.lift - rest])
-    return PersonSkeleton(
-        pelvis=root,
-        chest=chest + root,
-        head=head + root,
-        shoulder=shoulder + root,
-        elbow=elbow + root,
-        wrist=wrist + root,
-        fingers=fingers + root,
-        hip=hip + root,
-        knee=knee + root,
-        ankle=ankle + root,
-        toe=toe + root,
-        pelvis_axes=pelvis_axes,
-        trunk_axes=trunk_axes,
-        head_axes=head_axes,
-    )
+    joints = [joint + root for joint in (chest, head, *paired)]
+    return PersonSkeleton(*[root, *joints, pelvis_axes, trunk_axes, head_axes])
 
 
 def _limbs(
@@ -244,7 +232,7 @@ def random_manner(rng: np.random.Generator) -> Manner:
         elbow=float(rng.uniform(0.05, 0.5)),
         lean=float(rng.normal(0.04, 0.05)),
         spread=float(rng.uniform(0.03, 0.2)),
-        carry=(float(bend[0] * holding[0]), float(bend[1] * holding[1])),
+        carry=pair(bend * holding),
         stride=float(rng.uniform(0.9, 1.1)),
     )
 
@@ -326,12 +314,12 @@ def standing(rng: np.random.Generator, manner: Manner) -> Pose:
         twist=float(rng.normal(0, 0.15)),
         nod=float(rng.uniform(-0.1, 0.45)),
         look=float(rng.normal(0, 0.35)),
-        shoulder=(float(rng.normal(0.05, 0.12)), float(rng.normal(0.05, 0.12))),
+        shoulder=pair(rng.normal(0.05, 0.12, 2)),
         spread=(manner.spread, manner.spread),
-        elbow=(float(elbow[0]), float(elbow[1])),
-        inward=(0.7 * float(raised[0]), 0.7 * float(raised[1])),
+        elbow=pair(elbow),
+        inward=pair(0.7 * raised.astype(np.float64)),
         hip=hip,
-        straddle=(float(rng.uniform(0.02, 0.12)), float(rng.uniform(0.02, 0.12))),
+        straddle=pair(rng.uniform(0.02, 0.12, 2)),
         knee=knee,
         ankle=(knee[0] - hip[0], knee[1] - hip[1]),
     )

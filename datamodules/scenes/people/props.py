@@ -7,9 +7,9 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE, Colour
+from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE
 from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
-from tsuiseki.datamodules.scenes.render.solids import STRIPES_ACROSS, UP, Parts, Solids, Surface
+from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Parts, Pattern, Solids, Surface, across, along
 from tsuiseki.tracking.types import FloatArray
 
 Kind = Literal["book", "phone", "bottle", "cart", "suitcase", "crate", "bench"]
@@ -86,57 +86,51 @@ def standing_prop(prop: Prop, position: FloatArray, yaw: float, lift: float = 0.
     """A cart, suitcase, crate or bench with its middle at ``position`` ``(2,)``, turned by ``yaw``, ``lift`` m up."""
     makers = {"cart": _cart, "suitcase": _suitcase, "crate": _crate, "bench": _bench}
     parts, base = Parts(), np.array([position[0], position[1], lift])
-    along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    makers[prop.kind](parts, prop, base, along, yaw)
+    makers[prop.kind](parts, prop, base, yaw)
     return parts.solids()
 
 
-def _across(along: FloatArray) -> FloatArray:
-    return np.array([-along[1], along[0], 0.0])
-
-
-def _cart(parts: Parts, prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> None:
+def _cart(parts: Parts, prop: Prop, base: FloatArray, yaw: float) -> None:
     """A trolley: a tray with walls on wheels and a handle bar at its rear."""
-    size, across = prop.size, _across(along)
+    size, ahead, aside = prop.size, along(yaw), across(yaw)
     half_length, half_width = 0.42 * size, 0.3 * size
     wall, steel = Surface(prop.second, relief=0.05), Surface((0.15, 0.15, 0.16), relief=0.04)
     parts.box(base + 0.5 * UP, [half_length, half_width, 0.03], yaw, Surface(prop.colour, relief=0.05))
     for s in (1, -1):
-        parts.box(base + 0.62 * UP + s * half_width * across, [half_length, 0.02, 0.14], yaw, wall)
-    parts.box(base + 0.62 * UP + half_length * along, [0.02, half_width, 0.14], yaw, wall)
-    handle = base - (CART_AHEAD - 0.5) * along + HANDLE_HEIGHT * UP
-    rear = base - half_length * along + 0.55 * UP
-    parts.cone(handle - 0.28 * across, handle + 0.28 * across, (0.022, 0.022), steel)
+        parts.box(base + 0.62 * UP + s * half_width * aside, [half_length, 0.02, 0.14], yaw, wall)
+    parts.box(base + 0.62 * UP + half_length * ahead, [0.02, half_width, 0.14], yaw, wall)
+    handle = base - (CART_AHEAD - 0.5) * ahead + HANDLE_HEIGHT * UP
+    rear = base - half_length * ahead + 0.55 * UP
+    parts.cone(handle - 0.28 * aside, handle + 0.28 * aside, (0.022, 0.022), steel)
     for s in (-1, 1):
-        parts.cone(rear + s * 0.26 * across, handle + s * 0.26 * across, (0.018, 0.018), steel)
+        parts.cone(rear + s * 0.26 * aside, handle + s * 0.26 * aside, (0.018, 0.018), steel)
     for s in (-1, 1):
         for t in (-1, 1):
-            hub = base + s * 0.8 * half_length * along + t * 0.85 * half_width * across + 0.1 * UP
+            hub = base + s * 0.8 * half_length * ahead + t * 0.85 * half_width * aside + 0.1 * UP
             parts.cone(hub, hub + 0.35 * UP, (0.08, 0.02), steel)
 
 
-def _suitcase(parts: Parts, prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> None:
+def _suitcase(parts: Parts, prop: Prop, base: FloatArray, yaw: float) -> None:
     """A suitcase on wheels with its handle drawn out forward."""
     size = prop.size
-    shell = Surface(prop.colour, prop.second, STRIPES_ACROSS, 0.12, 0.05)
+    shell = Surface(prop.colour, prop.second, Pattern.ACROSS, 0.12, 0.05)
     parts.box(base + 0.36 * size * UP, np.array([0.14, 0.23, 0.32]) * size, yaw, shell)
-    grip = base + (SUITCASE_BEHIND - 0.35) * along + 0.78 * UP
+    grip = base + (SUITCASE_BEHIND - 0.35) * along(yaw) + 0.78 * UP
     parts.cone(base + 0.65 * size * UP, grip, (0.02, 0.02), Surface((0.2, 0.2, 0.2), relief=0.03))
 
 
-def _crate(parts: Parts, prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> None:
+def _crate(parts: Parts, prop: Prop, base: FloatArray, yaw: float) -> None:
     """A cardboard box with tape over its top."""
-    del along
     half = np.array([0.2, 0.27, 0.17]) * prop.size
     top = np.array([0, 0, half[2]])
     parts.box(base + top, half, yaw, Surface(prop.colour, relief=0.06))
     parts.box(base + top + top, [half[0], 0.04, 0.006], yaw, Surface(prop.second, relief=0.03))
 
 
-def _bench(parts: Parts, prop: Prop, base: FloatArray, along: FloatArray, yaw: float) -> None:
+def _bench(parts: Parts, prop: Prop, base: FloatArray, yaw: float) -> None:
     """A seat that faces ``yaw``, its back and two feet."""
     wood, feet = Surface(prop.colour, relief=0.08), Surface(prop.second, relief=0.08)
     parts.box(base + (SEAT_HEIGHT - 0.06) * UP, [0.25, 0.85, 0.03], yaw, wood)
-    parts.box(base + 0.65 * UP - 0.27 * along, [0.03, 0.85, 0.2], yaw, wood)
+    parts.box(base + 0.65 * UP - 0.27 * along(yaw), [0.03, 0.85, 0.2], yaw, wood)
     for s in (-1, 1):
-        parts.box(base + 0.18 * UP + s * 0.7 * _across(along), [0.22, 0.05, 0.18], yaw, feet)
+        parts.box(base + 0.18 * UP + s * 0.7 * across(yaw), [0.22, 0.05, 0.18], yaw, feet)

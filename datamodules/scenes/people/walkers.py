@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.people.look import look_alike, random_build, random_look
-from tsuiseki.datamodules.scenes.people.person import Person, somebody
+from tsuiseki.datamodules.scenes.people.person import Person, person_thing, somebody
 from tsuiseki.datamodules.scenes.people.posture import Pose, blend, random_manner, standing, stride_length, walking
+from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.tracking.types import FloatArray
 
 # Metres people keep between their middles, and how fast they step aside, 1/s.
@@ -21,23 +23,8 @@ ABREAST = 0.65
 STANDING_SPEED = 0.25
 # (mean, standard deviation) of people on a street, m/s.
 SPEED = (1.3, 0.2)
-
-
-@dataclass(frozen=True)
-class CrowdSettings:
-    """How people move.
-
-    Attributes:
-        people: about how many are around at a time.
-        groups: probability that somebody walks in company.
-        pauses: probability of standing still at a place where the way turns.
-        look_alikes: probability of being dressed much like somebody else around.
-    """
-
-    people: int = 10
-    groups: float = 0.35
-    pauses: float = 0.25
-    look_alikes: float = 0.15
+# Of people on a street, the probability of walking in company, and of a halt at a place where the way turns.
+GROUPS, PAUSES = 0.35, 0.25
 
 
 @dataclass(frozen=True)
@@ -68,32 +55,28 @@ class Walker:
         """Whether the person is around in ``frame``."""
         return self.first <= frame < self.first + len(self.positions)
 
-    def pose(self, frame: int) -> Pose:
-        """How the person holds itself in ``frame``."""
+    def thing(self, frame: int) -> Thing:
+        """What is drawn of the person in ``frame``."""
         t = frame - self.first
         pose = walking(self.person.build, self.person.manner, float(self.phases[t]), float(self.speeds[t]))
-        return blend(pose, self.rest, float(self.stillness[t]))
+        pose = blend(pose, self.rest, float(self.stillness[t]))
+        return person_thing(self.person, pose, self.positions[t], float(self.headings[t]))
 
 
 Places = Callable[[np.random.Generator], FloatArray]
 
 
 def crowd(
-    rng: np.random.Generator,
-    settings: CrowdSettings,
-    frames: int,
-    frame_rate: float,
-    inside: Places,
-    outside: Places,
+    rng: np.random.Generator, clip: ClipSettings, people: int, look_alikes: float, inside: Places, outside: Places,
     obstacles: FloatArray,
-) -> list[Walker]:
-    """Everybody who comes by within ``frames``.
+) -> list[Walker]:  # fmt: skip
+    """Everybody who comes by within a clip.
 
     Args:
         rng: draws everything.
-        settings: how people move.
-        frames: of the clip.
-        frame_rate: frames per second.
+        clip: its length and frame rate.
+        people: about how many are around at a time.
+        look_alikes: probability of being dressed much like somebody else around.
         inside: draws a place ``(2,)`` in view.
         outside: draws a place ``(2,)`` out of view, where people come from and go to.
         obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
@@ -101,49 +84,52 @@ def crowd(
     starts: list[int] = []
     ways: list[FloatArray] = []
     places = 0
-    while places < settings.people:
-        size = min(_party_size(rng, settings.groups), settings.people - places)
+    while places < people:
+        company = rng.random() < GROUPS
+        size = min(int(rng.choice([2, 2, 2, 3, 4])) if company else 1, people - places)
         places += size
         start, here = 0, True
-        while start < frames:
-            way = _way(rng, settings, frame_rate, inside, outside, here)
+        while start < clip.frames:
+            way = _way(rng, clip.frame_rate, inside, outside, here)
             starts += [start] * size
-            ways += _abreast(rng, way, size, frame_rate)
-            start, here = start + len(way) + int(rng.uniform(0, 2) * frame_rate), False
-    ways = keep_apart(starts, ways, frames, frame_rate, obstacles)
-    people: list[Person] = []
+            ways += _abreast(rng, way, size, clip.frame_rate)
+            start, here = start + len(way) + int(rng.uniform(0, 2) * clip.frame_rate), False
+    ways = keep_apart(starts, ways, clip, obstacles)
+    dressed: list[Person] = []
     for _ in ways:
-        people.append(somebody(rng, people, settings.look_alikes))
-    return [walker_along(rng, *row, frame_rate) for row in zip(people, starts, ways, strict=True)]
+        dressed.append(somebody(rng, dressed, look_alikes))
+    return [walker_along(rng, *row, clip.frame_rate) for row in zip(dressed, starts, ways, strict=True)]
 
 
-def _party_size(rng: np.random.Generator, groups: float) -> int:
-    return int(rng.choice([2, 2, 2, 3, 4])) if rng.random() < groups else 1
-
-
-def _way(
-    rng: np.random.Generator,
-    settings: CrowdSettings,
-    frame_rate: float,
-    inside: Places,
-    outside: Places,
-    here: bool,
-) -> FloatArray:
+def _way(rng: np.random.Generator, rate: float, inside: Places, outside: Places, here: bool) -> FloatArray:
     """``(T, 2)`` positions, frame by frame, of one way through the scene; ``here`` starts it in view."""
     corners = [inside(rng) if here else outside(rng)]
     corners += [inside(rng) for _ in range(int(rng.choice([0, 1, 1, 2, 3])))]
     corners.append(outside(rng))
-    mean, deviation = SPEED
-    speed = float(np.clip(rng.normal(mean, deviation), 0.5 * mean, 1.7 * mean))
+    speed = _pace(rng, SPEED, 1.7)
     pieces = []
     for a, b in itertools.pairwise(corners):
-        steps = max(round(float(np.linalg.norm(b - a)) / speed * frame_rate), 1)
-        pieces.append(a + np.arange(steps)[:, None] / steps * (b - a))
-        if b is not corners[-1] and rng.random() < settings.pauses:
-            pieces.append(np.repeat(b[None], int(rng.uniform(1, 5) * frame_rate), axis=0))
-    # Nobody turns on the spot: half a second of smoothing rounds the corners and slows down before a halt.
-    way = gaussian_filter1d(np.concatenate(pieces), 0.5 * frame_rate, axis=0, mode="nearest")
-    return np.asarray(way[int(rng.uniform(0, 0.3) * len(way)) :] if here else way)
+        pieces.append(_leg(a, b, speed, rate))
+        if b is not corners[-1] and rng.random() < PAUSES:
+            pieces.append(np.repeat(b[None], int(rng.uniform(1, 5) * rate), axis=0))
+    way = _rounded(pieces, 0.5 * rate)
+    return way[int(rng.uniform(0, 0.3) * len(way)) :] if here else way
+
+
+def _pace(rng: np.random.Generator, speed: tuple[float, float], fastest: float) -> float:
+    """A speed about the mean of ``speed``, at most ``fastest`` times as high."""
+    return float(np.clip(rng.normal(*speed), 0.5 * speed[0], fastest * speed[0]))
+
+
+def _leg(a: FloatArray, b: FloatArray, speed: float, rate: float) -> FloatArray:
+    """``(T, 2)`` positions from ``a`` to just before ``b``, frame by frame."""
+    steps = max(round(float(np.linalg.norm(b - a)) / speed * rate), 1)
+    return np.asarray(a + np.arange(steps)[:, None] / steps * (b - a))
+
+
+def _rounded(pieces: list[FloatArray], smoothing: float) -> FloatArray:
+    """The way of the pieces: nobody turns on the spot, and people slow down before a halt."""
+    return np.asarray(gaussian_filter1d(np.concatenate(pieces), smoothing, axis=0, mode="nearest"))
 
 
 def _abreast(rng: np.random.Generator, way: FloatArray, size: int, frame_rate: float) -> list[FloatArray]:
@@ -172,12 +158,12 @@ def _directions(velocities: FloatArray, smoothing: float) -> FloatArray:
 
 
 def keep_apart(
-    starts: list[int], ways: list[FloatArray], frames: int, frame_rate: float, obstacles: FloatArray
+    starts: list[int], ways: list[FloatArray], clip: ClipSettings, obstacles: FloatArray
 ) -> list[FloatArray]:
     """The ways with evasions: people who come too close step aside, and return to their way afterwards."""
     offsets = [np.zeros_like(way) for way in ways]
     shifts = np.zeros((len(ways), 2))
-    for frame in range(frames):
+    for frame in range(clip.frames):
         there = [i for i, (s, w) in enumerate(zip(starts, ways, strict=True)) if s <= frame < s + len(w)]
         if not there:
             continue
@@ -185,15 +171,12 @@ def keep_apart(
         push = _repulsion(now, now, PERSONAL_SPACE, others=True)
         if len(obstacles):
             push += _repulsion(now, obstacles[:, :2], obstacles[:, 2] + 0.35, others=False)
-        shifts[there] += (EVASION * push - 0.6 * shifts[there]) / frame_rate
+        shifts[there] += (EVASION * push - 0.6 * shifts[there]) / clip.frame_rate
         for i in there:
             offsets[i][frame - starts[i]] = shifts[i]
-    smooth = 0.25 * frame_rate
-    cut = [min(len(w), frames - s) for s, w in zip(starts, ways, strict=True)]
-    return [
-        w[:n] + gaussian_filter1d(o[:n], smooth, axis=0, mode="nearest")
-        for w, o, n in zip(ways, offsets, cut, strict=True)
-    ]
+    cut = [min(len(w), clip.frames - s) for s, w in zip(starts, ways, strict=True)]
+    smooth = [_rounded([o[:n]], 0.25 * clip.frame_rate) for o, n in zip(offsets, cut, strict=True)]
+    return [w[:n] + o for w, o, n in zip(ways, smooth, cut, strict=True)]
 
 
 def _repulsion(a: FloatArray, b: FloatArray, distance: float | FloatArray, others: bool) -> FloatArray:
@@ -216,20 +199,14 @@ def walker_along(rng: np.random.Generator, person: Person, first: int, way: Floa
     strides = [stride_length(person.build, person.manner, float(s)) for s in speeds]
     steps = np.where(speeds > 0.05, speeds / frame_rate / np.array(strides), 0)
     still = gaussian_filter1d((speeds < STANDING_SPEED).astype(np.float64), 0.2 * frame_rate, mode="nearest")
-    return Walker(
-        person=person,
-        first=first,
-        positions=way,
-        headings=np.arctan2(directions[:, 1], directions[:, 0]),
-        speeds=speeds,
-        phases=rng.random() + np.cumsum(steps),
-        stillness=still,
-        rest=standing(rng, person.manner),
-    )
+    headings, phases = np.arctan2(directions[:, 1], directions[:, 0]), rng.random() + np.cumsum(steps)
+    return Walker(person, first, way, headings, speeds, phases, still, standing(rng, person.manner))
 
 
-# Metres from the walls that people keep, and longest stretch to the next place.
+# In a room: metres from the walls that people keep, and longest way to the next place.
 MARGIN, FARTHEST = 0.45, 7.0
+# Likewise the probability of a halt where the way turns, and (mean, standard deviation) of speeds, m/s.
+HALTS, INDOORS = 0.35, (1.1, 0.25)
 
 
 def dressed(rng: np.random.Generator, people: int, repeated: float) -> list[Person]:
@@ -247,31 +224,21 @@ def dressed(rng: np.random.Generator, people: int, repeated: float) -> list[Pers
 
 
 def wander(
-    rng: np.random.Generator,
-    people: list[Person],
-    frames: int,
-    frame_rate: float,
-    size: FloatArray,
-    obstacles: FloatArray,
-    pauses: float,
-    speed: tuple[float, float],
+    rng: np.random.Generator, people: list[Person], clip: ClipSettings, size: FloatArray, obstacles: FloatArray
 ) -> list[Walker]:
-    """Everybody's way through a room of ``size`` ``(2,)`` metres from the first frame to the last.
+    """Everybody's way through a room from the first frame of a clip to the last.
 
     Args:
         rng: draws everything.
         people: who.
-        frames: of the clip.
-        frame_rate: frames per second.
-        size: of the floor, from the origin.
+        clip: its length and frame rate.
+        size: ``(2,)`` metres of the floor, from the origin.
         obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
-        pauses: probability of a halt at a place where the way turns.
-        speed: (mean, standard deviation), m/s.
     """
-    ways = [_wandering_way(rng, frames, frame_rate, size, obstacles, pauses, speed) for _ in people]
-    ways = keep_apart([0] * len(ways), ways, frames, frame_rate, obstacles)
+    ways = [_wandering_way(rng, clip, size, obstacles) for _ in people]
+    ways = keep_apart([0] * len(ways), ways, clip, obstacles)
     inside = [np.clip(way, 0.3, size - 0.3) for way in ways]
-    return [walker_along(rng, person, 0, way, frame_rate) for person, way in zip(people, inside, strict=True)]
+    return [walker_along(rng, person, 0, way, clip.frame_rate) for person, way in zip(people, inside, strict=True)]
 
 
 def _place(rng: np.random.Generator, size: FloatArray, obstacles: FloatArray) -> FloatArray:
@@ -282,30 +249,15 @@ def _place(rng: np.random.Generator, size: FloatArray, obstacles: FloatArray) ->
     return np.asarray(spot)
 
 
-def _wandering_way(
-    rng: np.random.Generator,
-    frames: int,
-    rate: float,
-    size: FloatArray,
-    obstacles: FloatArray,
-    pauses: float,
-    speed: tuple[float, float],
-) -> FloatArray:
+def _wandering_way(rng: np.random.Generator, clip: ClipSettings, size: FloatArray, obstacles: FloatArray) -> FloatArray:
     """``(frames, 2)`` positions."""
-    here = _place(rng, size, obstacles)
-    pieces, count = [], 0
-    while count < frames + rate:
-        there = _place(rng, size, obstacles)
-        away = there - here
-        distance = float(np.linalg.norm(away))
-        there = here + away * min(1.0, FARTHEST / max(distance, 1e-6))
-        pace = float(np.clip(rng.normal(*speed), 0.5 * speed[0], 1.6 * speed[0]))
-        steps = max(round(float(np.linalg.norm(there - here)) / pace * rate), 1)
-        pieces.append(here + np.arange(steps)[:, None] / steps * (there - here))
-        if rng.random() < pauses:
+    here, rate = _place(rng, size, obstacles), clip.frame_rate
+    pieces: list[FloatArray] = []
+    while sum(map(len, pieces)) < clip.frames + rate:
+        away = _place(rng, size, obstacles) - here
+        there = here + away * min(1.0, FARTHEST / max(float(np.linalg.norm(away)), 1e-6))
+        pieces.append(_leg(here, there, _pace(rng, INDOORS, 1.6), rate))
+        if rng.random() < HALTS:
             pieces.append(np.repeat(there[None], int(rng.uniform(0.8, 4) * rate), axis=0))
-        count = sum(map(len, pieces))
         here = there
-    # Nobody turns on the spot: half a second of smoothing rounds the corners and slows down before a halt.
-    smooth = gaussian_filter1d(np.concatenate(pieces), 0.4 * rate, axis=0, mode="nearest")
-    return np.asarray(smooth[:frames])
+    return _rounded(pieces, 0.4 * rate)[: clip.frames]

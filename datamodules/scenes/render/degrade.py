@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.datamodules.scenes.render.solids import Float32, as_colour
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 
@@ -44,10 +44,10 @@ class Degradation:
 def random_degradation(rng: np.random.Generator, strength: float = 1.0) -> Degradation:
     """Anything from a good camera to a bad one; ``strength`` 0 leaves pictures nearly alone."""
     s = strength
-    cast = 1 + rng.normal(0, 0.07 * s, 3)
+    cast = as_colour(1 + rng.normal(0, 0.07 * s, 3))
     return Degradation(
         exposure=float(np.exp(rng.normal(0.0, 0.35 * s))),
-        cast=(float(cast[0]), float(cast[1]), float(cast[2])),
+        cast=cast,
         contrast=float(np.exp(rng.normal(0.05, 0.18 * s))),
         haze=float(max(rng.normal(-0.1, 0.16), 0) * s),
         saturation=float(np.clip(rng.normal(1.0, 0.25 * s), 0.0, 1.6)) if rng.random() > 0.06 * s else 0.0,
@@ -69,10 +69,11 @@ def degrade(linear: Float32, how: Degradation, rng: np.random.Generator) -> Imag
     """``(H, W, 3)`` linear light to a uint8 RGB image."""
     factors = np.float32(how.exposure) * np.array(how.cast, dtype=np.float32)
     image = np.sqrt(np.clip(linear * factors, 0, 1))
-    return finish(np.asarray(cv2.transform(image, 255 * tone(how)), dtype=np.float32), how, rng)
+    image = np.ascontiguousarray(cv2.transform(image, 255 * _tone(how)), dtype=np.float32)
+    return _finished(image, how, rng)
 
 
-def tone(how: Degradation) -> FloatArray:
+def _tone(how: Degradation) -> FloatArray:
     """``(3, 4)`` affine map of colours in [0, 1] that is saturation, contrast and haze."""
     mixing = how.saturation * np.eye(3) + (1 - how.saturation) / 3
     gain = how.contrast * (1 - how.haze)
@@ -80,10 +81,9 @@ def tone(how: Degradation) -> FloatArray:
     return np.concatenate([gain * mixing, np.full((3, 1), offset)], axis=1)
 
 
-def finish(image: Float32, how: Degradation, rng: np.random.Generator) -> ImageArray:
+def _finished(image: Float32, how: Degradation, rng: np.random.Generator) -> ImageArray:
     """The optical and digital part: ``(H, W, 3)`` in [0, 255] blurred, resampled, sharpened, with noise and JPEG."""
     height, width = image.shape[:2]
-    image = np.ascontiguousarray(image, dtype=np.float32)
     if how.blur > 0.2:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), how.blur), dtype=np.float32)
     if how.shrink > 1:
@@ -120,8 +120,8 @@ def grains(rng: np.random.Generator, noise: float, width: int, height: int) -> l
 
 
 def level_tone(how: Degradation) -> FloatArray:
-    """`tone` of ``how`` for colours in [0, 255]."""
-    colours = tone(how)
+    """``(3, 4)`` affine map of colours in [0, 255] that is the saturation, contrast and haze of ``how``."""
+    colours = _tone(how)
     colours[:, 3] *= 255
     return colours
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.render.scene import Thing, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light, noise_at
-from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, ray_grid
+from tsuiseki.datamodules.scenes.render.solids import Colour, Float32, RayCamera, as_colour, ray_grid
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -18,15 +17,12 @@ OCTAVES = ((6.0, 0.5), (1.3, 0.4), (0.25, 0.5), (0.06, 0.5))
 # Of the grain as fine as the picture shows it.
 GRAIN = 0.9
 
-ASPHALT, PAVING, GRASS, EARTH, CONCRETE = range(5)
-COLOURS = {
-    ASPHALT: (0.46, 0.46, 0.48),
-    PAVING: (0.60, 0.58, 0.55),
-    GRASS: (0.30, 0.42, 0.20),
-    EARTH: (0.50, 0.43, 0.34),
-    CONCRETE: (0.66, 0.66, 0.64),
-}
-ROUGHNESS = {ASPHALT: 0.10, PAVING: 0.08, GRASS: 0.30, EARTH: 0.22, CONCRETE: 0.06}
+# Asphalt, paving, grass, earth, concrete: sRGB, and strength of the texture.
+PAVING = 1
+COLOURS = np.array(
+    [[0.46, 0.46, 0.48], [0.60, 0.58, 0.55], [0.30, 0.42, 0.20], [0.50, 0.43, 0.34], [0.66, 0.66, 0.64]], np.float32
+)
+ROUGHNESS = np.array([0.10, 0.08, 0.30, 0.22, 0.06], np.float32)
 
 
 @dataclass(frozen=True)
@@ -47,7 +43,7 @@ class Strip:
     offset: float
     half_width: float
     wobble: float
-    line: tuple[float, float, float] | None
+    line: Colour | None
 
 
 @dataclass(frozen=True)
@@ -82,17 +78,11 @@ def random_ground(rng: np.random.Generator) -> Ground:
     strips = []
     for k in range(int(rng.integers(0, 5))):
         loose = bool(rng.random() < 0.3)
-        line = None if rng.random() < 0.5 else tuple(float(v) for v in rng.choice([[0.85] * 3, [0.8, 0.7, 0.2]]))
-        strips.append(
-            Strip(
-                material=int(materials[k + 1]),
-                angle=main + float(rng.choice([0.0, np.pi / 2])) + float(rng.normal(0, 0.15)),
-                offset=float(rng.normal(6, 8)),
-                half_width=float(rng.uniform(0.5, 5)),
-                wobble=float(rng.uniform(0.2, 1.5)) if loose else 0.0,
-                line=line,  # type: ignore[arg-type]
-            )
-        )
+        line = None if rng.random() < 0.5 else as_colour(rng.choice([[0.85] * 3, [0.8, 0.7, 0.2]]))
+        angle = main + float(rng.choice([0.0, np.pi / 2])) + float(rng.normal(0, 0.15))
+        offset, half_width = float(rng.normal(6, 8)), float(rng.uniform(0.5, 5))
+        wobble = float(rng.uniform(0.2, 1.5)) if loose else 0.0
+        strips.append(Strip(int(materials[k + 1]), angle, offset, half_width, wobble, line))
     grey = rng.uniform(0.6, 0.95)
     horizon = np.clip(grey + rng.normal(0, 0.03, 3), 0, 1)
     overhead = np.clip(horizon * rng.uniform(0.7, 1.05) + [-0.12, 0.0, 0.12] * rng.uniform(0, 1, 1), 0, 1)
@@ -145,9 +135,7 @@ def ground_colour(ground: Ground, x: Float32, y: Float32, footprint: Float32) ->
     grain = noise_at(x / cell + np.float32(ground.phase), y / cell) - np.float32(0.5)
     texture = texture + np.float32(GRAIN) * grain
     stains = noises[0] * np.float32(OCTAVES[0][1] * ground.stains * 0.3)
-    names = sorted(COLOURS)
-    tinted = np.array([COLOURS[m] for m in names], dtype=np.float32) * ground.tints
-    rough = np.array([ROUGHNESS[m] for m in names], dtype=np.float32)
+    tinted = COLOURS * ground.tints
     kind = np.full(x.shape, ground.material, dtype=np.int8)
     colour = np.broadcast_to(tinted[ground.material], (*x.shape, 3)).copy()
     lines = []
@@ -163,7 +151,7 @@ def ground_colour(ground: Ground, x: Float32, y: Float32, footprint: Float32) ->
     if (kind == PAVING).any():
         grout = _grout(x, y, footprint, ground.tile)
         colour *= (1 - np.float32(0.3) * grout * (kind == PAVING))[:, :, None]
-    colour *= (1 + stains + rough[kind] * np.float32(2.0) * texture)[:, :, None]
+    colour *= (1 + stains + ROUGHNESS[kind] * np.float32(2.0) * texture)[:, :, None]
     for paint, away in lines:
         cover = np.clip((np.float32(0.06) - away) / np.maximum(footprint, 0.02) + np.float32(0.5), 0, 1)
         cover *= np.clip(np.float32(0.12) / np.maximum(footprint, 1e-3), 0, 1) * np.float32(0.85)
@@ -264,16 +252,9 @@ def _cut(ground: GroundMap, level: int, camera: PinholeCamera, rows: slice | Non
     top, bottom = (0, camera.height) if rows is None else (rows.start, rows.stop)
     shift = np.array([[1, 0, -0.5], [0, 1, -0.5 - top], [0, 0, 1.0]])
     matrix = shift @ ground_to_pixels(camera) @ to_metres
-    return np.asarray(
-        cv2.warpPerspective(
-            ground.levels[level],
-            matrix,
-            (camera.width, bottom - top),
-            flags=cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        ),
-        dtype=np.uint8,
-    )
+    size = camera.width, bottom - top
+    cut = cv2.warpPerspective(ground.levels[level], matrix, size, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(cut, dtype=np.uint8)
 
 
 def _footprints(camera: PinholeCamera) -> FloatArray:
@@ -286,15 +267,6 @@ def _footprints(camera: PinholeCamera) -> FloatArray:
     return np.asarray(distance / camera.focal[0] / np.sqrt(down)).reshape(rows, columns)
 
 
-def dark_ground(things: list[Thing], camera: PinholeCamera, light: Light, softness: float) -> Float32:
-    """``(H, W)`` factor in [0, 1] that the shadows of ``things`` leave of the light on the ground of a frame."""
-    up = light.direction[2] * light.sun
-    share = np.float32((up / np.maximum(up + light.sky, 1e-6)).mean())
-    sun = shadows(things, camera, light.direction, softness)
-    under = shadows(things, camera, np.array([0, 0, 1], dtype=np.float32), 2.0 + softness)
-    return np.asarray((1 - share * sun) * (1 - np.float32(0.3) * under))
-
-
 def ground_homography(before: PinholeCamera, after: PinholeCamera) -> FloatArray:
     """``(3, 3)``: takes pixels of the ground in the image of ``before`` to those of ``after``."""
     matrix = ground_to_pixels(after) @ np.linalg.inv(ground_to_pixels(before))
@@ -303,12 +275,4 @@ def ground_homography(before: PinholeCamera, after: PinholeCamera) -> FloatArray
 
 def ground_to_pixels(camera: PinholeCamera) -> FloatArray:
     """``(3, 3)``: takes homogeneous metres x, y, 1 of the ground to homogeneous pixels."""
-    intrinsics = np.array(
-        [
-            [camera.focal[0], 0, camera.principal_point[0]],
-            [0, camera.focal[1], camera.principal_point[1]],
-            [0, 0, 1],
-        ]
-    )
-    moved = np.column_stack([np.eye(3)[:, :2], -camera.position])
-    return np.asarray(intrinsics @ camera.rotation @ moved)
+    return camera.matrix[:, [0, 1, 3]]

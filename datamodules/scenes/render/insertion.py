@@ -10,8 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.render.ground import dark_ground
-from tsuiseki.datamodules.scenes.render.scene import Picture, Sighting, Thing, compose, empty_picture
+from tsuiseki.datamodules.scenes.render.scene import (
+    OCCLUSION,
+    Picture,
+    Sighting,
+    Thing,
+    both_shadows,
+    compose,
+    empty_picture,
+)
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, extents
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -106,7 +113,10 @@ def encoded(colour: Float32, exposure: float = 1.0) -> ImageArray:
 
 
 def _darken(image: ImageArray, things: list[Thing], camera: PinholeCamera, light: Light) -> None:
-    kept = np.sqrt(dark_ground(things, camera, light, SOFTNESS))
+    up = light.direction[2] * light.sun
+    share = np.float32((up / np.maximum(up + light.sky, 1e-6)).mean())
+    sun, under = both_shadows(things, camera, light, SOFTNESS)
+    kept = np.sqrt((1 - share * sun) * (1 - np.float32(OCCLUSION) * under))
     rows = np.flatnonzero(kept.min(axis=1) < 0.999)
     if len(rows):
         part = slice(int(rows[0]), int(rows[-1]) + 1)
@@ -124,20 +134,18 @@ def clusters(rects: FloatArray, width: int, height: int) -> list[tuple[tuple[int
     with np.errstate(invalid="ignore"):
         seen = (rects[:, :2] < size).all(axis=1) & (rects[:, 2:] > 0).all(axis=1)
     groups = [(_inside(rects[i], width, height), [int(i)]) for i in np.flatnonzero(seen)]
-    merged = True
-    while merged:
-        merged = False
-        result: list[tuple[FloatArray, list[int]]] = []
+    before = 0
+    while len(groups) != before:
+        before, apart = len(groups), list[tuple[FloatArray, list[int]]]()
         for window, members in groups:
-            for k, (other, theirs) in enumerate(result):
+            for k, (other, theirs) in enumerate(apart):
                 if (window[:2] < other[2:]).all() and (other[:2] < window[2:]).all():
                     both = np.concatenate([np.minimum(window[:2], other[:2]), np.maximum(window[2:], other[2:])])
-                    result[k] = (both, theirs + members)
-                    merged = True
+                    apart[k] = (both, theirs + members)
                     break
             else:
-                result.append((window, members))
-        groups = result
+                apart.append((window, members))
+        groups = apart
     return [((int(w[0]), int(w[1]), int(w[2]), int(w[3])), np.array(m)) for w, m in groups]
 
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Surface, boxes, ray_grid
+from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Surface, boxes, ray_grid, tight
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
@@ -42,11 +44,14 @@ class Photographs:
                 f"expected photographs in surfaces, views or things of {folder}, got none; fill one of the folders"
             )
 
+    def _any(self, kind: str, rng: np.random.Generator) -> Path:
+        return self.paths[kind][int(rng.integers(len(self.paths[kind])))]
+
     def covered(self, rng: np.random.Generator, picture: Float32, camera: RayCamera) -> Float32:
         """``picture`` ``(H, W, 3)``, linear light, with the structure of a random surface on its ground."""
         if not self.paths["surfaces"]:
             return picture
-        levels = _pyramid(self.paths["surfaces"][int(rng.integers(len(self.paths["surfaces"])))])
+        levels = _pyramid(self._any("surfaces", rng))
         rays = ray_grid(camera, 1, 0, 0, camera.width, camera.height)
         down = np.maximum(-rays[2], np.float32(1e-3))
         distance = np.float32(camera.position[2]) / down
@@ -68,17 +73,17 @@ class Photographs:
 
     def surface(self, rng: np.random.Generator) -> ImageArray:
         """``(h, w, 3)`` uint8 RGB: a random surface, of which there must be one."""
-        return _read(self.paths["surfaces"][int(rng.integers(len(self.paths["surfaces"])))])
+        return _read(self._any("surfaces", rng))
 
     def thing(self, rng: np.random.Generator) -> ImageArray:
         """``(h, w, 4)`` uint8 RGBA, tight about what is opaque: a random thing, of which there must be one."""
-        return _read_thing(self.paths["things"][int(rng.integers(len(self.paths["things"])))])
+        return _read_thing(self._any("things", rng))
 
     def view(self, rng: np.random.Generator, width: int, height: int) -> Float32 | None:
         """``(H, W, 3)`` linear light: a random part of a random view, or None where there are no views."""
         if not self.paths["views"]:
             return None
-        image = _read(self.paths["views"][int(rng.integers(len(self.paths["views"])))])
+        image = _read(self._any("views", rng))
         h, w = image.shape[:2]
         shrink = min(w / width, h / height) * float(rng.uniform(0.35, 1.0))
         cut_w, cut_h = max(int(width * shrink), 1), max(int(height * shrink), 1)
@@ -90,15 +95,19 @@ class Photographs:
         return np.asarray(np.square(resized.astype(np.float32) / np.float32(255)))
 
 
+def shrunk(image: NDArray[Any], factor: float) -> ImageArray:
+    """``image`` at ``factor`` of its size where that is below 1."""
+    if factor >= 1:
+        return np.asarray(image, np.uint8)
+    return np.asarray(cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8)
+
+
 @lru_cache(maxsize=600)
 def _read(path: Path) -> ImageArray:
     image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
     if image is None:
         raise RequestError(f"expected a photograph at {path}, got something that cannot be decoded; remove it")
-    shrink = 1400 / max(image.shape[:2])
-    return np.asarray(
-        cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA) if shrink < 1 else image
-    )
+    return shrunk(image, 1400 / max(image.shape[:2]))
 
 
 @lru_cache(maxsize=600)
@@ -106,11 +115,9 @@ def _read_thing(path: Path) -> ImageArray:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None or image.shape[2:] != (4,) or image.dtype != np.uint8 or not (image[..., 3] >= OPAQUE).any():
         raise RequestError(f"expected a cut-out thing at {path}, 8-bit colours with opacity, got none; remove it")
-    rows, columns = (np.flatnonzero((image[..., 3] >= OPAQUE).any(axis=axis)) for axis in (1, 0))
-    tight = image[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    shrink = min(512 / max(tight.shape[:2]), 1.0)
-    tight = cv2.resize(tight, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA) if shrink < 1 else tight
-    return np.ascontiguousarray(tight[..., [2, 1, 0, 3]])
+    x1, y1, x2, y2 = tight(image[..., 3] >= OPAQUE)
+    small = shrunk(image[y1:y2, x1:x2], 512 / max(x2 - x1, y2 - y1))
+    return np.ascontiguousarray(small[..., [2, 1, 0, 3]])
 
 
 @lru_cache(maxsize=256)
@@ -162,12 +169,7 @@ class Facade:
         x2, y2 = np.clip(np.ceil(corners.max(axis=0)), 0, [width, height]).astype(int)
         if x1 >= x2 or y1 >= y2:
             return None
-        picture = self.picture
-        shrink = min(1.0, 1.2 * float(np.ptp(corners, axis=0).max()) / max(picture.shape[:2]))
-        if shrink < 1:
-            picture = np.asarray(
-                cv2.resize(picture, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA), np.uint8
-            )
+        picture = shrunk(self.picture, 1.2 * float(np.ptp(corners, axis=0).max()) / max(self.picture.shape[:2]))
         h, w = picture.shape[:2]
         source = np.array([[0, 0], [w, 0], [w, h], [0, h]], dtype=np.float32)
         turn = cv2.getPerspectiveTransform(source, (corners - [x1, y1]).astype(np.float32))

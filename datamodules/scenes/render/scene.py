@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.look import Outfit
 from tsuiseki.datamodules.scenes.render.shading import Light, shade
-from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Solids, silhouette_box, trace
+from tsuiseki.datamodules.scenes.render.solids import (
+    CORNERS,
+    Float32,
+    Int32,
+    Layer,
+    RayCamera,
+    Solids,
+    silhouette_box,
+    trace,
+)
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
-Owner: TypeAlias = np.ndarray[tuple[int, ...], np.dtype[np.int16]]
 # Share of all light that reaches the ground under a thing less than beside it.
 OCCLUSION = 0.3
 
@@ -37,6 +45,14 @@ class Thing:
     solids: Solids
     look: Outfit | None = None
     cutout: StandIn | None = None
+
+    def trace(self, camera: RayCamera, samples: int) -> tuple[Layer, Any] | None:
+        """See `StandIn.trace`."""
+        if self.cutout:
+            return self.cutout.trace(camera, samples)
+        # Only of people it matters how much lies outside the image.
+        layer = trace(self.solids, camera, samples, 0.0 if self.look is None else 1.0)
+        return None if layer is None else (layer, None)
 
 
 @dataclass(frozen=True)
@@ -87,54 +103,36 @@ def compose(
     Soft edges come from the share of a pixel's rays that meet a thing.
     """
     samples = picture.samples
-    height, width = picture.distance.shape
     distance = picture.distance.copy()
     owner = np.full(distance.shape, -1, dtype=np.int16)
-    # Only of people it matters how much lies outside the image.
-    traced = [t.cutout.trace(camera, samples) if t.cutout else None for t in things]
-    layers = [
-        (shown[0] if shown else None) if t.cutout else trace(t.solids, camera, samples, 0.0 if t.look is None else 1.0)
-        for t, shown in zip(things, traced, strict=True)
-    ]
-    for index, layer in enumerate(layers):
-        slices = layer.inside(width, height) if layer else None
-        if layer and slices:
-            closer = layer.distance[slices[1]] < distance[slices[0]]
-            np.copyto(distance[slices[0]], layer.distance[slices[1]], where=closer)
-            np.copyto(owner[slices[0]], np.int16(index), where=closer)
+    traced = [thing.trace(camera, samples) for thing in things]
+    for index, found in enumerate(traced):
+        if found:
+            there, own = found[0].inside(distance.shape)
+            closer = found[0].distance[own] < distance[there]
+            np.copyto(distance[there], found[0].distance[own], where=closer)
+            np.copyto(owner[there], np.int16(index), where=closer)
     added = picture.colour * by_pixel((owner < 0).astype(np.float32), samples)[:, :, None]
     sightings: list[Sighting | None] = []
-    for index, (thing, layer) in enumerate(zip(things, layers, strict=True)):
-        if layer is None:
+    for index, (thing, found) in enumerate(zip(things, traced, strict=True)):
+        if found is None:
             sightings.append(None)
             continue
-        shown = traced[index]
-        count = _draw(added, owner, index, thing, layer, camera, samples, light, shown[1] if shown else None)
-        sightings.append(Sighting(silhouette_box(layer, samples), count / max(int(layer.mask.sum()), 1)))
+        there, own = found[0].inside(owner.shape)
+        seen = np.zeros(found[0].distance.shape, dtype=np.bool_)
+        seen[own] = owner[there] == index
+        if seen.any():
+            _draw(added, thing, *found, seen, camera, samples, light)
+        share = int(seen.sum()) / max(int(found[0].mask.sum()), 1)
+        sightings.append(Sighting(silhouette_box(found[0], samples), share))
     return Picture(added, distance, samples), sightings
 
 
 def _draw(
-    colour: Float32,
-    owner: Owner,
-    index: int,
-    thing: Thing,
-    layer: Layer,
-    camera: RayCamera,
-    samples: int,
+    colour: Float32, thing: Thing, layer: Layer, shown: Any, seen: BoolArray, camera: RayCamera, samples: int,
     light: Light,
-    shown: Any,
-) -> int:
-    """Adds the visible part of a thing to ``colour`` and returns how many subpixels that is."""
-    height, width = owner.shape
-    slices = layer.inside(width, height)
-    if slices is None:
-        return 0
-    seen = np.zeros(layer.distance.shape, dtype=np.bool_)
-    seen[slices[1]] = owner[slices[0]] == index
-    count = int(seen.sum())
-    if not count:
-        return 0
+) -> None:  # fmt: skip
+    """Adds the ``seen`` part of the layer of a thing to ``colour``."""
     weight = np.full(seen.shape, 1 / samples**2, dtype=np.float32)
     if thing.look is None:
         seen, weight = _fewer(layer, seen, samples)
@@ -151,7 +149,6 @@ def _draw(
     for channel in range(3):
         sums = np.bincount(cell, values[:, channel], minlength=shape[0] * shape[1])
         colour[top : top + shape[0], left : left + shape[1], channel] += sums.reshape(shape)
-    return count
 
 
 def _fewer(layer: Layer, seen: BoolArray, samples: int) -> tuple[BoolArray, Float32]:
@@ -176,8 +173,8 @@ def _fewer(layer: Layer, seen: BoolArray, samples: int) -> tuple[BoolArray, Floa
 
 
 def by_pixel(fine: Float32, samples: int) -> Float32:
-    """Means over the subpixels of each pixel, ``(H * samples, W * samples)`` to ``(H, W)``."""
-    height, width = fine.shape
+    """Means over the subpixels of each pixel, ``(H * samples, W * samples, ...)`` to ``(H, W, ...)``."""
+    height, width = fine.shape[:2]
     return np.asarray(cv2.resize(fine, (width // samples, height // samples), interpolation=cv2.INTER_AREA))
 
 
@@ -196,12 +193,17 @@ def darken(
         sunlit: ``(H, W)`` share of the light that comes straight from the sun.
         softness: standard deviation of the blur of the shadows, pixels.
     """
-    sun = shadows(things, camera, light.direction, softness)
-    under = shadows(things, camera, np.array([0, 0, 1], dtype=np.float32), 2.0 + softness)
+    sun, under = both_shadows(things, camera, light, softness)
     kept = (1 - sun * sunlit) * (1 - np.float32(OCCLUSION) * under)
     open_ground = picture.open_ground
     shade_factor = 1 - open_ground * (1 - kept)
     return replace(picture, colour=picture.colour * shade_factor[:, :, None]), sunlit * (1 - sun) * open_ground
+
+
+def both_shadows(things: list[Thing], camera: RayCamera, light: Light, softness: float) -> tuple[Float32, Float32]:
+    """`shadows` of the sun, and softer ones straight below, where a thing keeps some of the sky's light away."""
+    below = np.array([0, 0, 1], dtype=np.float32)
+    return shadows(things, camera, light.direction, softness), shadows(things, camera, below, 2.0 + softness)
 
 
 def shadows(things: list[Thing], camera: RayCamera, direction: Float32, softness: float) -> Float32:
@@ -219,22 +221,18 @@ def shadows(things: list[Thing], camera: RayCamera, direction: Float32, softness
     return np.asarray(blurred, dtype=np.float32) / np.float32(255)
 
 
-def _shadow_polygons(
-    solids: Solids, camera: RayCamera, direction: Float32
-) -> list[np.ndarray[tuple[int, ...], np.dtype[np.int32]]]:
+def _shadow_polygons(solids: Solids, camera: RayCamera, direction: Float32) -> list[Int32]:
     sun = direction.astype(np.float64)
     across = np.cross(sun, [0.0, 0.0, 1.0] if sun[2] < 0.99 else [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
     upward = np.cross(across, sun)
     angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
     ring = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * upward
-    axes = np.linalg.inv(solids.to_local.astype(np.float64))
-    ends = solids.start[:, None] + np.stack([0 * axes[:, :, 2], axes[:, :, 2] * solids.length[:, None]], axis=1)
+    axes, ends = solids.ends()
     mean_scale = np.where(solids.box[:, None], 0.0, solids.scale[:, 1:2] * 0.5 + 0.5)
     points = ends[:, :, None] + ring * (solids.radius * mean_scale)[:, :, None, None]
     points = points.reshape(len(solids), 16, 3)
-    corner = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
-    corners = solids.start[:, None] + np.einsum("kij,cj->kci", axes, np.concatenate([corner, corner]))
+    corners = solids.start[:, None] + np.einsum("kij,cj->kci", axes, np.concatenate([CORNERS, CORNERS]))
     points = np.where(solids.box[:, None, None], corners, points)
     points[:, :, 2] = np.maximum(points[:, :, 2], 0)
     cast = points - points[:, :, 2:] / sun[2] * sun

@@ -7,23 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import Colour, Outfit
+from tsuiseki.datamodules.scenes.people.look import Outfit
 from tsuiseki.datamodules.scenes.render.solids import (
-    BRICKS,
-    CHECKS,
-    CLOUDS,
     HEAD,
-    LEAVES,
     PELVIS,
-    PLAIN,
-    SPECKLE,
-    STRIPES_ACROSS,
-    STRIPES_ALONG,
     TRUNK,
-    WINDOWS,
+    Colour,
     Float32,
     Int32,
     Layer,
+    Pattern,
     RayCamera,
     Solids,
     inner_normals,
@@ -139,28 +132,25 @@ def paint(local: Float32, which: Int32, solids: Solids, look: Outfit | None) -> 
     metres = local * solids.scale[which].T
     colour = solids.colour[which].T.copy()
     pattern = solids.pattern[which]
-    if (pattern != PLAIN).any():
+    if (pattern != Pattern.PLAIN).any():
         u, v = _flat_coordinates(metres, local, which, solids)
         second, period, phase = solids.second[which].T, solids.period[which], solids.phase[which]
-        for code in np.unique(pattern[pattern != PLAIN]):
+        for code in np.unique(pattern[pattern != Pattern.PLAIN]):
             at = np.flatnonzero(pattern == code)
             mix = pattern_value(int(code), u[at], v[at], period[at], phase[at])
             colour[:, at] += mix * (second[:, at] - colour[:, at])
     if look is not None:
-        _paint_details(colour, metres, which, solids, look)
+        head, trunk, pelvis = (np.flatnonzero(solids.detail[which] == code) for code in (HEAD, TRUNK, PELVIS))
+        _paint_head(colour, head, look, metres[:, head], solids.period[which[head]])
+        _paint_trunk(colour, trunk, look, metres[:, trunk])
+        if look.phase % 3 < 1:
+            # A belt.
+            colour[:, pelvis[np.abs(metres[0, pelvis] - 0.075) < 0.02]] *= np.float32(0.4)
     phase = solids.phase[which]
     a, b, c = metres * np.float32(23.0)
     folds = np.sin(a + np.float32(1.3) * b + phase) * np.sin(np.float32(0.6) * c - b + 2 * phase)
     folds += np.sin(np.float32(1.9) * c + a - phase) * np.float32(0.5)
     return np.asarray(np.clip(colour * (1 + solids.relief[which] * folds), 0, 1))
-
-
-def _paint_details(colour: Float32, metres: Float32, which: Int32, solids: Solids, look: Outfit) -> None:
-    detail = solids.detail[which]
-    head, trunk, pelvis = (np.flatnonzero(detail == code) for code in (HEAD, TRUNK, PELVIS))
-    _paint_head(colour, head, look, metres[:, head], solids.period[which[head]])
-    _paint_trunk(colour, trunk, look, metres[:, trunk])
-    _paint_pelvis(colour, pelvis, look, metres[:, pelvis])
 
 
 def _flat_coordinates(metres: Float32, local: Float32, which: Int32, solids: Solids) -> tuple[Float32, Float32]:
@@ -186,24 +176,24 @@ def noise_at(u: Float32, v: Float32) -> Float32:
 def pattern_value(code: int, u: Float32, v: Float32, period: Float32, phase: Float32) -> Float32:
     """How much of the second colour a pattern shows, ``(n,)`` in [0, 1]."""
     a, b = u / period, v / period + phase
-    if code == STRIPES_ACROSS:
+    if code == Pattern.ACROSS:
         return np.asarray(b % 1 < 0.4, dtype=np.float32)
-    if code == STRIPES_ALONG:
+    if code == Pattern.ALONG:
         return np.asarray(a % 1 < 0.35, dtype=np.float32)
-    if code == CHECKS:
+    if code == Pattern.CHECKS:
         return np.asarray((a % 1 < 0.5) * 0.5 + (b % 1 < 0.5) * 0.5, dtype=np.float32)
-    if code == SPECKLE:
+    if code == Pattern.SPECKLE:
         return np.asarray(noise_at(a * 24, b * 24) > 0.6, dtype=np.float32)
-    if code == CLOUDS:
+    if code == Pattern.CLOUDS:
         return np.asarray(np.clip((noise_at(a * 8, b * 8) - np.float32(0.35)) * 4, 0, 1))
-    if code == BRICKS:
+    if code == Pattern.BRICKS:
         row = np.floor(b)
         return np.asarray(((b % 1) < 0.15) | (((a / 3 + row / 2) % 1) < 0.05), dtype=np.float32)
-    if code == WINDOWS:
+    if code == Pattern.WINDOWS:
         return np.asarray((np.abs(a % 1 - 0.5) < 0.28) & (np.abs(b % 1 - 0.5) < 0.25), dtype=np.float32)
-    if code == LEAVES:
+    if code == Pattern.LEAVES:
         return noise_at(a * 30, b * 30)
-    raise ValueError(f"expected a pattern code from {STRIPES_ACROSS} to {LEAVES}, got {code}")
+    raise ValueError(f"expected a pattern code from {Pattern.ACROSS} to {Pattern.LEAVES}, got {code}")
 
 
 def _linear(colour: Colour) -> Float32:
@@ -239,9 +229,3 @@ def _paint_trunk(colour: Float32, rows: IntArray, look: Outfit, metres: Float32)
         colour[:, rows[front & (np.abs(np.abs(x) - 0.095) < 0.016)]] = strap
     elif look.bag == "cross":
         colour[:, rows[np.abs(x * look.side * 0.75 + 0.66 * (z - 0.12)) < 0.02]] = strap
-
-
-def _paint_pelvis(colour: Float32, rows: IntArray, look: Outfit, metres: Float32) -> None:
-    """A belt."""
-    if look.phase % 3 < 1:
-        colour[:, rows[np.abs(metres[0] - 0.075) < 0.02]] *= np.float32(0.4)

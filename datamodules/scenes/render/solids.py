@@ -8,22 +8,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
+from enum import IntEnum
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.projective import Camera
-from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 
-PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, SPECKLE, CLOUDS, BRICKS, WINDOWS, LEAVES = range(9)
 NO_DETAIL, HEAD, TRUNK, PELVIS = range(4)
 UP, FORWARD = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
+Pattern = IntEnum("Pattern", "PLAIN ACROSS ALONG CHECKS SPECKLE CLOUDS BRICKS WINDOWS LEAVES", start=0)
+"""What a surface shows of its second colour; ACROSS and ALONG are stripes."""
 Colour: TypeAlias = tuple[float, float, float]
+
+
+def as_colour(values: FloatArray) -> Colour:
+    """Three numbers as a `Colour`."""
+    red, green, blue = values.tolist()
+    return red, green, blue
 
 
 @dataclass(frozen=True)
@@ -39,7 +48,7 @@ class Solids:
         scale: ``(K, 3)`` metres per local unit.
         colour: ``(K, 3)`` reflectance in linear light, [0, 1].
         second: ``(K, 3)`` the pattern's other colour.
-        pattern: ``(K,)`` one of PLAIN, STRIPES_ACROSS, ...
+        pattern: ``(K,)`` a `Pattern`
         period: ``(K,)`` of the pattern, metres.
         relief: ``(K,)`` strength of the random variation of brightness.
         detail: ``(K,)`` NO_DETAIL, or what `paint` adds to the pattern.
@@ -63,6 +72,12 @@ class Solids:
     def __len__(self) -> int:
         return len(self.length)
 
+    def ends(self) -> tuple[FloatArray, FloatArray]:
+        """Axes ``(K, 3, 3)`` in the world, as columns, and both ends ``(K, 2, 3)`` of each solid along the last."""
+        axes = np.linalg.inv(self.to_local.astype(np.float64))
+        last = np.stack([np.zeros_like(axes[:, :, 2]), axes[:, :, 2] * self.length[:, None]], axis=1)
+        return axes, self.start[:, None].astype(np.float64) + last
+
     def select(self, which: NDArray[np.bool_] | Int32) -> Solids:
         """The solids at a mask or at indices."""
         return Solids(*(getattr(self, f.name)[which] for f in fields(self)))
@@ -78,37 +93,25 @@ class Surface(NamedTuple):
 
     colour: Colour
     second: Colour | None = None
-    pattern: int = PLAIN
+    pattern: int = Pattern.PLAIN
     period: float = 0.1
     relief: float = 0.1
     detail: int = NO_DETAIL
     phase: float = 0.0
 
 
-def _arrays(surfaces: Sequence[Surface]) -> tuple[Float32, Float32, Int32, Float32, Float32, Int32, Float32]:
+def _arrays(surfaces: Sequence[Surface]) -> tuple[NDArray[Any], ...]:
     """Surfaces as `Solids` wants them, colours in linear light (gamma 2, whose inverse is a square root)."""
-    colour, second, pattern, period, relief, detail, phase = zip(
-        *(s if s.second else s._replace(second=s.colour) for s in surfaces), strict=True
-    )
-    return (
-        np.square(np.array(colour, dtype=np.float32).reshape(-1, 3)),
-        np.square(np.array(second, dtype=np.float32).reshape(-1, 3)),
-        np.array(pattern, dtype=np.int32),
-        np.array(period, dtype=np.float32),
-        np.array(relief, dtype=np.float32),
-        np.array(detail, dtype=np.int32),
-        np.array(phase, dtype=np.float32),
-    )
+    columns = zip(*(s if s.second else s._replace(second=s.colour) for s in surfaces), strict=True)
+    kinds = (np.float32, np.float32, np.int32, np.float32, np.float32, np.int32, np.float32)
+    arrays = [np.array(column, dtype=kind) for column, kind in zip(columns, kinds, strict=True)]
+    return np.square(arrays[0].reshape(-1, 3)), np.square(arrays[1].reshape(-1, 3)), *arrays[2:]
 
 
 def cone_spheres(
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
-    radius: NDArray[np.float64],
-    front: NDArray[np.float64],
-    flat: NDArray[np.float64],
+    start: FloatArray, end: FloatArray, radius: FloatArray, front: FloatArray, flat: FloatArray,
     surfaces: Sequence[Surface],
-) -> Solids:
+) -> Solids:  # fmt: skip
     """Solids between ``start`` and ``end`` ``(K, 3)`` with sphere radii ``radius`` ``(K, 2)``, metres.
 
     ``flat`` ``(K,)`` scales each solid along ``front`` ``(K, 3)``, which becomes its local y axis.
@@ -140,15 +143,11 @@ def cone_spheres(
     )
 
 
-def boxes(
-    centre: NDArray[np.float64], half: NDArray[np.float64], yaw: NDArray[np.float64], surfaces: Sequence[Surface]
-) -> Solids:
+def boxes(centre: FloatArray, half: FloatArray, yaw: FloatArray, surfaces: Sequence[Surface]) -> Solids:
     """Upright boxes: ``centre`` ``(K, 3)``, half sizes ``half`` ``(K, 3)``, metres, turned by ``yaw`` ``(K,)``."""
-    cos, sin, none, one = np.cos(yaw), np.sin(yaw), np.zeros(len(yaw)), np.ones(len(yaw))
-    axes = np.stack(
-        [np.stack([cos, sin, none], -1), np.stack([-sin, cos, none], -1), np.stack([none, none, one], -1)], 1
-    )
-    count = len(centre)
+    count, cos, sin = len(centre), np.cos(yaw), np.sin(yaw)
+    axes = np.tile(np.eye(3), (count, 1, 1))
+    axes[:, :2, :2] = np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], 1)
     return Solids(
         centre.astype(np.float32),
         (axes / half[:, :, None]).astype(np.float32),
@@ -165,18 +164,13 @@ class Parts:
 
     def __init__(self) -> None:
         self._groups: list[Solids] = []
-        self._cones: list[tuple[FloatArray, FloatArray, tuple[float, float], FloatArray, float, Surface]] = []
-        self._boxes: list[tuple[FloatArray, Sequence[float] | FloatArray, float, Surface]] = []
+        self._cones: list[tuple[Any, ...]] = []
+        self._boxes: list[tuple[Any, ...]] = []
 
     def cone(
-        self,
-        start: FloatArray,
-        end: FloatArray,
-        radii: tuple[float, float],
-        surface: Surface,
-        flat: float = 1.0,
+        self, start: FloatArray, end: FloatArray, radii: tuple[float, float], surface: Surface, flat: float = 1.0,
         front: FloatArray = FORWARD,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Add what lies between two spheres; see `cone_spheres`."""
         self._close(self._boxes)
         self._cones.append((start, end, radii, front, flat, surface))
@@ -204,6 +198,16 @@ class Parts:
                 make: Callable[..., Solids] = cone_spheres if rows is self._cones else boxes
                 self._groups.append(make(*(np.array(column, dtype=np.float64) for column in columns), surfaces))
                 rows.clear()
+
+
+def along(yaw: float) -> FloatArray:
+    """``(3,)`` level unit vector towards ``yaw``, radians."""
+    return np.array([np.cos(yaw), np.sin(yaw), 0.0])
+
+
+def across(yaw: float) -> FloatArray:
+    """``(3,)`` level unit vector to the left of ``yaw``."""
+    return np.array([-np.sin(yaw), np.cos(yaw), 0.0])
 
 
 def above(position: FloatArray, z: float = 0.0) -> FloatArray:
@@ -294,6 +298,19 @@ class RayCamera(Camera, Protocol):
         ...
 
 
+Window = tuple[slice, ...]
+"""Rows and columns."""
+
+
+def overlap(shape: tuple[int, ...], corner: tuple[int, int], size: tuple[int, ...]) -> tuple[Window, Window]:
+    """What of an image of ``shape`` a part of ``size`` covers from row and column ``corner`` on, and what of the part.
+
+    Both are empty where the part lies outside.
+    """
+    spans = [(a, max(a, 0), max(a, 0, min(a + n, whole))) for a, n, whole in zip(corner, size, shape, strict=False)]
+    return tuple(slice(low, high) for _, low, high in spans), tuple(slice(low - a, high - a) for a, low, high in spans)
+
+
 @dataclass(frozen=True)
 class Layer:
     """One thing as the camera sees it alone, on a window of the grid of subpixels; the window may leave the image.
@@ -315,24 +332,14 @@ class Layer:
         """``(h, w)`` the silhouette."""
         return np.isfinite(self.distance)
 
-    def inside(self, width: int, height: int) -> tuple[tuple[slice, slice], tuple[slice, slice]] | None:
-        """Slices of the grid ``(height, width)`` and of the window where both lie, or None."""
-        h, w = self.distance.shape
-        x1, y1, x2, y2 = max(self.left, 0), max(self.top, 0), min(self.left + w, width), min(self.top + h, height)
-        if x1 >= x2 or y1 >= y2:
-            return None
-        return (slice(y1, y2), slice(x1, x2)), (
-            slice(y1 - self.top, y2 - self.top),
-            slice(x1 - self.left, x2 - self.left),
-        )
+    def inside(self, shape: tuple[int, ...]) -> tuple[Window, Window]:
+        """See `overlap`."""
+        return overlap(shape, (self.top, self.left), self.distance.shape)
 
 
 def extents(solids: Solids, camera: RayCamera) -> FloatArray:
     """``(K, 4)`` pixels x1, y1, x2, y2 that surely hold each solid; NaN where it is not wholly before the camera."""
-    axes = np.linalg.inv(solids.to_local.astype(np.float64))
-    ends = solids.start[:, None].astype(np.float64) + np.stack(
-        [np.zeros_like(axes[:, :, 2]), axes[:, :, 2] * solids.length[:, None]], axis=1
-    )
+    axes, ends = solids.ends()
     count = len(solids)
     steps = np.concatenate([axes, -axes], axis=2).transpose(0, 2, 1)
     points = ends[:, :, None] + steps[:, None] * solids.radius[:, :, None, None]
@@ -346,8 +353,7 @@ def extents(solids: Solids, camera: RayCamera) -> FloatArray:
     hidden: BoolArray = np.any(depth.reshape(count, -1) < NEAREST, axis=1)
     if solids.box.any():
         which = np.flatnonzero(solids.box)
-        corner = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=np.float64)
-        corners = solids.start[which, None] + np.einsum("kij,cj->kci", axes[which], corner)
+        corners = solids.start[which, None] + np.einsum("kij,cj->kci", axes[which], CORNERS)
         flat, far = camera.project(corners.reshape(-1, 3))
         flat = flat.reshape(len(which), 8, 2)
         rects[which] = np.concatenate([flat.min(axis=1) - 1, flat.max(axis=1) + 1], axis=1)
@@ -404,9 +410,13 @@ def ray_grid(camera: RayCamera, samples: int, left: int, top: int, right: int, b
     return np.ascontiguousarray(camera.rays(pixels.reshape(2, -1).T).T).reshape(3, len(y), len(x))
 
 
+def tight(mask: NDArray[np.bool_]) -> IntArray:
+    """``(4,)`` x1, y1, x2, y2 of the smallest window that holds all of ``mask`` ``(h, w)``."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1])
+
+
 def silhouette_box(layer: Layer, samples: int) -> FloatArray:
     """``(4,)`` pixels: the extent of the silhouette, beyond the image too."""
-    mask = layer.mask
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    x, y = columns + layer.left, rows + layer.top
-    return np.array([x[0], y[0], x[-1] + 1, y[-1] + 1], dtype=np.float64) / samples
+    box = tight(layer.mask) + np.array([layer.left, layer.top] * 2)
+    return np.asarray(box / samples)

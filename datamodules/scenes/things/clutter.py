@@ -9,21 +9,15 @@ import numpy as np
 from tsuiseki.datamodules.scenes.people.look import DARK, LIGHT, MIDDLE, any_colour, colour_of
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.solids import (
-    BRICKS,
-    CHECKS,
-    CLOUDS,
-    LEAVES,
-    PLAIN,
-    SPECKLE,
-    STRIPES_ACROSS,
-    STRIPES_ALONG,
     UP,
-    WINDOWS,
     Parts,
+    Pattern,
     RayCamera,
     Solids,
     Surface,
     above,
+    across,
+    along,
     extents,
 )
 from tsuiseki.datamodules.scenes.things.town import front
@@ -35,7 +29,7 @@ def pole(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A lamp post, a sign post, a bollard; some carry a sign or a lamp."""
     height, radius = rng.uniform(0.8, 7.0), rng.uniform(0.03, 0.12)
     colour = colour_of(rng, DARK + MIDDLE + LIGHT[:2])
-    pattern = STRIPES_ACROSS if rng.random() < 0.15 else PLAIN
+    pattern = Pattern.ACROSS if rng.random() < 0.15 else Pattern.PLAIN
     surface = Surface(colour, any_colour(rng), pattern, float(rng.uniform(0.2, 0.8)), 0.05)
     parts, top = Parts(), above(position, height)
     parts.cone(above(position), top, (radius, radius * rng.uniform(0.5, 1.0)), surface)
@@ -51,14 +45,14 @@ def _panel(rng: np.random.Generator, parts: Parts, position: FloatArray, yaw: fl
     half = np.array([rng.uniform(0.15, 0.5), 0.02, rng.uniform(0.15, 0.45)])
     z = max(height - half[2] - rng.uniform(0, 0.3) * height, half[2])
     first, second = any_colour(rng), any_colour(rng)
-    pattern = int(rng.choice([PLAIN, STRIPES_ACROSS, SPECKLE]))
+    pattern = int(rng.choice([Pattern.PLAIN, Pattern.ACROSS, Pattern.SPECKLE]))
     parts.box(above(position, z), half, yaw, Surface(first, second, pattern, float(rng.uniform(0.1, 0.5)), 0.04))
 
 
 def crate(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A box, a bin, a cabinet, a stack of two."""
     half = rng.uniform([0.15, 0.15, 0.15], [0.7, 0.7, 0.9])
-    patterns = [PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, CLOUDS, WINDOWS]
+    patterns = [Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.CHECKS, Pattern.CLOUDS, Pattern.WINDOWS]
     first, second, pattern = any_colour(rng), any_colour(rng), int(rng.choice(patterns))
     parts = Parts()
     parts.box(above(position, half[2]), half, yaw, Surface(first, second, pattern, float(rng.uniform(0.1, 0.6)), 0.06))
@@ -70,14 +64,13 @@ def crate(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
 
 def bench(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A seat, a back and two feet; without the back a table."""
-    width, along = rng.uniform(0.6, 1.2), np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    across = np.array([-along[1], along[0], 0.0])
+    width = rng.uniform(0.6, 1.2)
     wood, feet = (Surface(colour_of(rng, palette), relief=0.08) for palette in (MIDDLE + DARK, DARK))
     base, parts = above(position), Parts()
     parts.box(base + 0.45 * UP, [width, 0.22, 0.03], yaw, wood)
-    parts.box(base + 0.65 * UP - 0.2 * across, [width, 0.02, 0.2], yaw, wood)
+    parts.box(base + 0.65 * UP - 0.2 * across(yaw), [width, 0.02, 0.2], yaw, wood)
     for s in (-1, 1):
-        parts.box(base + 0.22 * UP + s * 0.8 * width * along, [0.04, 0.2, 0.22], yaw, feet)
+        parts.box(base + 0.22 * UP + s * 0.8 * width * along(yaw), [0.04, 0.2, 0.22], yaw, feet)
     return parts.solids()
 
 
@@ -86,10 +79,8 @@ def car(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     van = rng.random() < 0.25
     length, width, body = rng.uniform(1.7, 2.3), rng.uniform(0.8, 0.95), rng.uniform(0.28, 0.4)
     cabin = rng.uniform(0.45, 0.7) if van else rng.uniform(0.25, 0.33)
-    along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    across = np.array([-along[1], along[0], 0.0])
     paint, base, parts = Surface(any_colour(rng), relief=0.03), above(position), Parts()
-    back, top, reach = -0.1 * length * along, 0.25 + 2 * body, 0.95 if van else 0.55
+    back, top, reach = -0.1 * length * along(yaw), 0.25 + 2 * body, 0.95 if van else 0.55
     parts.box(base + (0.25 + body) * UP, [length, width, body], yaw, paint)
     windows = [reach * length, 0.92 * width, 0.6 * cabin]
     parts.box(base + (top + 0.6 * cabin) * UP + back, windows, yaw, Surface((0.08, 0.09, 0.11), relief=0.05))
@@ -97,8 +88,8 @@ def car(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     parts.box(base + (top + 1.6 * cabin) * UP + back, roof, yaw, paint)
     for s in (-1, 1):
         for t in (-1, 1):
-            hub = base + s * 0.62 * length * along + t * 0.9 * width * across + 0.3 * UP
-            parts.cone(hub, hub + 0.08 * t * across, (0.3, 0.28), Surface((0.07, 0.07, 0.07), relief=0.05))
+            hub = base + s * 0.62 * length * along(yaw) + t * 0.9 * width * across(yaw) + 0.3 * UP
+            parts.cone(hub, hub + 0.08 * t * across(yaw), (0.3, 0.28), Surface((0.07, 0.07, 0.07), relief=0.05))
     return parts.solids()
 
 
@@ -111,12 +102,14 @@ def bush(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     second = (green[0] * 0.35, green[1] * 0.4, green[2] * 0.35)
     if tree:
         low, size = rng.uniform(1.5, 3.0), rng.uniform(0.7, 1.6)
-        bark = Surface((0.27, 0.21, 0.16), (0.15, 0.12, 0.1), SPECKLE, 0.3, 0.2)
+        bark = Surface((0.27, 0.21, 0.16), (0.15, 0.12, 0.1), Pattern.SPECKLE, 0.3, 0.2)
         parts.cone(above(position), above(position, low + size), (rng.uniform(0.07, 0.2), 0.06), bark)
     for _ in range(int(rng.integers(4, 10))):
         middle = above(position, low + size * rng.uniform(0.3, 1.3)) + rng.normal(0, 0.45 * size, 3) * [1, 1, 0.3]
         radius = size * rng.uniform(0.3, 0.65)
-        leaves = Surface(green, second, LEAVES, float(rng.uniform(0.6, 2.5)), 0.02, phase=float(rng.uniform(0, 100)))
+        leaves = Surface(
+            green, second, Pattern.LEAVES, float(rng.uniform(0.6, 2.5)), 0.02, phase=float(rng.uniform(0, 100))
+        )
         parts.cone(middle, middle + rng.normal(0, 0.3 * size, 3), (radius, radius * 0.8), leaves)
     return parts.solids()
 
@@ -130,7 +123,9 @@ def column(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids
         radius = rng.uniform(0.05, 0.32, 2)
         lean = rng.normal(0, 0.05, 3) * [1, 1, 0]
         first, second = any_colour(rng), any_colour(rng)
-        surface = Surface(first, second, int(rng.choice([PLAIN, PLAIN, STRIPES_ACROSS, SPECKLE])), 0.2, 0.1)
+        surface = Surface(
+            first, second, int(rng.choice([Pattern.PLAIN, Pattern.PLAIN, Pattern.ACROSS, Pattern.SPECKLE])), 0.2, 0.1
+        )
         end = above(position, z + step) + lean * k
         rows.append((above(position, z), end, (float(radius[0]), float(radius[1])), surface))
         z += step
@@ -163,8 +158,8 @@ def building(rng: np.random.Generator, position: FloatArray, yaw: float) -> Soli
     wall = colour_of(rng, MIDDLE + LIGHT[:3] + ((0.55, 0.38, 0.28), (0.62, 0.48, 0.36)))
     glass = tuple(float(v) for v in np.array([0.16, 0.18, 0.22]) * rng.uniform(0.5, 2.2))
     rows = float(rng.uniform(1.2, 3.2))
-    front = Surface(wall, glass, WINDOWS, rows, 0.03, phase=float(rng.uniform(0, 1)))  # type: ignore[arg-type]
-    pattern = BRICKS if rng.random() < 0.6 else PLAIN
+    front = Surface(wall, glass, Pattern.WINDOWS, rows, 0.03, phase=float(rng.uniform(0, 1)))  # type: ignore[arg-type]
+    pattern = Pattern.BRICKS if rng.random() < 0.6 else Pattern.PLAIN
     grout = (0.8 * wall[0] + 0.1, 0.8 * wall[1] + 0.1, 0.8 * wall[2] + 0.1)
     base = Surface(wall, grout, pattern, float(rng.uniform(0.1, 0.3)), 0.03)
     plinth, parts = rng.uniform(0.3, 1.0), Parts()

@@ -7,20 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.datamodules.scenes.render.scene import Thing
-from tsuiseki.datamodules.scenes.render.solids import (
-    CHECKS,
-    CLOUDS,
-    LEAVES,
-    PLAIN,
-    STRIPES_ACROSS,
-    STRIPES_ALONG,
-    Surface,
-    boxes,
-    cone_spheres,
-)
+from tsuiseki.datamodules.scenes.render.solids import Colour, Pattern, Surface, as_colour, boxes, cone_spheres
 from tsuiseki.tracking.types import FloatArray
 
-Colour = tuple[float, float, float]
 SEAT, TABLE = 0.45, 0.73
 # Longest side of a box: a wide view bends longer edges.
 PIECE = 0.45
@@ -39,8 +28,7 @@ def any_colour(rng: np.random.Generator) -> Colour:
         colour = rng.uniform(0.03, 0.3, 3)
     else:
         colour = rng.uniform(0.05, 0.9, 3)
-    red, green, blue = np.clip(colour, 0.03, 0.95).tolist()
-    return red, green, blue
+    return as_colour(np.clip(colour, 0.03, 0.95))
 
 
 @dataclass
@@ -51,12 +39,12 @@ class Joinery:
     rows: list[tuple[FloatArray, FloatArray, Surface]] = field(default_factory=list)
 
     def box(self, low: tuple[float, float, float], high: tuple[float, float, float], colour: Colour,
-            pattern: int = PLAIN) -> None:  # fmt: skip
+            pattern: int = Pattern.PLAIN) -> None:  # fmt: skip
         """A box between two corners, in parts where it is long."""
         start, end = np.array(low), np.array(high)
         parts = np.maximum(np.ceil((end - start) / PIECE), 1).astype(int)
         parts[2] = 1 if end[2] - start[2] < 1 else parts[2]
-        second = tuple(np.clip(np.array(colour) * self.rng.uniform(0.6, 1.25), 0.02, 0.95).tolist())
+        second = as_colour(np.clip(np.array(colour) * self.rng.uniform(0.6, 1.25), 0.02, 0.95))
         surface = Surface(colour, second, pattern, float(self.rng.uniform(0.05, 0.4)), 0.06)
         for cell in np.ndindex(*parts.tolist()):
             lower, half = start + (end - start) * np.array(cell) / parts, (end - start) / parts / 2
@@ -89,7 +77,9 @@ def chair(rng: np.random.Generator, spot: FloatArray, heading: float) -> Thing:
             made.box((x, -half, 0.62), (x + 0.04, half, 0.66), frame)
     if rng.random() < 0.15:
         # A coat over the back.
-        made.box((-half - 0.02, -half - 0.12, 0.45), (half + 0.02, -half - 0.04, top + 0.04), any_colour(rng), CLOUDS)
+        made.box(
+            (-half - 0.02, -half - 0.12, 0.45), (half + 0.02, -half - 0.04, top + 0.04), any_colour(rng), Pattern.CLOUDS
+        )
     return made.put(spot, heading - np.pi / 2)
 
 
@@ -97,7 +87,7 @@ def table(rng: np.random.Generator, spot: FloatArray, yaw: float, half: tuple[fl
     """A table or desk with what lies on it."""
     made, top = Joinery(rng), any_colour(rng)
     x, y = half
-    wood = int(rng.choice([PLAIN, PLAIN, STRIPES_ALONG, CLOUDS]))
+    wood = int(rng.choice([Pattern.PLAIN, Pattern.PLAIN, Pattern.ALONG, Pattern.CLOUDS]))
     made.box((-x, -y, TABLE - 0.04), (x, y, TABLE), top, wood)
     if rng.random() < 0.6:
         for a in (-x + 0.03, x - 0.09):
@@ -135,7 +125,9 @@ def cabinet(rng: np.random.Generator, spot: FloatArray, yaw: float) -> Thing:
     made, colour = Joinery(rng), any_colour(rng)
     x, y = rng.uniform(0.15, 0.7), rng.uniform(0.15, 0.3)
     high = float(rng.choice([rng.uniform(0.3, 0.9), rng.uniform(0.9, 2.0)]))
-    pattern = int(rng.choice([PLAIN, PLAIN, CLOUDS, STRIPES_ACROSS, STRIPES_ALONG, CHECKS]))
+    pattern = int(
+        rng.choice([Pattern.PLAIN, Pattern.PLAIN, Pattern.CLOUDS, Pattern.ACROSS, Pattern.ALONG, Pattern.CHECKS])
+    )
     made.box((-x, -y, 0.0), (x, y, high), colour, pattern)
     if high < 1.2:
         for _ in range(int(rng.integers(0, 4))):
@@ -158,7 +150,11 @@ def plant(rng: np.random.Generator, spot: FloatArray) -> Thing:
         shade = rng.uniform(0.15, 0.45)
         leaf = (0.4 * shade, shade, 0.3 * shade) if green else any_colour(rng)
         colour = any_colour(rng) if k == 0 else leaf
-        surfaces.append(Surface(colour, None, LEAVES if green and k else PLAIN, 0.08, 0.3, phase=float(rng.random())))
+        surfaces.append(
+            Surface(
+                colour, None, Pattern.LEAVES if green and k else Pattern.PLAIN, 0.08, 0.3, phase=float(rng.random())
+            )
+        )
     radius = np.column_stack([rng.uniform(0.08, 0.2, count + 1), rng.uniform(0.05, 0.15, count + 1)])
     radius[0] = 0.12
     return Thing(cone_spheres(start, end, radius, np.tile([0.0, 1.0, 0.0], (count + 1, 1)), np.ones(count + 1),
@@ -174,7 +170,7 @@ def panels(rng: np.random.Generator, size: FloatArray, count: int) -> list[Thing
         bottom = 0.0 if rng.random() < 0.3 else rng.uniform(0.6, 1.4)
         top = min(bottom + rng.uniform(0.5, 2.0), float(size[2]) - 0.1)
         frame, inside = any_colour(rng), WHITE if rng.random() < 0.35 else any_colour(rng)
-        pattern = int(rng.choice([PLAIN, PLAIN, CLOUDS, CHECKS, STRIPES_ACROSS]))
+        pattern = int(rng.choice([Pattern.PLAIN, Pattern.PLAIN, Pattern.CLOUDS, Pattern.CHECKS, Pattern.ACROSS]))
         made.box((-half, 0.0, bottom), (half, 0.03, top), frame)
         made.box((-half + 0.06, 0.03, bottom + 0.06), (half - 0.06, 0.045, top - 0.06), inside, pattern)
         along = rng.uniform(0.12, 0.88)

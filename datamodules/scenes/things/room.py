@@ -4,44 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, empty_picture, shadows
+from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, by_pixel, compose, empty_picture, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light, noise_at, pattern_value
 from tsuiseki.datamodules.scenes.render.solids import (
-    BRICKS,
-    CHECKS,
-    CLOUDS,
-    PLAIN,
-    SPECKLE,
-    STRIPES_ACROSS,
-    STRIPES_ALONG,
+    Colour,
     Float32,
+    Pattern,
     RayCamera,
     Surface,
+    as_colour,
     boxes,
     ray_grid,
 )
 from tsuiseki.tracking.types import FloatArray
 
-Colour = tuple[float, float, float]
 Corner = tuple[float, float, float]
-FLOORS = (PLAIN, CHECKS, STRIPES_ACROSS, STRIPES_ALONG, CLOUDS, SPECKLE)
-WALLS = (PLAIN, PLAIN, CLOUDS, STRIPES_ALONG, BRICKS)
+FLOORS = (Pattern.PLAIN, Pattern.CHECKS, Pattern.ACROSS, Pattern.ALONG, Pattern.CLOUDS, Pattern.SPECKLE)
+WALLS = (Pattern.PLAIN, Pattern.PLAIN, Pattern.CLOUDS, Pattern.ALONG, Pattern.BRICKS)
 # Rows of the picture that are drawn at a time, so that memory stays small.
 BAND = 64
-
-
-@dataclass(frozen=True)
-class Side:
-    """Colours (sRGB), pattern and its period in metres of one side of the room."""
-
-    first: Colour
-    second: Colour
-    pattern: int
-    period: float
 
 
 @dataclass(frozen=True)
@@ -50,7 +34,7 @@ class Shell:
 
     low: Corner
     high: Corner
-    surfaces: tuple[Side, ...]
+    surfaces: tuple[Surface, ...]
     grain: float
 
 
@@ -58,12 +42,12 @@ HALL = Shell(
     (-6.5, -6.5, 0.0),
     (6.5, 6.5, 3.4),
     (
-        Side((0.62, 0.66, 0.70), (0.76, 0.74, 0.70), STRIPES_ALONG, 0.9),
-        Side((0.72, 0.70, 0.64), (0.58, 0.60, 0.62), CLOUDS, 1.6),
-        Side((0.66, 0.70, 0.62), (0.56, 0.58, 0.52), STRIPES_ACROSS, 1.1),
-        Side((0.70, 0.62, 0.54), (0.50, 0.42, 0.36), BRICKS, 0.35),
-        Side((0.60, 0.52, 0.42), (0.48, 0.40, 0.32), CHECKS, 1.2),
-        Side((0.85, 0.85, 0.84), (0.80, 0.80, 0.80), PLAIN, 1.0),
+        Surface((0.62, 0.66, 0.70), (0.76, 0.74, 0.70), Pattern.ALONG, 0.9),
+        Surface((0.72, 0.70, 0.64), (0.58, 0.60, 0.62), Pattern.CLOUDS, 1.6),
+        Surface((0.66, 0.70, 0.62), (0.56, 0.58, 0.52), Pattern.ACROSS, 1.1),
+        Surface((0.70, 0.62, 0.54), (0.50, 0.42, 0.36), Pattern.BRICKS, 0.35),
+        Surface((0.60, 0.52, 0.42), (0.48, 0.40, 0.32), Pattern.CHECKS, 1.2),
+        Surface((0.85, 0.85, 0.84), (0.80, 0.80, 0.80), Pattern.PLAIN, 1.0),
     ),
     0.25,
 )
@@ -76,22 +60,19 @@ def random_shell(rng: np.random.Generator, size: FloatArray) -> Shell:
     sides = []
     for _ in range(4):
         first = wall if rng.random() < 0.7 else _muted(rng, 0.25, 0.85)
-        sides.append(Side(first, _beside(rng, first), int(rng.choice(WALLS)), float(rng.uniform(0.4, 1.5))))
+        sides.append(Surface(first, _beside(rng, first), int(rng.choice(WALLS)), float(rng.uniform(0.4, 1.5))))
     first = _muted(rng, 0.2, 0.75)
-    floor = Side(first, _beside(rng, first), int(rng.choice(FLOORS)), float(rng.uniform(0.3, 1.6)))
-    ceiling = Side((0.85, 0.85, 0.84), (0.8, 0.8, 0.8), PLAIN, 1.0)
+    floor = Surface(first, _beside(rng, first), int(rng.choice(FLOORS)), float(rng.uniform(0.3, 1.6)))
+    ceiling = Surface((0.85, 0.85, 0.84), (0.8, 0.8, 0.8), Pattern.PLAIN, 1.0)
     return Shell((0.0, 0.0, 0.0), tuple(size.tolist()), (*sides, floor, ceiling), float(rng.uniform(0.05, 0.3)))
 
 
 def _muted(rng: np.random.Generator, low: float, high: float) -> Colour:
-    grey = rng.uniform(low, high)
-    colour = np.clip(grey + rng.normal(0, 0.05, 3), 0.03, 0.95)
-    return float(colour[0]), float(colour[1]), float(colour[2])
+    return as_colour(np.clip(rng.uniform(low, high) + rng.normal(0, 0.05, 3), 0.03, 0.95))
 
 
 def _beside(rng: np.random.Generator, colour: Colour) -> Colour:
-    other = np.clip(np.array(colour) * rng.uniform(0.6, 1.3) + rng.normal(0, 0.03, 3), 0.03, 0.95)
-    return float(other[0]), float(other[1]), float(other[2])
+    return as_colour(np.clip(np.array(colour) * rng.uniform(0.6, 1.3) + rng.normal(0, 0.03, 3), 0.03, 0.95))
 
 
 def random_furniture(rng: np.random.Generator, size: FloatArray, pieces: int) -> tuple[list[Thing], FloatArray]:
@@ -109,8 +90,8 @@ def random_furniture(rng: np.random.Generator, size: FloatArray, pieces: int) ->
             spot[0] = off if side == 0 else size[0] - off
         else:
             spot[1] = off if side == 2 else size[1] - off
-        first = _muted(rng, 0.1, 0.9) if rng.random() < 0.6 else tuple(rng.uniform(0.1, 0.85, 3).tolist())
-        pattern = int(rng.choice([PLAIN, PLAIN, CLOUDS, STRIPES_ALONG, CHECKS]))
+        first = _muted(rng, 0.1, 0.9) if rng.random() < 0.6 else as_colour(rng.uniform(0.1, 0.85, 3))
+        pattern = int(rng.choice([Pattern.PLAIN, Pattern.PLAIN, Pattern.CLOUDS, Pattern.ALONG, Pattern.CHECKS]))
         second, period = _beside(rng, first), float(rng.uniform(0.1, 0.5))
         surface = Surface(first, second, pattern, period, 0.05, phase=float(rng.random()))
         centre = np.array([[spot[0], spot[1], half[2]]])
@@ -127,21 +108,19 @@ def hall_furniture(rng: np.random.Generator, pieces: int = 7) -> list[Thing]:
     centre = np.stack([reach * np.cos(angle), reach * np.sin(angle), size[:, 2]], axis=1)
     surfaces = []
     for _ in range(pieces):
-        first, second = rng.uniform(0.2, 0.85, (2, 3))
-        pattern = int(rng.choice([PLAIN, STRIPES_ACROSS, STRIPES_ALONG, CHECKS, CLOUDS]))
-        colours = [(float(c[0]), float(c[1]), float(c[2])) for c in (first, second)]
+        first, second = (as_colour(colour) for colour in rng.uniform(0.2, 0.85, (2, 3)))
+        pattern = int(rng.choice([Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.CHECKS, Pattern.CLOUDS]))
         period, phase = float(rng.uniform(0.2, 0.6)), float(rng.random())
-        surfaces.append(Surface(colours[0], colours[1], pattern, period, 0.05, phase=phase))
+        surfaces.append(Surface(first, second, pattern, period, 0.05, phase=phase))
     return [Thing(boxes(centre, size, angle + np.pi / 2, surfaces))]
 
 
 def draw_hall(camera: RayCamera, light: Light, furniture: list[Thing], samples: int) -> tuple[Picture, Float32]:
     """`HALL` as `draw_shell` draws a room."""
     rays = ray_grid(camera, samples, 0, 0, camera.width * samples, camera.height * samples)
-    albedo, ambient, facing, floor = _lit(HALL, camera.position.astype(np.float32), rays.reshape(3, -1), light)
-    colour = _by_pixel(albedo * (ambient + facing), rays.shape[1:], samples)
-    return _furnished(colour, _by_pixel(albedo * facing * floor, rays.shape[1:], samples), camera, light, furniture,
-                      samples)  # fmt: skip
+    albedo, ambient, facing, floor = _lit(HALL, camera, rays, light)
+    colour, direct = by_pixel(albedo * (ambient + facing), samples), by_pixel(albedo * facing * floor, samples)
+    return _furnished(colour, direct, camera, light, furniture, samples)
 
 
 def draw_shell(
@@ -152,9 +131,9 @@ def draw_shell(
     for top in range(0, camera.height, BAND):
         bottom = min(top + BAND, camera.height)
         rays = ray_grid(camera, samples, 0, top * samples, camera.width * samples, bottom * samples)
-        albedo, ambient, facing, floor = _lit(shell, camera.position.astype(np.float32), rays.reshape(3, -1), light)
+        albedo, ambient, facing, floor = _lit(shell, camera, rays, light)
         lamps = albedo * facing
-        bands.append([_by_pixel(v, rays.shape[1:], samples) for v in (albedo * ambient + lamps, lamps * floor)])
+        bands.append([by_pixel(v, samples) for v in (albedo * ambient + lamps, lamps * floor)])
     colour, direct = (np.concatenate(part) for part in zip(*bands, strict=True))
     return _furnished(colour, direct, camera, light, furniture, samples)
 
@@ -168,18 +147,12 @@ def _furnished(
     return picture, direct * (picture.open_ground * (1 - shade))[:, :, None]
 
 
-def _by_pixel(fine: Float32, shape: tuple[int, ...], samples: int) -> Float32:
-    """Means over each pixel's subpixels of values ``(N, 3)`` on a grid of ``shape``."""
-    image = fine.astype(np.float32).reshape(*shape, 3)
-    size = shape[1] // samples, shape[0] // samples
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+def _lit(shell: Shell, camera: RayCamera, grid: Float32, light: Light) -> tuple[Float32, ...]:
+    """What the rays of a grid ``(3, h, w)`` meet: reflectance, black for NaN, light from all about, light of lamps.
 
-
-def _lit(shell: Shell, origin: Float32, rays: Float32, light: Light) -> tuple[Float32, Float32, Float32, Float32]:
-    """What rays ``(3, N)`` meet: reflectance, black for NaN, light from all about, light of lamps, each ``(N, 3)``.
-
-    Last is ``(N, 1)`` whether it is the floor.
+    Each is ``(h, w, 3)``; last is ``(h, w, 1)`` whether it is the floor.
     """
+    origin, rays = camera.position.astype(np.float32), grid.reshape(3, -1)
     planes = np.array([end for ends in zip(shell.low, shell.high, strict=True) for end in ends], dtype=np.float32)
     axis = [0, 0, 1, 1, 2, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -193,7 +166,8 @@ def _lit(shell: Shell, origin: Float32, rays: Float32, light: Light) -> tuple[Fl
     normals = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float32)
     ambient = 0.5 * (1 + normals[:, 2:]) * light.sky + 0.5 * (1 - normals[:, 2:]) * light.ground
     facing = np.maximum(normals @ light.direction, 0)[:, None] * light.sun
-    return albedo, ambient[face], facing[face], (face == 4)[:, None].astype(np.float32)
+    met = albedo, ambient[face], facing[face], (face == 4)[:, None].astype(np.float32)
+    return tuple(each.reshape(*grid.shape[1:], -1) for each in met)
 
 
 def _albedo(shell: Shell, points: Float32, face: NDArray[np.int64]) -> Float32:
@@ -206,9 +180,9 @@ def _albedo(shell: Shell, points: Float32, face: NDArray[np.int64]) -> Float32:
         x, y, z = points[:, at]
         u, v = (x, y) if code >= 4 else (y, z) if code < 2 else (x, z)
         ones = np.ones(len(u), dtype=np.float32)
-        plain = surface.pattern == PLAIN
+        plain = surface.pattern == Pattern.PLAIN
         mix = 0 * ones if plain else pattern_value(surface.pattern, u, v, surface.period * ones, 0.3 * ones)
-        base = np.square(np.array([surface.first, surface.second], dtype=np.float32))
+        base = np.square(np.array(surface[:2], dtype=np.float32))
         grain = 1 + np.float32(shell.grain) * (noise_at(u * 60, v * 60) + noise_at(u * 13 + 91, v * 13) - 1)
         colour[at] = (base[0] + mix[:, None] * (base[1] - base[0])) * grain[:, None]
     return colour

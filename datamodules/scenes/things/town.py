@@ -9,36 +9,14 @@ import itertools
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE, Colour, any_colour, colour_of
-from tsuiseki.datamodules.scenes.render.solids import (
-    BRICKS,
-    CHECKS,
-    CLOUDS,
-    LEAVES,
-    PLAIN,
-    SPECKLE,
-    STRIPES_ACROSS,
-    STRIPES_ALONG,
-    UP,
-    Parts,
-    Solids,
-    Surface,
-    above,
-)
+from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE, any_colour, colour_of
+from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Parts, Pattern, Solids, Surface, above, across, along
 from tsuiseki.tracking.types import FloatArray
 
 _LAMPS: tuple[Colour, ...] = ((0.98, 0.15, 0.10), (0.98, 0.65, 0.10), (0.15, 0.95, 0.45))
 _LEAF: tuple[Colour, ...] = ((0.16, 0.28, 0.12), (0.26, 0.38, 0.16), (0.34, 0.34, 0.18))
 # Things go into the middle of a wall's thickness, so that they stand out of both sides by a little.
 _WALL = 0.1
-
-
-def _along(yaw: float) -> FloatArray:
-    return np.array([np.cos(yaw), np.sin(yaw), 0.0])
-
-
-def _across(yaw: float) -> FloatArray:
-    return np.array([-np.sin(yaw), np.cos(yaw), 0.0])
 
 
 def _tube(
@@ -50,7 +28,7 @@ def _tube(
 def traffic_light(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A post with one or two heads of lamps, one lamp lit in each, perhaps before a plate."""
     height, thick = float(rng.uniform(2.2, 5.5)), float(rng.uniform(0.04, 0.08))
-    parts, across = Parts(), 0.11 * _across(yaw)
+    parts, aside = Parts(), 0.11 * across(yaw)
     _tube(parts, position, 0.0, height, thick, colour_of(rng, DARK + MIDDLE[:1]))
     tops = [height] + ([float(rng.uniform(1.8, height - 0.6))] if height > 3 and rng.random() < 0.5 else [])
     for top in tops:
@@ -68,7 +46,7 @@ def traffic_light(rng: np.random.Generator, position: FloatArray, yaw: float) ->
             share = 1.0 if lamp == lit else 0.25
             hub = middle + (lamps - 1 - 2 * lamp) * size * UP
             glass = Surface((share * red, share * green, share * blue), relief=0.02)
-            parts.cone(hub - across, hub + across, (0.8 * size, 0.8 * size), glass)
+            parts.cone(hub - aside, hub + aside, (0.8 * size, 0.8 * size), glass)
     return parts.solids()
 
 
@@ -82,14 +60,14 @@ def road_sign(rng: np.random.Generator, position: FloatArray, yaw: float) -> Sol
         outer, inner = colour_of(rng, BRIGHT + LIGHT[:1]), colour_of(rng, LIGHT[:2] + BRIGHT + DARK[:1])
         middle = above(position, top - size)
         if rng.random() < 0.5:
-            face = 0.02 * _across(yaw)
+            face = 0.02 * across(yaw)
             for colour, k, r in ((outer, 1, 1), (inner, 1.5, 0.7)):
                 disc = Surface(colour, relief=0.02)
                 parts.cone(middle - k * face, middle + k * face, (r * size, r * size), disc)
         else:
             high = size * float(rng.uniform(0.5, 1.5))
             middle = above(position, top - high)
-            pattern = int(rng.choice([PLAIN, STRIPES_ACROSS, STRIPES_ALONG, SPECKLE]))
+            pattern = int(rng.choice([Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.SPECKLE]))
             plate = Surface(outer, inner, pattern, float(rng.uniform(0.1, 0.5)), 0.05)
             parts.box(middle, (size, 0.015, high), yaw, plate)
             size = high
@@ -103,7 +81,7 @@ def bollards(rng: np.random.Generator, position: FloatArray, yaw: float) -> Soli
     """One to six posts in a row, as high as children, some with a band or a ball on top."""
     height, radius = float(rng.uniform(0.5, 1.25)), float(rng.uniform(0.05, 0.16))
     colour, band = any_colour(rng), colour_of(rng, LIGHT + BRIGHT)
-    step, parts = float(rng.uniform(0.9, 2.0)) * _along(yaw)[:2], Parts()
+    step, parts = float(rng.uniform(0.9, 2.0)) * along(yaw)[:2], Parts()
     for k in range(int(rng.integers(1, 7))):
         place = position + k * step
         _tube(parts, place, 0.0, height, radius, colour)
@@ -121,7 +99,7 @@ def meter(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     high = float(rng.uniform(0.1, 0.35))
     if rng.random() < 0.5:
         half = (float(rng.uniform(0.08, 0.3)), float(rng.uniform(0.08, 0.2)), high)
-        head = Surface(any_colour(rng), any_colour(rng), STRIPES_ACROSS, 0.2, 0.05)
+        head = Surface(any_colour(rng), any_colour(rng), Pattern.ACROSS, 0.2, 0.05)
         parts.box(above(position, low + high), half, yaw, head)
     else:
         size = float(rng.uniform(0.08, 0.16))
@@ -131,7 +109,7 @@ def meter(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
 
 def bin_(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """One to three bins on wheels or round ones, lids in another colour."""
-    step, parts = float(rng.uniform(0.7, 0.9)) * _along(yaw)[:2], Parts()
+    step, parts = float(rng.uniform(0.7, 0.9)) * along(yaw)[:2], Parts()
     body, lid, round_ = any_colour(rng), any_colour(rng), rng.random() < 0.4
     half = rng.uniform([0.2, 0.2, 0.4], [0.38, 0.4, 0.65])
     for k in range(int(rng.integers(1, 4))):
@@ -148,11 +126,11 @@ def bin_(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
 
 def bicycle(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """One to four bicycles beside one another: rings, a frame, a saddle, handlebars."""
-    parts, black, bar = Parts(), Surface((0.08, 0.08, 0.08), relief=0.03), 0.28 * _across(yaw)
+    parts, black, bar = Parts(), Surface((0.08, 0.08, 0.08), relief=0.03), 0.28 * across(yaw)
     angles = np.linspace(0, 2 * np.pi, 9)
     for k in range(int(rng.integers(1, 5))):
-        base = above(position) + k * float(rng.uniform(0.35, 0.7)) * _across(yaw)
-        ahead, paint = _along(yaw + float(rng.normal(0, 0.1))), Surface(any_colour(rng), relief=0.03)
+        base = above(position) + k * float(rng.uniform(0.35, 0.7)) * across(yaw)
+        ahead, paint = along(yaw + float(rng.normal(0, 0.1))), Surface(any_colour(rng), relief=0.03)
         back, front = base - 0.52 * ahead + 0.34 * UP, base + 0.52 * ahead + 0.34 * UP
         for hub in (back, front):
             ring = hub + 0.32 * (np.cos(angles)[:, None] * ahead + np.sin(angles)[:, None] * UP)
@@ -173,7 +151,7 @@ def parasol(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solid
     post = Surface(colour_of(rng, LIGHT[:2] + DARK[:2]), relief=0.05)
     parts.cone(above(position), above(position, height), (0.03, 0.03), post)
     first, second = any_colour(rng), any_colour(rng)
-    cloth = Surface(first, second, int(rng.choice([PLAIN, STRIPES_ALONG])), 0.2, 0.1)
+    cloth = Surface(first, second, int(rng.choice([Pattern.PLAIN, Pattern.ALONG])), 0.2, 0.1)
     if rng.random() < 0.7:
         low = height * float(rng.uniform(0.2, 0.5))
         row = (above(position, low), above(position, height), (float(rng.uniform(0.1, 0.25)), 0.05))
@@ -189,7 +167,7 @@ def torso(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     del yaw
     low, parts = float(rng.uniform(0.6, 1.0)), Parts()
     cloth, second = any_colour(rng), any_colour(rng)
-    pattern = int(rng.choice([PLAIN, PLAIN, STRIPES_ACROSS, CHECKS]))
+    pattern = int(rng.choice([Pattern.PLAIN, Pattern.PLAIN, Pattern.ACROSS, Pattern.CHECKS]))
     surfaces = [Surface(cloth, second, pattern, float(rng.uniform(0.05, 0.15)), 0.15) for _ in range(2)]
     waist, neck = above(position, low + 0.25), above(position, low + 0.62)
     upper = (0.13, float(rng.uniform(0.1, 0.16)))
@@ -205,7 +183,9 @@ def torso(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
 def board(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     """A poster in a frame, a banner, a board on the pavement, a pillar for notices."""
     colour, second, parts = any_colour(rng), any_colour(rng), Parts()
-    pattern = int(rng.choice([PLAIN, STRIPES_ACROSS, STRIPES_ALONG, SPECKLE, CLOUDS, CHECKS]))
+    pattern = int(
+        rng.choice([Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.SPECKLE, Pattern.CLOUDS, Pattern.CHECKS])
+    )
     notices = Surface(colour, second, pattern, float(rng.uniform(0.2, 1.2)), 0.05)
     if rng.random() < 0.2:
         radius, height = float(rng.uniform(0.3, 0.7)), float(rng.uniform(1.8, 3.2))
@@ -219,7 +199,7 @@ def board(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     parts.box(middle, half, yaw, notices)
     if low > 0.1:
         for side in (-1, 1):
-            _tube(parts, position + side * half[0] * _along(yaw)[:2], 0.0, low, 0.03, (0.2, 0.2, 0.2))
+            _tube(parts, position + side * half[0] * along(yaw)[:2], 0.0, low, 0.03, (0.2, 0.2, 0.2))
     return parts.solids()
 
 
@@ -231,7 +211,7 @@ def planter(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solid
     dark = (0.4 * green[0], 0.4 * green[1], 0.4 * green[2])
     low, height = 2 * tub, float(rng.uniform(0.6, 1.8))
     for k in range(3):
-        leaves = Surface(green, dark, LEAVES, float(rng.uniform(0.4, 1.5)), 0.05)
+        leaves = Surface(green, dark, Pattern.LEAVES, float(rng.uniform(0.4, 1.5)), 0.05)
         radius = float(rng.uniform(0.15, 0.4)) * (1 - 0.25 * k)
         start, end = above(position, low + k * height / 3), above(position, low + (k + 1) * height / 3)
         parts.cone(start, end, (radius, 0.8 * radius), leaves)
@@ -254,7 +234,7 @@ def front(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     storey, parts = float(rng.uniform(2.6, 3.6)), Parts()
     red, green, blue = wall = colour_of(rng, MIDDLE + LIGHT + ((0.55, 0.38, 0.28),))
     high = storey * storeys / 2
-    pattern = BRICKS if rng.random() < 0.4 else PLAIN
+    pattern = Pattern.BRICKS if rng.random() < 0.4 else Pattern.PLAIN
     grout = (0.8 * red + 0.1, 0.8 * green + 0.1, 0.8 * blue + 0.1)
     parts.box(above(position, high), (wide / 2, _WALL / 2, high), yaw, Surface(wall, grout, pattern, 0.2, 0.05))
     lit = rng.random() < 0.35
@@ -267,17 +247,17 @@ def front(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
         if shops:
             half_h, low = float(rng.uniform(0.9, 1.15)), 0.3
         for x in np.arange(-wide / 2 + step / 2, wide / 2 - step / 3, step):
-            place = position + x * _along(yaw)[:2]
+            place = position + x * along(yaw)[:2]
             door = level == 0 and rng.random() < 0.3
             size = (
                 (float(rng.uniform(0.4, 0.6)), float(rng.uniform(0.95, 1.15)), 0.0) if door else (half_w, half_h, low)
             )
             _opening(rng, parts, above(place, level * storey + size[2] + size[1]), yaw, size, glass, door)
             if shops and not door and rng.random() < 0.5:
-                parts.add(torso(rng, place - 0.12 * _across(yaw)[:2], yaw))
-                parts.add(torso(rng, place + 0.12 * _across(yaw)[:2], yaw))
+                parts.add(torso(rng, place - 0.12 * across(yaw)[:2], yaw))
+                parts.add(torso(rng, place + 0.12 * across(yaw)[:2], yaw))
         if shops:
-            sign = Surface(any_colour(rng), any_colour(rng), STRIPES_ALONG, 0.4, 0.05)
+            sign = Surface(any_colour(rng), any_colour(rng), Pattern.ALONG, 0.4, 0.05)
             parts.box(above(position, 0.85 * storey), (0.95 * wide / 2, _WALL, 0.2), yaw, sign)
     return parts.solids()
 

@@ -10,14 +10,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.action_crops import action_sequences
-from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.drone_clip import (
-    MOTIONS,
-    DroneSceneSettings,
-    Viewpoint,
-    fly,
-    plan_drone,
-)
+from tsuiseki.datamodules.scenes.clip import ClipSettings, write_clip
+from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, Viewpoint, fly, plan_drone
 from tsuiseki.datamodules.scenes.people.activities import LEFT, RIGHT, drinking, lying, reach, running, sip, sitting
 from tsuiseki.datamodules.scenes.people.gathering import gather
 from tsuiseki.datamodules.scenes.people.posture import Build, Manner, Pose, place
@@ -84,8 +78,8 @@ def test_a_hard_sun_changes_the_light_and_nothing_else():
 
 
 def test_everybody_in_view_is_visible_in_its_box():
-    settings = replace(SMALL, people=1, clutter=0, noise=0.0, shutter=0.0, camera="still", blur=0.0)
-    flight = plan_drone(settings, 5)
+    settings = replace(SMALL, people=1, clutter=0, camera="still")
+    flight = replace(plan_drone(settings, 5), grains=[])
     image, truth = flight.draw_frame(0)
     empty, _ = replace(flight, gathering=replace(flight.gathering, performers=[])).draw_frame(0)
     changed = np.abs(image.astype(int) - empty).max(axis=2) > 40
@@ -99,13 +93,16 @@ def test_all_twelve_actions_are_performed():
     arena = np.array([[0.0, 0.0], [6.0, 5.0]])
     seen: set[str] = set()
     for seed in range(6):
-        performance = gather(np.random.default_rng(seed), 9, 200, 30.0, arena, np.empty((0, 3)))
+        performance = gather(
+            np.random.default_rng(seed), ClipSettings(frames=200, frame_rate=30.0), 9, arena, np.empty((0, 3))
+        )
         seen |= {a for p in performance.performers for m in p.states for a in m.activity.actions}
     assert seen == set(OKUTAMA_ACTIONS)
 
 
 def test_nobody_jumps():
-    performance = gather(np.random.default_rng(1), 8, 240, 30.0, np.array([[0.0, 0], [6, 5]]), np.empty((0, 3)))
+    clip, arena = ClipSettings(frames=240, frame_rate=30.0), np.array([[0.0, 0], [6, 5]])
+    performance = gather(np.random.default_rng(1), clip, 8, arena, np.empty((0, 3)))
     assert len(performance.performers) == 8
     for performer in performance.performers:
         path = np.array([m.position for m in performer.states])
@@ -138,8 +135,8 @@ def test_postures_have_their_heights():
 
 def test_stronger_motion_moves_the_picture_more():
     def moves(strength):
-        rng, view = np.random.default_rng(0), Viewpoint(20.0, 1.0, 1.57, 1280.0)
-        cameras = fly(rng, view, MOTIONS[strength], 90, 30.0, (1280, 720), (10.0, 45.0))
+        rng, view = np.random.default_rng(0), Viewpoint(20.0, 1.0, 1280.0)
+        cameras = fly(rng, view, DroneSceneSettings(frames=90, camera=strength))
         middle = np.array([640.0, 360.0, 1.0])
         steps = [ground_homography(a, b) @ middle for a, b in itertools.pairwise(cameras)]
         return np.array([np.linalg.norm(s[:2] / s[2] - middle[:2]) for s in steps])
@@ -179,7 +176,7 @@ def test_clusters_do_not_touch_and_hold_everything_in_view():
 
 @pytest.mark.parametrize(
     "change",
-    [{"altitude": (1.0, 20.0)}, {"tilt": (20.0, 60.0)}, {"people": 0}, {"width": 10}, {"blur": -1.0}, {"sun": 2}],
+    [{"altitude": (1.0, 20.0)}, {"tilt": (20.0, 60.0)}, {"people": 0}, {"width": 10}, {"clutter": -1}, {"sun": 2}],
 )
 def test_settings_out_of_range_are_refused(change):
     with pytest.raises(RequestError, match="drone clip: expected"):

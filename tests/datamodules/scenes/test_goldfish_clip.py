@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from tsuiseki.datamodules.scenes import fish_motion
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.fish_motion import Swimming, swim
+from tsuiseki.datamodules.scenes.fish_motion import swim
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.errors import RequestError
@@ -105,10 +106,12 @@ def test_bend_drives_motion(ways):
     assert abs(np.corrcoef(np.roll(bending, 149), aside)[0, 1]) < 0.2
 
 
-def test_a_fish_without_a_beat_only_glides():
-    calm = Swimming(bursts=0.0, glides=1.0, lively=0.0)
-    driven = swim(150, 15.0, (640, 480), np.random.default_rng(3), Swimming(lively=0.0))
-    gliding = swim(150, 15.0, (640, 480), np.random.default_rng(3), calm)
+def test_a_fish_without_a_beat_only_glides(monkeypatch):
+    monkeypatch.setattr(fish_motion, "LIVELY", 0.0)
+    driven = swim(150, 15.0, (640, 480), np.random.default_rng(3))
+    monkeypatch.setattr(fish_motion, "BURSTS", 0.0)
+    monkeypatch.setattr(fish_motion, "GLIDES", 1.0)
+    gliding = swim(150, 15.0, (640, 480), np.random.default_rng(3))
     assert body_fixed(gliding)[60:, 0].mean() < 0.5 * body_fixed(driven)[60:, 0].mean()
 
 
@@ -128,7 +131,7 @@ def test_clips_on_disk(tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [({"fish": 0}, "1 to 5 fish"), ({"fish": 6}, "1 to 5 fish"), ({"frames": 0}, "at least one frame"),
-     ({"frame_rate": 0.0}, "frame rate above 0"), ({"width": 100}, "four times as large")],
+     ({"frame_rate": 0.0}, "positive frame_rate"), ({"width": 100}, "at least 224x224 pixels")],
 )  # fmt: skip
 def test_wrong_settings_are_refused(wrong, message):
     with pytest.raises(RequestError, match=message):

@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
+import pytest
 
 from tsuiseki.datamodules.scenes import room_pictures
-from tsuiseki.datamodules.scenes.room_pictures import PanoramaPictures, panorama_picture
+from tsuiseki.datamodules.scenes.room_pictures import panorama_picture
 from tsuiseki.datamodules.scenes.things.interior import chair, table
 
-SMALL = PanoramaPictures(width=160, height=120, people=(5, 8), samples=1)
+SMALL = 160, 120
+
+
+@pytest.fixture(autouse=True)
+def crowded(monkeypatch):
+    monkeypatch.setattr(room_pictures, "PEOPLE", (5, 8))
+    monkeypatch.setattr(room_pictures, "SAMPLES", 1)
 
 
 def test_the_same_seed_gives_the_same_picture():
-    first, again = (panorama_picture(np.random.default_rng(4), SMALL) for _ in range(2))
+    first, again = (panorama_picture(np.random.default_rng(4), *SMALL) for _ in range(2))
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
-    other = panorama_picture(np.random.default_rng(5), SMALL)
+    other = panorama_picture(np.random.default_rng(5), *SMALL)
     assert not np.array_equal(first[0], other[0])
 
 
 def test_boxes_lie_in_the_picture_and_hold_something_seen():
     count = 0
     for seed in range(8):
-        image, boxes, visibility = panorama_picture(np.random.default_rng(seed), SMALL)
+        image, boxes, visibility = panorama_picture(np.random.default_rng(seed), *SMALL)
         assert image.shape == (120, 160, 3)
         assert (boxes[:, :2] >= 0).all()
         assert (boxes[:, 2:] <= [160, 120]).all()
@@ -33,10 +38,10 @@ def test_boxes_lie_in_the_picture_and_hold_something_seen():
 
 
 def test_nobody_is_asked_for_and_nobody_is_there(monkeypatch):
-    empty = replace(SMALL, people=(0, 0))
+    monkeypatch.setattr(room_pictures, "PEOPLE", (0, 0))
     for seed, downward in ((0, 0.0), (1, 1.0)):
         monkeypatch.setattr(room_pictures, "DOWNWARD", downward)
-        _, boxes, _ = panorama_picture(np.random.default_rng(seed), empty)
+        _, boxes, _ = panorama_picture(np.random.default_rng(seed), *SMALL)
         assert len(boxes) == 0
 
 

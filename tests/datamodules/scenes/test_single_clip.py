@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes import single_clip
 from tsuiseki.datamodules.scenes.single_clip import SingleClipSettings, draw_single_clip
 
 SMALL = SingleClipSettings(frames=8, width=160, height=120, person_height=(30, 31), passers=1, obstacles=1)
@@ -22,11 +23,10 @@ def test_the_same_seed_gives_the_same_clip():
     assert (first.boxes == second.boxes).all()
 
 
-def test_boxes_hold_the_person():
+def test_boxes_hold_the_person(monkeypatch):
     """Without anything else in view, what differs between two worlds of one seed is the person."""
-    alone = SingleClipSettings(
-        frames=2, width=160, height=120, person_height=(40, 41), passers=0, obstacles=0, shake=0.0
-    )
+    monkeypatch.setattr(single_clip, "SHAKE", 0.0)
+    alone = SingleClipSettings(frames=2, width=160, height=120, person_height=(40, 41), passers=0, obstacles=0)
     clip = draw_single_clip(np.random.default_rng(3), alone)
     assert clip.visibility[0] == 1
     x1, y1, x2, y2 = clip.boxes[0].astype(int)

@@ -5,12 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.sphere_clip import (
-    CarriedBallSettings,
-    Cover,
-    ball_cameras,
-    plan_sphere,
-)
+from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, ball_cameras, plan_sphere
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 
 SEED = 1
@@ -75,7 +70,7 @@ def test_noise_has_the_stated_strength():
 
 
 def test_a_board_hides_the_scene_from_one_camera_only(images):
-    settings = CarriedBallSettings(frames=3, samples=2, noise=0.0, covers=(Cover(1, 1, 1),))
+    settings = CarriedBallSettings(frames=3, samples=2, noise=0.0, covers=((1, 1, 1),))
     covered = [images for images, _ in plan_sphere(settings, SEED).frames()]
     np.testing.assert_array_equal(covered[0][1], images[0][1])
     np.testing.assert_array_equal(covered[1][0], images[1][0])

@@ -7,9 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes import street_clip as street
-from tsuiseki.datamodules.scenes.clip import by_appearance, ground_truth, write_clip
-from tsuiseki.datamodules.scenes.people.walkers import CrowdSettings, crowd
+from tsuiseki.datamodules.scenes import clip as clips
+from tsuiseki.datamodules.scenes.clip import ClipSettings, by_appearance, ground_truth, write_clip
+from tsuiseki.datamodules.scenes.people import walkers as walkers_module
+from tsuiseki.datamodules.scenes.people.walkers import crowd
 from tsuiseki.datamodules.scenes.street_clip import (
     StreetSettings,
     plan_street,
@@ -50,7 +51,7 @@ def test_same_seed_same_clip() -> None:
 
 
 def test_boxes_are_where_the_people_are() -> None:
-    plan = plan_street(StreetSettings(width=160, height=120, frames=3, people=5, noise=0, person_height=(15, 60)), 1)
+    plan = plan_street(StreetSettings(width=160, height=120, frames=3, people=5, person_height=(15, 60)), 1)
     _, truth = plan.draw_frame(1)
     assert len(truth.ids) >= 3
     for identity, box, visible in zip(truth.ids, truth.boxes, truth.visibility, strict=True):
@@ -63,9 +64,8 @@ def test_boxes_are_where_the_people_are() -> None:
 
 
 def test_the_background_stands_still() -> None:
-    plan = plan_street(
-        StreetSettings(width=160, height=120, frames=20, people=2, noise=0, exposure_drift=0, person_height=(15, 60)), 2
-    )
+    plan = plan_street(StreetSettings(width=160, height=120, frames=20, people=2, person_height=(15, 60)), 2)
+    plan = replace(plan, drift=np.ones(20), lens=replace(plan.lens, noise=0.0))
     images = [plan.draw_frame(frame)[0].astype(int) for frame in (0, 10)]
     changed = np.abs(images[0] - images[1]).max(axis=2) > 2
     assert 0 < changed.mean() < 0.5
@@ -75,7 +75,7 @@ def test_an_interrupted_run_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
     def broken(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(street, "write_ground_truth", broken)
+    monkeypatch.setattr(clips, "write_ground_truth", broken)
     with pytest.raises(KeyboardInterrupt):
         write_clip(tmp_path / "clip", plan_street(SETTINGS, 0))
     assert list(tmp_path.iterdir()) == []
@@ -119,7 +119,6 @@ def test_an_empty_folder_is_filled_and_the_name_can_be_given(tmp_path: Path) -> 
         {"people": 0},
         {"width": 3},
         {"person_height": (60.0, 20.0)},
-        {"noise": -1.0},
         {"look_alikes": 1.5},
     ],
     ids=str,
@@ -134,14 +133,14 @@ def test_a_size_no_camera_shows_is_refused() -> None:
         plan_street(StreetSettings(width=64, height=64, person_height=(5000, 6000)), 0)
 
 
-def test_walkers_walk() -> None:
+def test_walkers_walk(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
-    settings = CrowdSettings(people=6, pauses=0.5)
+    monkeypatch.setattr(walkers_module, "PAUSES", 0.5)
     walkers = crowd(
         rng,
-        settings,
-        300,
-        25.0,
+        ClipSettings(frames=300),
+        6,
+        0.15,
         lambda r: r.uniform(-5, 5, 2),
         lambda r: np.array([12.0 * r.choice([-1, 1]), r.uniform(-5, 5)]),
         np.array([[0.0, 0.0, 0.5]]),
@@ -161,14 +160,16 @@ def test_walkers_walk() -> None:
         assert np.mean(along) > 0.9 or not walking.any()
 
 
-def test_people_keep_apart() -> None:
+def test_people_keep_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
+    monkeypatch.setattr(walkers_module, "PAUSES", 0.0)
+    monkeypatch.setattr(walkers_module, "GROUPS", 0.0)
     # Everybody crosses one spot; undisturbed ways would pass through each other.
     walkers = crowd(
         rng,
-        CrowdSettings(people=4, groups=0.0, pauses=0.0),
-        150,
-        10.0,
+        ClipSettings(frames=150, frame_rate=10.0),
+        4,
+        0.15,
         lambda r: r.normal(0, 0.3, 2),
         lambda r: 8 * np.array([np.cos(a := r.uniform(0, 7)), np.sin(a)]),
         np.empty((0, 3)),

@@ -22,6 +22,7 @@ from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
 from tsuiseki.tracking.association.tracklets import Ends, join_parts
 from tsuiseki.tracking.people.flow_input import FlowInput, InputSettings
+from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.types import Detections, FloatArray
 
 COST = LinkCost()
@@ -29,7 +30,7 @@ COST = LinkCost()
 
 def seen_of(boxes: list[list[list[float]]], size: tuple[int, int] | None = (640, 480)) -> DetectionTable:
     """Detections of each frame at 30 frames a second."""
-    prepared = FlowInput(InputSettings(follow_camera=False), 30.0, size)
+    prepared = FlowInput(InputSettings(follow_camera=False), Looks(30.0), size)
     return prepared.rows([Detections(np.array(frame).reshape(-1, 4), np.ones(len(frame))) for frame in boxes])[0]
 
 

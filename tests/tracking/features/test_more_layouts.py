@@ -144,6 +144,12 @@ FILES = {
         {"plain": ("graph2_flat_predictions",), "kind": TensorProto.UINT8},
     ),
     "YOLO-NAS without suppression": ("yolo-nas", yolo_nas(), "letterbox", {}),
+    "PP-YOLOE without suppression": (
+        "yolo-nas",
+        {"boxes": yolo_nas()["913"], "scores": yolo_nas()["904"].T.copy()},
+        "letterbox",
+        {},
+    ),
     "YOLOv7 end-to-end": (
         "yolov7",
         {"output": rows(NOUGHT, CORNERS[KEPT], CLASS, SCORE)},
@@ -163,8 +169,8 @@ FILES = {
     ),
     "NanoDet": ("nanodet", nanodet(), "stretch", {}),
     "NanoDet-Plus": ("nanodet", nanodet((8, 16, 32, 64), 0), "stretch", {}),
-    "NanoDet-g": ("nanodet-g", nanodet(bins=11), "stretch", {}),
-    "NanoDet-g, each stride apart": ("nanodet-g", nanodet_apart(11), "stretch", {}),
+    "NanoDet-g": ("nanodet-g", nanodet(bins=11), "letterbox", {}),
+    "NanoDet-g, each stride apart": ("nanodet-g", nanodet_apart(11), "letterbox", {}),
     "FastestDet": ("fastestdet", fastestdet(), "stretch", {}),
     "FastestDet, a row a cell": ("fastestdet", fastestdet(flat=True), "stretch", {"plain": ("output",)}),
     "RF-DETR with masks": ("detr", masked_detr(), "stretch", {}),

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.tracking.fisheye.page import FloorSection, corners, draw_floor_tracks, dwell_seconds, floor_page
+from tsuiseki.tracking.fisheye.page import (
+    FloorSection,
+    corners,
+    draw_floor_tracks,
+    dwell_figure,
+    dwell_seconds,
+    floor_page,
+)
 from tsuiseki.tracking.formats.track3d import FLOOR_HEADER, write_world
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import FloorTrack
@@ -41,7 +48,7 @@ def test_the_overlay_leaves_the_frame_alone_and_draws():
 
 
 def test_the_world_file(tmp_path):
-    write_world(tmp_path / "world.csv", [somebody(2, 3), somebody(1, 3)], 2.0)
+    write_world(tmp_path / "world.csv", [somebody(2, 3), somebody(1, 3)], lambda frames: frames / 2.0)
     lines = (tmp_path / "world.csv").read_text().splitlines()
     assert lines[0] == FLOOR_HEADER
     assert lines[1] == "1,0.0000,1.0500,2.0500,31.00,51.00,40.00,20.00,50.00,60.00,20.00,40.00,90.00"
@@ -58,3 +65,13 @@ def test_names_on_the_page_are_escaped(tmp_path):
     page = floor_page([section], {"detect": 0.1}, {"a": "<i>"})
     assert "<b>" not in page
     assert "&lt;i&gt;" in page
+
+
+def test_an_empty_dwell_map_says_so() -> None:
+    (empty,) = dwell_figure([], FLOOR, 10.0).axes
+    assert [text.get_text() for text in empty.texts] == ["nobody was here"]
+    assert not empty.images
+    plan, bar = dwell_figure([somebody()], FLOOR, 10.0).axes
+    assert plan.images
+    assert not plan.texts
+    assert "seconds" in bar.get_ylabel()

@@ -39,7 +39,7 @@ def test_re_update_is_the_filter_along_the_straight_way() -> None:
     boxes = HERE + rng.uniform(0, 300, (3, 1))
     found, misses = boxes + rng.normal(0, 20, (3, 4)), np.array([0, 1, 6])
     past = history(boxes, np.zeros((3, 4, 2)), np.zeros((3, 4)))
-    again = re_updated(past, np.arange(3), misses, found, motion)
+    again = re_updated(past, np.arange(3), misses, found, motion, np.ones(9))
     transition, noise, observation, spread = textbook(motion)
     for track in range(3):
         for coordinate in range(4):

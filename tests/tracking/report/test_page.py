@@ -12,7 +12,8 @@ import pytest
 
 from tsuiseki.tracking.evaluation.coverage import coverage, spans
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
-from tsuiseki.tracking.report.page import Report, ReportedMethod, report_page
+from tsuiseki.tracking.report import page
+from tsuiseki.tracking.report.page import Report, ReportedMethod, embedded_video, report_page
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -125,3 +126,11 @@ def test_coverage_says_who_followed_whom() -> None:
         (6, 8, 2),
         (9, 9, 0),
     ]
+
+
+def test_a_large_video_lies_beside_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "over lay.webm").write_bytes(b"video")
+    assert 'src="data:video/webm;base64,dmlkZW8="' in embedded_video(tmp_path / "over lay.webm")
+    monkeypatch.setattr(page, "MOST_EMBEDDED", 4)
+    assert 'src="over%20lay.webm"' in embedded_video(tmp_path / "over lay.webm")
+    assert 'src="left/over%20lay.webm"' in embedded_video(tmp_path / "over lay.webm", inside="left")

@@ -10,7 +10,7 @@ import pytest
 
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.video.source import open_source
-from tsuiseki.tracking.video.webm import VideoWriter
+from tsuiseki.tracking.video.webm import FASTEST, MOST_BITS, VideoWriter
 
 
 def write(path: Path, height: int, width: int, frames: int = 12) -> bytes:
@@ -41,3 +41,12 @@ def test_a_full_disk_is_noticed(kind: str, tmp_path: Path) -> None:
             write(tmp_path / f"a.{kind}", 96, 128, 60)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_the_bit_rate_of_noise_is_bounded(tmp_path: Path) -> None:
+    pixels, frames = 640 * 480, 12
+    size = len(write(tmp_path / "a.webm", 480, 640, frames))
+    # OpenCV by itself spends 2 bits a pixel on it.
+    assert 8 * size < MOST_BITS / FASTEST * frames < 1.2 * pixels * frames
+    assert [frame.time for frame in open_source(tmp_path / "a.webm").frames()] == [n / 10 for n in range(frames)]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.webm"]

@@ -22,7 +22,7 @@ from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.exporting.export_networks import export_detector
 from tsuiseki.trainers.networks.detector_network import detector_card
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
-from tsuiseki.trainers.networks.fit import EpochLines, fit_detector
+from tsuiseki.trainers.networks.fit import DETECTOR, EpochLines, TaskCLI, fit_detector
 from tsuiseki.trainers.networks.modules import Optimisation, warmup_cosine
 
 
@@ -150,6 +150,8 @@ def test_a_training_that_is_interrupted_says_how_to_go_on(
         (["--model.architecture", "ssd300"], "300x300 images, got height 64 and width 64"),
         (["--model.weights", "coco"], "ssdlite320 and ssd300, not for people"),
         (["--model.height", "60"], "divide by 32"),
+        (["--trainer.logger", "NeptuneLogger", "--trainer.logger.project", "x"], "eptune"),
+        (["--trainer.accelerator", "tpu"], "torch_xla"),
     ],
 )
 def test_a_wrong_request_is_one_line(config: Path, change: list[str], message: str) -> None:
@@ -157,6 +159,75 @@ def test_a_wrong_request_is_one_line(config: Path, change: list[str], message: s
         fit_detector(["--config", str(config), *change])
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_loggers_of_lightning_are_taken_as_given(config: Path, tmp_path: Path) -> None:
+    fit_detector(["--config", str(config), "--trainer.logger", "CSVLogger", f"--trainer.logger.save_dir={tmp_path}/log",
+                  "--trainer.logger.name=mine"])  # fmt: skip
+    assert "val/ap50" in (tmp_path / "log" / "mine" / "version_0" / "metrics.csv").read_text()
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["checkpoints", "run.json"]
+
+
+def test_options_of_lightning_mean_what_lightning_says(config: Path, tmp_path: Path) -> None:
+    def trainer(*more: str) -> lightning.Trainer:
+        return TaskCLI(DETECTOR, ["--config", str(config), *more]).trainer
+
+    ours = trainer()
+    assert [type(one).__name__ for one in ours.loggers] == ["CSVLogger", "TensorBoardLogger"]
+    assert ours.default_root_dir == str(tmp_path / "out")
+    assert ours.progress_bar_callback is None
+    theirs = trainer("--trainer.logger=false", f"--trainer.default_root_dir={tmp_path}/root",
+                     "--trainer.enable_progress_bar=true", "--trainer.enable_model_summary=true",
+                     "--trainer.enable_checkpointing=false")  # fmt: skip
+    assert theirs.loggers == theirs.checkpoint_callbacks == []
+    assert theirs.default_root_dir == str(tmp_path / "root")
+    assert theirs.progress_bar_callback is not None
+    kinds = [type(one).__name__ for one in theirs.callbacks]
+    assert any(kind.endswith("ModelSummary") for kind in kinds)
+    assert "EpochLines" not in kinds
+
+
+@pytest.mark.parametrize("change", ["--trainer.limit_val_batches=0", "--trainer.fast_dev_run=true"])
+def test_no_checkpoint_is_named_that_is_not_there(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str
+) -> None:
+    stale = tmp_path / "out" / "checkpoints" / "best.ckpt"
+    stale.parent.mkdir(parents=True)
+    stale.touch()
+    assert fit_detector(["--config", str(config), "--overwrite=true", change]) is None
+    out = capsys.readouterr().out
+    assert "no best checkpoint was kept" in out
+    assert "best checkpoint:" not in out
+
+
+def test_scores_of_two_devices_are_those_of_one(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Five images, of which one device has three and the other two: Lightning gives it the first one again."""
+    monkeypatch.setattr(DetectorTraining, "forward", _heads)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # a forked process cannot use the threads of this one
+    try:
+        found = []
+        for how in (["--trainer.devices=1"], ["--trainer.devices=2", "--trainer.strategy=ddp_fork"]):
+            words = ["--config", str(config), "--trainer.logger=false", "--data.batch_size=2", *how]
+            cli = TaskCLI(DETECTOR, words)
+            cli.datamodule.setup("fit")
+            cli.datamodule.validation = torch.utils.data.Subset(cli.datamodule.validation, range(5))
+            monkeypatch.setattr(cli.datamodule, "setup", lambda stage: stage)
+            (scores,) = cli.trainer.validate(cli.model, datamodule=cli.datamodule, verbose=False)
+            found.append(scores)
+    finally:
+        torch.set_num_threads(threads)
+    assert found[0] == found[1]
+    assert 0.1 < found[0]["val/ap50"] < 0.9
+
+
+def _heads(self: DetectorTraining, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Scores that fall from left to right where the image is dark, on some of the images less."""
+    anchors = self.network.anchors
+    x, y = anchors[:, :2].long().clamp(0, 63).T
+    dark = 200 - images[:, y, x].float().mean(dim=-1)
+    score = dark / 20 - x / 16 - images[:, 30, :32].float().mean(dim=(1, 2))[:, None] / 100
+    return torch.stack([torch.zeros_like(score), score], dim=2), torch.zeros(*score.shape, 4)
 
 
 def test_a_missing_configuration_is_one_line(tmp_path: Path) -> None:

@@ -1,0 +1,109 @@
+"""Boxes of a file beside their picture: shares, corners and other pictures' boxes are said, good boxes are not."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.evaluation.result_files import match_results
+from tsuiseki.tracking.evaluation.truths import read_truths
+from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks
+from tsuiseki.tracking.formats.single import read_boxes
+from tsuiseki.tracking.people.inputs import given_detections
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.video.source import open_source
+
+SIZE = (640, 480)
+
+
+def boxes_in(width: float, height: float, count: int = 60) -> FloatArray:
+    """``(count, 4)`` people all over a picture, some of them cut by its borders."""
+    rng = np.random.default_rng(0)
+    centres = rng.uniform([0, 0], [width, height], (count, 2))
+    half = rng.uniform(0.02, 0.1, (count, 1)) * height * [0.4, 1.0]
+    return np.concatenate([centres - half, centres + half], axis=1)
+
+
+def as_widths(corners: FloatArray) -> FloatArray:
+    """The corners that a reader of x, y, width, height makes of a file of corners."""
+    corners = np.clip(corners, 0, [*SIZE, *SIZE])
+    return np.concatenate([corners[:, :2], corners[:, :2] + corners[:, 2:]], axis=1)
+
+
+def test_boxes_of_the_picture_pass_silently() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        compare_with_picture("det.txt", boxes_in(*SIZE), SIZE)
+        compare_with_picture("det.txt", boxes_in(*SIZE))
+        compare_with_picture("det.txt", np.empty((0, 4)), SIZE)
+        # One person before the camera, cut below; a target out of view.
+        compare_with_picture("det.txt", np.tile([20.0, 40, 400, 500], (30, 1)), SIZE)
+        compare_with_picture("gt.txt", np.array([[9.0, 9, 20, 20], [np.nan] * 4]), SIZE)
+
+
+@pytest.mark.parametrize(
+    ("boxes", "said"),
+    [
+        (boxes_in(1, 1).clip(0, 1) - 1.0, "look like shares of the picture from 0 to 1; multiply"),
+        (as_widths(boxes_in(*SIZE)), "leave the picture of 640x480, but fit as corners x1, y1, x2, y2"),
+        (boxes_in(*SIZE) + 2000, "expected boxes in the picture of 640x480, got all 60 outside of it"),
+    ],
+)
+def test_boxes_that_are_no_pixels_of_the_picture_are_refused(boxes: FloatArray, said: str) -> None:
+    with pytest.raises(RequestError, match=said):
+        compare_with_picture("det.txt", boxes, SIZE)
+
+
+def test_boxes_of_a_larger_picture_are_told() -> None:
+    with pytest.warns(InputWarning, match=r"\d+ of 60 boxes lie outside the picture of 640x480; they reach 1\d{3},"):
+        compare_with_picture("det.txt", boxes_in(1920, 1080), SIZE)
+
+
+ROWS = {
+    "gt.txt": "{},{},{},{},{},{},1,1,1\n",
+    "tracks.txt": "{},{},{},{},{},{},1,-1,-1,-1\n",
+    "boxes.txt": "{2} {3} {4} {5}\n",
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("gt.txt", read_ground_truth),
+        ("tracks.txt", read_tracks),
+        ("tracks.txt", read_detections),
+        ("boxes.txt", read_boxes),
+    ],
+)
+def test_shares_are_refused_where_no_size_is_known(tmp_path: Path, name: str, read: object) -> None:
+    (tmp_path / name).write_text("".join(ROWS[name].format(t, 1, 0.1, 0.2, 0.3, 0.4) for t in range(1, 4)))
+    with pytest.raises(RequestError, match="look like shares"):
+        read(tmp_path / name)  # type: ignore[operator]
+
+
+def rows_of(boxes: FloatArray, name: str) -> str:
+    return "".join(
+        ROWS[name].format(k // 20 + 1, k % 20 + 1, *row) for k, row in enumerate(np.round(boxes, 2).tolist())
+    )
+
+
+def test_the_picture_of_a_video_and_of_labels_is_compared(tmp_path: Path) -> None:
+    sequence = tmp_path / "S"
+    (sequence / "gt").mkdir(parents=True)
+    (sequence / "seqinfo.ini").write_text("[Sequence]\nimWidth=640\nimHeight=480\nseqLength=3\n")
+    corners = boxes_in(*SIZE).clip(1, [*SIZE, *SIZE])
+    sizes = np.concatenate([corners[:, :2], corners[:, 2:] - corners[:, :2]], axis=1)
+    (sequence / "gt/gt.txt").write_text(rows_of(sizes, "gt.txt"))
+    (tmp_path / "tracks.txt").write_text(rows_of(corners, "tracks.txt"))
+    with pytest.raises(RequestError, match=r"tracks\.txt: .* fit as corners"):
+        match_results(read_truths(sequence), tmp_path / "tracks.txt")
+    with pytest.raises(RequestError, match=r"tracks\.txt: .* fit as corners"):
+        given_detections(tmp_path / "tracks.txt", open_source(str(sequence)))
+    (sequence / "gt/gt.txt").write_text(rows_of(corners, "gt.txt"))
+    with pytest.raises(RequestError, match=r"S: .* fit as corners"):
+        read_truths(sequence)

@@ -1,0 +1,51 @@
+"""`tsuiseki models`: networks of other projects, listed and fetched."""
+
+from __future__ import annotations
+
+import sys
+
+from tsuiseki.tracking.errors import RequestError
+
+
+def list_models() -> int:
+    """List the catalogue: version, address, sum, licence of code and weights, and what each model learnt from."""
+    from tsuiseki.tracking.weights.catalogue import CATALOGUE
+
+    print("\n\n".join(map(str, CATALOGUE)))
+    print("\nNone of these is part of tsuiseki. `tsuiseki models get NAME` fetches one, after it has asked.")
+    return 0
+
+
+def get(name: str, /, yes: bool = False) -> int:
+    """Fetch a model of the catalogue into the user's cache; --detector NAME or --appearance NAME takes it then.
+
+    A download that was cut off goes on where it ended.
+
+    Args:
+        name: of the model, as tsuiseki models list has it.
+        yes: do not ask.
+    """
+    from tsuiseki.tracking.cli.progress import progress
+    from tsuiseki.tracking.weights.catalogue import model_named
+    from tsuiseki.tracking.weights.download import MEGABYTE, download
+
+    entry = model_named(name)
+    print(entry)
+    try:
+        print(f"it is there already: {entry.checked()}")
+        return 0
+    except RequestError:
+        pass
+    if not yes:
+        if not sys.stdin.isatty():
+            raise RequestError("expected a terminal to ask whether to download it, got none; give `yes`")
+        if input(f"Download it to {entry.file}? [y/N] ").strip().lower() not in ("y", "yes"):
+            print("nothing was downloaded")
+            return 0
+    known = bool(entry.sha256 or entry.record())
+    for _ in progress(download(entry), f"downloading {name}, megabytes", entry.size // MEGABYTE or None):
+        pass
+    told = "" if known else "; nobody vouches for this sum: compare it with what the project says"
+    print(f"{entry.file}, sha256 {entry.record()['sha256']}{told}")
+    print(f"Use it by --{entry.kind} {name}.")
+    return 0

@@ -1,0 +1,69 @@
+"""Boxes of a file beside the picture that they belong to: whether they can be pixels of it, and what they look like."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.geometry import areas, clip_boxes
+from tsuiseki.tracking.types import FloatArray
+
+# Counting from 1 moves shares of 0 to -1.
+WITHIN_A_PIXEL = 1.01
+# Shares of the boxes: from the first on it is told that they leave the picture, from the second on they are refused.
+FEW, MOST = 0.1, 0.5
+# Share of its area from which on a box leaves the picture.
+CUT = 0.3
+
+
+def compare_with_picture(where: str | Path, boxes: FloatArray, size: tuple[int, int] | None = None) -> None:
+    """Refuse boxes that are no pixels of the picture, and warn of those that may not be.
+
+    Args:
+        where: they were read, for the message.
+        boxes: ``(N, 4)`` corners, 0-based pixels; rows of NaN are passed over.
+        size: width and height of the picture; where it is not known, only shares are recognised.
+
+    Raises:
+        RequestError: they look like shares from 0 to 1 or like corners taken for widths, or all are outside.
+    """
+    boxes = boxes[np.isfinite(boxes).all(axis=1)]
+    if not len(boxes):
+        return
+    if np.abs(boxes).max() <= WITHIN_A_PIXEL and (size is None or min(size) > 2):
+        raise RequestError(
+            f"{where}: expected boxes in pixels, got {len(boxes)} within one pixel, which look like shares of the "
+            "picture from 0 to 1; multiply them by its width and height"
+        )
+    if size is None:
+        return
+    inside = areas(clip_boxes(boxes, *size))
+    leaving = float(np.mean(inside < (1 - CUT) * areas(boxes)))
+    picture = f"the picture of {size[0]}x{size[1]}"
+    if leaving > FEW and _like_corners(boxes, size):
+        told = (
+            f"{where}: {leaving:.0%} of the boxes leave {picture}, but fit as corners x1, y1, x2, y2; expected x, y, "
+            "width, height: subtract x1 and y1 from the last two"
+        )
+        if leaving > MOST:
+            raise RequestError(told)
+        warnings.warn(told, InputWarning, stacklevel=3)
+        return
+    outside = int(np.sum(inside <= 0))
+    reach = f"they reach {boxes[:, 2].max():.0f},{boxes[:, 3].max():.0f}; are they those of a picture of another size?"
+    if outside == len(boxes):
+        raise RequestError(f"{where}: expected boxes in {picture}, got all {outside} outside of it; {reach}")
+    if outside > FEW * len(boxes):
+        warnings.warn(
+            f"{where}: {outside} of {len(boxes)} boxes lie outside {picture}; {reach}", InputWarning, stacklevel=3
+        )
+
+
+def _like_corners(boxes: FloatArray, size: tuple[int, int]) -> bool:
+    """Whether what was read as x, y, width, height is corners in the picture, whose borders may be passed a bit."""
+    second = boxes[:, 2:] - boxes[:, :2]
+    fits = (second > boxes[:, :2]).all(axis=1) & (second <= 1.05 * np.array(size)).all(axis=1)
+    return bool(fits.mean() > 0.99)

@@ -1,0 +1,177 @@
+"""Webcams and streams: read beside the program, which waits for no picture longer than a bound, and connected again."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+import warnings
+from collections.abc import Generator, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
+from tsuiseki.tracking.types import Frame, ImageArray
+from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, stated_rate
+from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE
+
+Picture: TypeAlias = tuple[float, ImageArray]
+"""When it came, seconds of a clock that never falls; and it."""
+GOODBYE = 0.2
+
+
+@dataclass(frozen=True)
+class Patience:
+    """How long a live source is waited for, seconds.
+
+    Attributes:
+        picture: without one it counts as lost.
+        pause: before the first attempt to connect again; each is twice the one before, up to ``picture``.
+        altogether: from the loss on, after which the source has ended.
+    """
+
+    picture: float = 10.0
+    pause: float = 0.5
+    altogether: float = 60.0
+
+
+@dataclass(frozen=True)
+class LiveSource:
+    """A webcam or a stream, which ends when the user says so.
+
+    Where it breaks off or stalls, it is connected again, and ``gaps`` says where: the frame before, counted from 1, and
+    for how many seconds there was no picture.
+    """
+
+    address: int | str
+    name: str
+    frame_rate: float
+    frames_wanted: FrameRange
+    live: bool = True
+    length: int | None = None
+    has_images: bool = True
+    rate_missing: bool = False
+    timed_by: TimedBy = "arrival"
+    times: NotedTimes = field(default_factory=NotedTimes, compare=False)
+    ends: bool = False
+    patience: Patience = Patience()
+    gaps: list[dict[str, Any]] = field(default_factory=list, compare=False)
+
+    @classmethod
+    def open(cls, address: int | str, name: str, wanted: FrameRange) -> LiveSource:
+        """The source at ``address``; raises RequestError where nothing answers."""
+        capture = connected(address, Patience())
+        try:
+            if not capture.isOpened():
+                raise RequestError(f"expected pictures from {name}, got none; is it connected, and free?")
+            # A recording has a length; what comes from a camera has none.
+            ends = capture.get(cv2.CAP_PROP_FRAME_COUNT) > 0
+            return cls(address, name, stated_rate(capture) or DEFAULT_FRAME_RATE, wanted, ends=ends)
+        finally:
+            capture.release()
+
+    def frames(self) -> Iterator[Frame]:
+        """See `Source.frames`."""
+        start = time.monotonic()
+        pictures, index = self._pictures(), 0
+        try:
+            while self.frames_wanted.last is None or index <= self.frames_wanted.last:
+                picture = next(pictures, None)
+                if picture is None:
+                    return
+                if index >= self.frames_wanted.first:
+                    yield self.times.note(Frame(index, picture[0] - start, picture[1]))
+                index += 1
+        finally:
+            pictures.close()
+
+    def _pictures(self) -> Generator[Picture]:
+        """Each picture, through losses of the connection."""
+        reader, count, last = _Reader(self.address, self.patience), 0, None
+        try:
+            while True:
+                picture = reader.next(self.patience.picture)
+                if picture is None:
+                    if last is None:
+                        raise RunError(f"{self.name} stopped before the first frame")
+                    if self.ends:
+                        return
+                    reader, picture = self._again(reader, count, last[0])
+                if last is not None and last[1].shape != picture[1].shape:
+                    (now, across), (height, width) = picture[1].shape[:2], last[1].shape[:2]
+                    raise RunError(f"{self.name}: expected {width}x{height} pixels throughout, got {across}x{now}")
+                last, count = picture, count + 1
+                yield picture
+        finally:
+            reader.stop()
+
+    def _again(self, reader: _Reader, count: int, last: float) -> tuple[_Reader, Picture]:
+        """A new reader in the place of one that is lost, and its first picture; ``last`` came at frame ``count``."""
+        patience, lost = self.patience, time.monotonic()
+        pause, picture = patience.pause, None
+        what, bound = f"{self.name}: no picture after frame {count}", f"{patience.altogether:g} s"
+        warnings.warn(f"{what}, connecting again for up to {bound}", InputWarning, stacklevel=2)
+        while picture is None:
+            reader.stop()
+            if time.monotonic() - lost > patience.altogether:
+                raise RunError(f"{what}, and none within {bound} of connecting again")
+            time.sleep(pause)
+            pause, reader = min(2 * pause, patience.picture), _Reader(self.address, patience)
+            picture = reader.next(patience.picture)
+        self.gaps.append({"after_frame": count, "seconds": round(picture[0] - last, 3)})
+        return reader, picture
+
+
+class _Reader:
+    """Reads pictures in a thread of its own: a driver that hangs is left behind."""
+
+    def __init__(self, address: int | str, patience: Patience) -> None:
+        self._waiting: queue.Queue[Picture | None] = queue.Queue(1)
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._read, args=(address, patience), daemon=True)
+        self._thread.start()
+
+    def next(self, seconds: float) -> Picture | None:
+        """The next picture; None where none comes within so many seconds, or none any more."""
+        try:
+            return self._waiting.get(timeout=seconds)
+        except queue.Empty:
+            return None
+
+    def stop(self) -> None:
+        """Nothing is read any more."""
+        self._stopped.set()
+        self._thread.join(GOODBYE)
+
+    def _read(self, address: int | str, patience: Patience) -> None:
+        capture = connected(address, patience)
+        try:
+            while not self._stopped.is_set() and capture.grab():
+                now = time.monotonic()
+                decoded, image = capture.retrieve()
+                if not decoded:
+                    break
+                self._give((now, np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)))
+            self._give(None)
+        finally:
+            capture.release()
+
+    def _give(self, picture: Picture | None) -> None:
+        while not self._stopped.is_set():
+            with suppress(queue.Full):
+                self._waiting.put(picture, timeout=GOODBYE)
+                return
+
+
+def connected(address: int | str, patience: Patience) -> cv2.VideoCapture:
+    """A capture of ``address``, open or not; the network is waited for within bounds."""
+    if isinstance(address, int):
+        return cv2.VideoCapture(address)
+    bound = round(1000 * patience.picture)
+    bounds = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, bound, cv2.CAP_PROP_READ_TIMEOUT_MSEC, bound]
+    return cv2.VideoCapture(address, cv2.CAP_FFMPEG, bounds)
