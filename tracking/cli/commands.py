@@ -88,7 +88,7 @@ EXPORT = {
 }
 MODELS = {
     "list": (":list_models", "what there is, and under which terms"),
-    "get": "download one into the user's cache",
+    "get": (":get", "download one into the user's cache"),
 }
 CALIBRATE = {
     "points": "from known points in space",

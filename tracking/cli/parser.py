@@ -38,7 +38,8 @@ class Parser(ArgumentParser):
 def call(prog: str, function: Callable[..., Any], words: Sequence[str]) -> Any:
     """What ``function`` makes of the words of a command line; see `parse`."""
     arguments = parse(prog, function, words)
-    return function(*(arguments.pop(p.name) for p in _parameters(function) if p.kind is p.POSITIONAL_ONLY), **arguments)
+    by_place = [arguments.pop(p.name) for p in _parameters(function) if p.kind is p.POSITIONAL_ONLY]
+    return function(*by_place, **arguments)
 
 
 def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict[str, Any]:

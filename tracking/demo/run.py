@@ -111,7 +111,7 @@ def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]
     names = {kind: path.name for kind, path in models.items()}
     for method, name in STREET_METHODS.items():
         tracks = demo.tracks[name]
-        run.write(f"{method}/tracks.txt", lambda path, tracks=tracks: write_tracks(path, tracks))  # type: ignore[misc]
+        run.write(f"{method}/tracks.txt", write_tracks, tracks)
         seconds = {s: v for s, v in run.times.seconds.items() if s not in demo.tracks or s == name}
         settings = {"frames": demo.frames, "models": names, "method": method}
         record_method(run, settings, seconds, log.columns(tracks))
