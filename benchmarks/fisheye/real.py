@@ -31,7 +31,7 @@ from tsuiseki.tracking.cameras.person_model import GridSettings, PersonModel, Pe
 from tsuiseki.tracking.cameras.pose import locate_over_floor, pose_at
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
-from tsuiseki.tracking.evaluation.rotated import evaluate_rings, evaluate_rotated
+from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.features.exported import Appearance, Detect, Detector
 from tsuiseki.tracking.fisheye.page import corners
@@ -48,7 +48,7 @@ from tsuiseki.tracking.formats.rotated import (
 )
 from tsuiseki.tracking.geometry import rotated_iou
 from tsuiseki.tracking.result import StageTimes
-from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.tracking.weights import shipped
@@ -61,8 +61,6 @@ HEIGHTS = (1.0, 1.35, 1.7)
 RADII = (0.25, 0.35)
 # Of a detection that is tracked: the default of `track fisheye`.
 LEAST_SCORE = 0.3
-# Angles between the camera's axis and the middle of a box, degrees.
-RINGS = (0, 20, 40, 60, 90)
 # Overlap from which a detection is taken to mean a labelled person.
 TOUCHING = 0.1
 # Where the labels of the ten frames give a person another's id, as looking at them shows: the image, x of the box's
@@ -250,22 +248,6 @@ def detected(folder: Path, detector: Callable[[int, int], Detect], tables: dict[
     print(f"{folder.name}: detector AP50 {plain.average_precision:.3f} upright (best F1 {plain.best_f1:.2f} at "
           f"{plain.best_threshold:.2f}), {exact.average_precision:.3f} rotated")  # fmt: skip
     print(f"{folder.name}: rotated AP50 would be {_limits(labels, rotated)}")
-    sizes = {name: _picture(folder, name).shape[:2] for name in labels}
-
-    def ring_of(name: str, pixels: FloatArray) -> IntArray:
-        """What lies beyond the lens's rim belongs to the last ring."""
-        rays = np.asarray(_generic(*sizes[name][::-1]).rays(pixels))
-        away = np.degrees(np.arccos(np.clip(rays[:, 2], -1, 1)))
-        return np.asarray(np.searchsorted(np.array(RINGS[1:-1]), np.nan_to_num(away, nan=180.0), side="right"))
-
-    for low, high, ring in zip(
-        RINGS[:-1], RINGS[1:], evaluate_rings(labels, rotated, ring_of, len(RINGS) - 1), strict=True
-    ):
-        if ring is not None:
-            kept = int((ring.scores >= LEAST_SCORE).sum())
-            print(f"{folder.name}, {low} to {high}° from the axis: {ring.boxes} people, rotated AP50 "
-                  f"{ring.average_precision:.3f}, recall {ring.recall[kept - 1] if kept else 0:.2f} "
-                  f"from {LEAST_SCORE:g} on")  # fmt: skip
 
 
 def _limits(labels: Mapping[str, RotatedBoxes], found: Mapping[str, RotatedBoxes]) -> str:

@@ -24,8 +24,7 @@ from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.fisheye import ROOMS, VALIDATION_SEEDS
-from tsuiseki.trainers.experiments.fisheye_rooms import CeilingClip, plan, read_rendered, render
-from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.fisheye_rooms import CeilingClip
 
 VISIBLE, EVERY, LEAST_SCORE = 0.3, 5, 0.05
 
@@ -38,17 +37,16 @@ def main() -> None:
     parser.add_argument("--detector", type=Path, default=None)
     parser.add_argument("--view", choices=("unrolled", "image"), default="unrolled")
     parser.add_argument("--rings", nargs="+", default=["1,4", "1,2,4", "1,2,4,8"])
-    parser.add_argument("--cache", type=Path, default=Path("out/cache/experiments"))
     options = parser.parse_args()
     cv2.setNumThreads(1)
     network = Detector(options.detector or shipped(DETECTORS[options.view]), LEAST_SCORE, threads=1)
     for room in ROOMS:
-        pictures = _pictures(room, options.seconds, options.calibration, Store(options.cache))
+        pictures = _pictures(room, options.seconds, options.calibration)
         for rings in options.rings:
             views = UnrollingSettings(rings=tuple(int(n) for n in rings.split(",")))
             truth, found, taken = {}, {}, 0.0
             for sequence, shown in pictures:
-                detect = looking(network, plan(sequence).cameras[sequence.camera], options.view, views)
+                detect = looking(network, sequence.plan().cameras[sequence.camera], options.view, views)
                 for name, image, boxes in shown:
                     start = time.process_time()
                     truth[name], found[name] = _unturned(boxes), _found(detect, image)
@@ -59,13 +57,13 @@ def main() -> None:
 
 
 def _pictures(
-    room: Room, seconds: int, calibration: Path | None, store: Store
+    room: Room, seconds: int, calibration: Path | None
 ) -> list[tuple[CeilingClip, list[tuple[str, ImageArray, FloatArray]]]]:
     """The pictures of both cameras with the boxes of those who are seen."""
     result = []
     for camera in range(2):
-        sequence = CeilingClip(room, VALIDATION_SEEDS[0], camera, seconds, 1, calibration)
-        frames = enumerate(read_rendered(store.made("frames", render, sequence), sequence))
+        sequence = CeilingClip(room, VALIDATION_SEEDS[0], seconds, 1, camera, calibration)
+        frames = enumerate(sequence.pictures())
         result.append(
             (
                 sequence,

@@ -8,7 +8,7 @@ import pytest
 from tsuiseki.datamodules.scenes import goldfish_clip
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
-from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, contour_distance, wide_noise
+from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, point_distances, wide_noise
 from tsuiseki.tracking.bodies.learnt import parse_body, read_body, write_body
 from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
@@ -94,7 +94,7 @@ def test_it_fits_fish_it_has_not_seen(fit, monkeypatch):
         low, high = fit.body.limits[3]
         states += np.column_stack([rng.normal(0, 12, (20000, 2)), rng.normal(0, 0.4, 20000), np.zeros(20000)])
         states[:, 3] = rng.uniform(low, high, 20000)
-        assert contour_distance(edges, fit.body.contour(states)).min() < 5.0
+        assert point_distances(edges, fit.body.contour(states)).max(axis=1).min() < 5.0
 
 
 def test_the_tracker_follows_a_body_that_nobody_drew(fit):

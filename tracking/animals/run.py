@@ -261,7 +261,10 @@ def animals(
         made = output.settings
         result = animal_result(source, steps, skeleton, table, contrast, threshold, animals, run.times, made, scale)
         run.save(result, lambda: video.draw(run, source, result))
-        hint = "" if result else "; nothing stands out, give `threshold` or another `contrast`"
+        hint = "; nothing stands out, give `threshold` or another `contrast`"
+        if skeleton.points is not None:
+            hint = f"; the points in {skeleton.points} make none: an animal takes two in a frame, in several frames"
+        hint = "" if result else hint
         run.done(f"{count(len(result), 'animal', 'animals')} in {run.count} frames: {output.out / 'states.csv'}{hint}")
     return run.status
 

@@ -125,11 +125,6 @@ def point_distances(image: EdgeImage, points: Points) -> NDArray[np.float32]:
     return distance
 
 
-def contour_distance(image: EdgeImage, points: Points) -> FloatArray:
-    """Largest distance ``d_max`` ``(N,)`` in pixels of contour points ``(N, K, 2)`` to the nearest edge, (7)."""
-    return np.asarray(point_distances(image, points).max(axis=1), dtype=np.float64)
-
-
 @dataclass(frozen=True)
 class BodyView:
     """What one body's contours are compared with.

@@ -33,14 +33,6 @@ def upright_crops(image: ImageArray, rotated: FloatArray, height: int, width: in
     return crops
 
 
-def rotation_about(rotated: FloatArray) -> FloatArray:
-    """``(N, 2, 3)`` eq. (4.2): the image turned about each box's centre by minus its angle, so that feet are below."""
-    x, y, angle = rotated[:, 0], rotated[:, 1], rotated[:, 4]
-    alpha, beta = np.cos(-angle), np.sin(-angle)
-    rows = [[alpha, -beta, (1 - alpha) * x + beta * y], [beta, alpha, -beta * x + (1 - alpha) * y]]
-    return np.moveaxis(np.array(rows), 2, 0)
-
-
 def _maps(rotated: FloatArray, height: int, width: int) -> tuple[FloatArray, FloatArray]:
     """``(N, 2, 3)`` from pixel centres of the crop to those of the image, and ``(N,)`` how much finer to sample."""
     scale = rotated[:, 2:4] / [width, height]

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import yaml
 
+from tsuiseki.tracking.cli.sensible import check_regular
 from tsuiseki.tracking.errors import RequestError
 
 MOST_BYTES = 1_000_000
@@ -23,6 +24,7 @@ def config_text(path: Path, command: Sequence[str]) -> str:
     Raises:
         RequestError: there is no such file, it is no YAML of options, or the record of another command.
     """
+    check_regular("config", path)
     wrong = f"`config`: expected YAML of options, name: value, in {path}, got"
     try:
         if path.stat().st_size > MOST_BYTES:

@@ -20,6 +20,7 @@ from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
 from tsuiseki.tracking.cli.config import config_text
 from tsuiseki.tracking.cli.options import Output
+from tsuiseki.tracking.cli.sensible import check_sensible
 from tsuiseki.tracking.cli.wording import HelpFormatter, friendly, is_several, shown_value, with_option
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
@@ -130,18 +131,24 @@ def _arguments(function: Callable[..., Any], values: Any, prog: str) -> dict[str
             settings |= fields
         else:
             arguments[one.name] = settings[one.name] = values[one.name]
-    settings = json.loads(json.dumps(settings, default=_plain))
+    settings = _plain(settings)
     for name, value in arguments.items():
         if isinstance(value, Shared):
             value.check()
         if isinstance(value, Output):
             arguments[name] = dataclasses.replace(value, command=prog.split(), settings=settings)
+    for option in options_of(function):
+        check_sensible("" if option.by_place else option.name, settings[option.name], _plain(option.default))
     return arguments
 
 
 def _plain(value: Any) -> Any:
-    """For ``run.json``: dataclasses as mappings, paths as text."""
-    return dataclasses.asdict(value) if dataclasses.is_dataclass(value) else str(value)  # type: ignore[arg-type]
+    """As ``run.json`` has it: dataclasses as mappings, paths as text."""
+
+    def simple(part: Any) -> Any:
+        return dataclasses.asdict(part) if dataclasses.is_dataclass(part) else str(part)  # type: ignore[arg-type]
+
+    return json.loads(json.dumps(value, default=simple))
 
 
 def build_parser(prog: str, function: Callable[..., Any], every_option: bool = False) -> Parser:

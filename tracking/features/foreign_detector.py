@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.devices import Device, device_of
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.features.box_check import BoxCheck
 from tsuiseki.tracking.features.detector_layouts import LAYOUTS, TENSORFLOW, TURNED, Size, paired, with_probabilities
 from tsuiseki.tracking.features.foreign_options import DetectorOptions, ImageInput, LayoutName, ScoreKind
 from tsuiseki.tracking.features.layout_recognition import (
@@ -60,6 +61,7 @@ class ForeignDetector:
         person: number of the class of people, as the outputs count it.
         scores: what the class values are; None for layouts in which they can be but one thing.
         input: what becomes of a picture.
+        check: compares its boxes with the pictures.
 
     Raises:
         RequestError: the file is no such detector, several layouts fit it, or its class of people is unknown.
@@ -97,6 +99,7 @@ class ForeignDetector:
             raise RequestError(f"{path}: turned boxes want pictures of one scale; leave `detector_options.resize` out")
         self.person = self._choose_person(list(trial.values()), options)
         self._gave: set[bool] = set()
+        self.check = BoxCheck(f"{self.path}, read as layout {self.layout}")
 
     def __str__(self) -> str:
         """How the file is read, in words."""
@@ -147,6 +150,8 @@ class ForeignDetector:
         good = np.flatnonzero((scores >= self.score_threshold) & (scores > 0))
         good = good[np.argsort(-scores[good], kind="stable")][:_MOST_CANDIDATES]
         boxes, scores = boxes[good], scores[good].clip(0, 1)
+        self.check.size = fitted[1], fitted[0]
+        self.check.add(boxes[:, :4])
         if self.layout in TURNED:
             return self._turned(boxes / (*scale, *scale, 1), scores, size)
         boxes = clip_boxes(boxes / np.tile(scale, 2), size[1], size[0])
@@ -317,8 +322,9 @@ class ForeignDetector:
     def _usual_input(self, trial: Mapping[str, NDArray[Any]]) -> ImageInput:
         """What the family wants its pictures to be."""
         usual = LAYOUTS[self.layout].input
-        # RT-DETR and D-FINE take plain pixels, DETR and its other descendants, with 91 classes, ImageNet's.
-        if self.layout == "detr" and self.scores == "sigmoid" and "pred_boxes" in trial:
+        # RT-DETR and D-FINE take plain pixels. RF-DETR, which gives dets and labels, and whatever has the 91 classes of
+        # DETR take ImageNet's.
+        if self.layout == "detr" and self.scores == "sigmoid" and "dets" not in trial:
             of_detr = paired(list(trial.values()))[1].shape[1] == max(COCO)
             usual = usual if of_detr else ImageInput("stretch")
         own = self._wanted.dtype == np.uint8  # it normalises them itself

@@ -12,7 +12,7 @@ from the numbers of COCO.
 from __future__ import annotations
 
 import ast
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -53,8 +53,19 @@ _TOLD_BY_COUNT = {"yolox", "yolox-decoded", "yolov8-rows", "nanodet", "nanodet-g
 # Outputs whose names tell what they are, boxes first; others beside them, such as masks, are left aside.
 _PAIRS = (("dets", "labels"), ("pred_boxes", "logits"), ("pred_boxes", "pred_logits"))
 _DETR_NAMES = [set(pair) for pair in _PAIRS]
-# Parts of the names of four outputs, in the order in which `read_counted` takes them.
-_COUNTED = (("box",), ("class", "label"), ("score",), ("num",))
+# What four outputs are, in the order in which `read_counted` takes them.
+_COUNTED_BY_NAME: Sequence[Callable[[str, NDArray[Any]], bool]] = (
+    lambda name, _: "box" in name.lower(),
+    lambda name, _: "class" in name.lower() or "label" in name.lower(),
+    lambda name, _: "score" in name.lower(),
+    lambda name, _: "num" in name.lower(),
+)
+_COUNTED_BY_SHAPE: Sequence[Callable[[str, NDArray[Any]], bool]] = (
+    lambda _, x: x.ndim == 2 and x.shape[1] == 4,
+    lambda _, x: x.size > 1 and x.ndim == 1 and np.issubdtype(x.dtype, np.integer),
+    lambda _, x: x.size > 1 and x.ndim == 1 and np.issubdtype(x.dtype, np.floating),
+    lambda _, x: x.size == 1,
+)
 
 
 def useful_outputs(outputs: Mapping[str, NDArray[Any]]) -> list[str]:
@@ -68,9 +79,10 @@ def useful_outputs(outputs: Mapping[str, NDArray[Any]]) -> list[str]:
     names, first = list(outputs), next(iter(outputs.values()))
     if pair := next((pair for pair in _PAIRS if set(pair) <= set(names)), None):
         return list(pair)
-    counted = [[n for n in names if any(part in n.lower() for part in parts)] for parts in _COUNTED]
-    if len(names) == len(_COUNTED) and [len(found) for found in counted] == [1] * len(_COUNTED):
-        return [found[0] for found in counted]
+    for fits in _COUNTED_BY_NAME, _COUNTED_BY_SHAPE:
+        counted = [[name for name in names if test(name, outputs[name])] for test in fits]
+        if len(names) == len(fits) and [len(found) for found in counted] == [1] * len(fits):
+            return [found[0] for found in counted]
     heads = [x.ndim == 4 and x.shape[-1] == first.shape[-1] for x in list(outputs.values())[1:]]
     return names[:1] if first.ndim == 2 and heads and all(heads) else names
 
@@ -250,7 +262,7 @@ def _pair(outputs: Mapping[str, NDArray[Any]], size: Size) -> list[LayoutName]:
     if (boxes < -0.5).any() or (boxes > 1.5).any():
         cells = len(boxes) in (cell_count(size), cell_count(size, MORE_STRIDES))
         return ["yolo-nas"] if cells and in_order and _shares_of_one(values) else []
-    if set(outputs) in _DETR_NAMES:
+    if set(outputs) in _DETR_NAMES or any("logits" in name.lower() for name in outputs):
         return ["detr"]
     found: list[LayoutName] = ["detr"] if (boxes[:, 2:] >= 0).all() else []
     # Corners are in order in every row; of centres and sides some row is not, once there are many.

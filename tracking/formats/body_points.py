@@ -3,7 +3,8 @@
 * SLEAP's analysis CSV: ``track,frame_idx,instance.score,head.x,head.y,head.score,…``, frames from 0. Its
   projects and analysis files are HDF5: `sleap_hdf5`.
 * DeepLabCut's CSV: header lines scorer, (individuals,) bodyparts, coords; then a line a frame, from 0. In files of
-  labels the frame is the number in the name of the image.
+  labels the frame is the number in the name of the image. The parts of the individual ``single``, which
+  stands beside others, are landmarks of the scene and no animal.
 * ours: ``frame,id,…,head_x,head_y,…``, frames from 1.
 
 Points are in pixels; SLEAP and DeepLabCut take the centre of the first pixel as 0, 0. Half a pixel is not converted.
@@ -13,11 +14,12 @@ from __future__ import annotations
 
 import csv
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.rows import NamedRows, Rows, read_named_rows, read_rows, whole_number
 from tsuiseki.tracking.formats.sleap_hdf5 import is_hdf5, read_sleap_hdf5
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
@@ -25,6 +27,7 @@ from tsuiseki.tracking.types.tracks import PointTable
 
 DLC_FIRST = "scorer"
 DLC_ROWS = ("individuals", "bodyparts", "coords")
+DLC_LANDMARKS = "single"
 
 
 def read_poses_file(path: Path) -> PointTable:
@@ -127,8 +130,13 @@ def _deeplabcut(table: Rows) -> PointTable:
     parts, coords = heads["bodyparts"], heads["coords"]
     who = heads.get("individuals", [""] * len(parts))
     used = [n for n in range(1, len(coords)) if coords[n].strip() in ("x", "y", "likelihood")]
-    nodes = tuple(dict.fromkeys(parts[n].strip() for n in used))
     names = list(dict.fromkeys(who[n].strip() for n in used))
+    if DLC_LANDMARKS in names and len(names) > 1:
+        landmarks = list(dict.fromkeys(parts[n].strip() for n in used if who[n].strip() == DLC_LANDMARKS))
+        warnings.warn(f"{path}: {', '.join(landmarks)} are landmarks, no animal; left out", InputWarning, stacklevel=2)
+        used = [n for n in used if who[n].strip() != DLC_LANDMARKS]
+        names.remove(DLC_LANDMARKS)
+    nodes = tuple(dict.fromkeys(parts[n].strip() for n in used))
     lines, numbers = rows[len(heads) :], table.lines[len(heads) :]
     values = np.full((len(lines), len(names), len(nodes), 3), np.nan)
     for n in used:

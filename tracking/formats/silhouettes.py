@@ -17,11 +17,6 @@ FOLDER = "silhouettes"
 MOST_BODIES = 8
 
 
-def write_silhouettes(folder: Path, frame: int, silhouettes: ImageArray) -> None:
-    """Writes those of the 0-based ``frame``, ``(H, W)`` uint8, into the folder's ``silhouettes``."""
-    cv2.imwrite(str(folder / FOLDER / f"{frame + 1:06d}.png"), silhouettes)
-
-
 def read_silhouettes(folder: Path) -> ImageArray:
     """Those of all frames of a clip, ``(T, H, W)`` uint8.
 

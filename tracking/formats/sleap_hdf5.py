@@ -2,8 +2,8 @@
 
 A project holds tables: ``frames`` (a range of instances each), ``instances`` (a range of points and a track each),
 ``points`` of users and ``pred_points`` of the network, and JSON with the names. Before format 1.1 the corner of the
-first pixel was 0, 0; from then on, and here, it is its centre. An analysis file holds arrays, last axis first:
-``tracks`` is tracks x 2 x nodes x frames.
+first pixel was 0, 0; from then on, and here, it is its centre. An analysis file holds arrays:
+SLEAP's own ``tracks`` is tracks x 2 x nodes x frames, and that of sleap-io says in ``dims`` what its axes are.
 """
 
 from __future__ import annotations
@@ -127,18 +127,32 @@ def _points(rows: Any, shift: float) -> FloatArray:
 
 
 def _analysis(file: Any) -> PointTable:
-    points = np.asarray(file["tracks"][()], dtype=np.float64).T
-    scores = (
-        np.asarray(file["point_scores"][()]).T if "point_scores" in file else np.full(points[:, :, 0].shape, np.nan)
-    )
     nodes = tuple(_text(name) for name in file["node_names"][()])
     names = [_text(name) for name in file["track_names"][()]] if "track_names" in file else []
+    sizes = {"xy": 2, "node": len(nodes), **({"track": len(names)} if names else {})}
+    points = _by_axes(file["tracks"], ("frame", "node", "xy", "track"), sizes)
+    scores = np.full(points[:, :, 0].shape, np.nan)
+    if "point_scores" in file:
+        scores = _by_axes(file["point_scores"], ("frame", "node", "track"), sizes)
     names = names if len(names) == points.shape[3] else _numbered(points.shape[3])
     frames, tracks = np.nonzero(np.isfinite(points).any(axis=(1, 2)))
     return PointTable(
         nodes, frames.astype(np.int64), tuple(names[track] for track in tracks), points[frames, :, :, tracks],
-        np.asarray(scores[frames, :, tracks], dtype=np.float64),
+        scores[frames, :, tracks],
     )  # fmt: skip
+
+
+def _by_axes(data: Any, wanted: tuple[str, ...], sizes: dict[str, int]) -> FloatArray:
+    """The array of a file with the axes ``wanted``, in whose reverse SLEAP writes it, and sleap-io as it says.
+
+    Raises:
+        ValueError: its axes are others than it says, or have not the ``sizes`` that are known.
+    """
+    told = data.attrs.get("dims")
+    axes = wanted[::-1] if told is None else tuple(json.loads(told))
+    if sorted(axes) != sorted(wanted) or any(sizes.get(a, n) != n for a, n in zip(axes, data.shape, strict=True)):
+        raise ValueError(f"an array of shape {data.shape} with axes {', '.join(map(str, axes))}, expected {sizes}")
+    return np.asarray(np.transpose(data[()], [axes.index(one) for one in wanted]), dtype=np.float64)
 
 
 def _numbered(count: int) -> list[str]:

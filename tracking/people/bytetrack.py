@@ -76,7 +76,7 @@ class ByteTrack(LifecycleTracker):
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score counts as sure."""
-        found = as_detections(detections)
+        found = as_detections(detections, counted=self.bad)
         high = ~(found.scores < self.settings.high_score)
         low = ~high & (found.scores >= self.settings.low_score)
         predicted = self._lifecycle.predict(time)

@@ -74,7 +74,7 @@ class DeepSort(LifecycleTracker):
         Raises:
             ValueError: the features are of another length than those before.
         """
-        found = as_detections(detections)
+        found = as_detections(detections, counted=self.bad)
         features = self._checked_features(found)
         predicted = self._lifecycle.predict(time)
         seen, detected = assign(self._feature_costs(predicted, found, features), self.settings.feature_gate)

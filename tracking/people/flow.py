@@ -14,9 +14,9 @@ from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
 from tsuiseki.tracking.features.standing_camera import StandingCamera
-from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
-from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, refuse_heaps
 from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.people.whole_flow import WholeFlow
 from tsuiseki.tracking.types import FloatArray, Targets, Track
@@ -98,6 +98,7 @@ class FlowTracker:
             self._flow = DelayedFlow(settings, given, window, round(delay * frame_rate))
         self._ended = self._flow
         self._given = self._used = 0
+        self.bad = BadBoxes()
 
     @property
     def exact(self) -> bool:
@@ -158,9 +159,10 @@ class FlowTracker:
             RequestError: the learnt changes project appearance, and the detections have none, or of another length; or
                 see `Clock.now`.
         """
-        found = as_detections(detections)
+        found = as_detections(detections, counted=self.bad)
         if isinstance(self._changes, ProjectsAppearance):
             found = self._changes.projected(found)
+        refuse_heaps(found)
         looks = self._flow.input.looks
         self._flow.input.meet(time)
         self._given += len(found)

@@ -14,9 +14,10 @@ from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.association.detection_tables import DetectionRows, DetectionTable, Measurements, rows_of
 from tsuiseki.tracking.association.flow_rounds import FirstPrices
 from tsuiseki.tracking.association.flow_window import FlowCosts, FlowWindow
-from tsuiseki.tracking.association.nearby import centres, hidden_parts, near_pairs, sizes
+from tsuiseki.tracking.association.nearby import DENSE, centres, hidden_parts, near_pairs, sizes
 from tsuiseki.tracking.association.smoothing import SmoothingSettings, fit_smoothing
 from tsuiseki.tracking.association.video_evidence import DetectionCost, VideoEvidence
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory
 from tsuiseki.tracking.features.standing_camera import StandingCamera
@@ -36,6 +37,8 @@ SETTLE = 0.7
 LOST = 3.0
 # Of two boxes of a frame that overlap by more (intersection over union), the one of the lower score is left out.
 DUPLICATE = 0.95
+# How often the boxes of a dense frame may cover their place.
+MOST_TIMES = 5.0
 
 
 @dataclass(frozen=True)
@@ -293,6 +296,23 @@ def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, round
         return
     change = window.learnt(given.logits(scores), observation)
     window.solve(observation[free] + change[:, 0], change[:, 1], change[:, 2], rounds, first_prices)
+
+
+def refuse_heaps(found: Detections) -> None:
+    """Refuse boxes of a frame that lie on each other many times over, which no links tell apart.
+
+    Raises:
+        RequestError: they do.
+    """
+    if len(found) <= DENSE:
+        return
+    low, high = found.boxes[:, :2].min(axis=0), found.boxes[:, 2:].max(axis=0)
+    times = float(sizes(found.boxes).prod(axis=1).sum() / (high - low).prod())
+    if times > MOST_TIMES:
+        raise RequestError(
+            f"{len(found)} boxes of a frame cover their place {times:.0f} times over, as a detector's do before it "
+            "suppresses those that overlap; suppress them, or leave low scores out"
+        )
 
 
 def duplicates(frames: IntArray, boxes: FloatArray, scores: FloatArray) -> BoolArray:

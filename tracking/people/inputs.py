@@ -14,6 +14,7 @@ import numpy as np
 
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.features.box_check import BoxCheck
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import (
     Appearance,
@@ -34,7 +35,7 @@ from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detecto
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_classed_detections
-from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.people.looks import given_looks, looked_at, stride_of
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
@@ -43,7 +44,8 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, Im
 from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped
 
-GivenDetections: TypeAlias = str | Path | Sequence[DetectionsLike]
+GivenDetections: TypeAlias = str | Path | Iterable[DetectionsLike]
+DETECTOR = "the detector"
 
 
 @dataclass(frozen=True)
@@ -113,12 +115,15 @@ class PeopleInputs:
     ) -> Iterator[tuple[Frame, Detections]]:
         """The frames themselves with who was found there; see `found`."""
         times, last = times or StageTimes(), -1
-        images = self.source.frames() if frames is None else frames
+        images, check = self.source.frames() if frames is None else frames, self._box_check()
         for frame, found in stream(images, self.detect, self.describe, self.batch_size, times, self.workers):
             if last < 0 and self.workers > 1:
                 # Trackers use it late; loaded while networks look at the next frames it takes no time.
                 Thread(target=_load_parts, name="tsuiseki-load").start()
             last = frame.index
+            if check is not None and check.what == DETECTOR:
+                check.size = frame.image.shape[1], frame.image.shape[0]
+                check.add(found.boxes)
             if self.ground is not None:
                 with times.measure("ground"):
                     found = self.ground.weighed(found, frame.image.shape[0])
@@ -126,7 +131,16 @@ class PeopleInputs:
                 with times.measure("camera"):
                     self._show_camera(frame.image, found.boxes)
             yield frame, found
+        if check is not None:
+            check.tell()
         self._check_all_used(last)
+
+    def _box_check(self) -> BoxCheck | None:
+        """What compares boxes with pictures, where a function or somebody else's network finds them."""
+        network = inner_detector(self.detect)
+        if isinstance(network, ForeignDetector):
+            return network.check
+        return None if isinstance(network, Detector | Sequence) else BoxCheck(DETECTOR)
 
     def _show_camera(self, image: ImageArray, boxes: FloatArray) -> None:
         if isinstance(self.camera, CameraPath):
@@ -172,12 +186,14 @@ def given_detections(
         RequestError: see `read_detections` and `as_detections`; or the video is shorter.
     """
     if not isinstance(given, str | Path):
+        given = list(given)
         if source.length is not None and len(given) > source.length:
             raise RequestError(
                 f"expected detections for {source.length} frames, one entry a frame, got {len(given)}; are these the "
                 "detections of another video?"
             )
-        rows = [as_detections(entry) for entry in given]
+        counted = BadBoxes()
+        rows = [as_detections(entry, counted=counted) for entry in given]
         compare_with_picture(
             "`detections`", np.concatenate([np.empty((0, 4)), *(r.boxes for r in rows)]), image_size(source)
         )
@@ -334,13 +350,16 @@ def classed_detections(source: Source, finding: PeopleFinding) -> tuple[list[Det
         finding: names MOTChallenge's det.txt with classes in column 8, and the classes that must be among them.
 
     Raises:
-        RequestError: no file is given, it is missing or broken, or there is none of a class.
+        RequestError: no file is given, it is missing or broken, a class is named twice, or there is none of it.
     """
     if finding.detections is None:
         raise RequestError("expected `classes` with `detections`, whose column 8 they stand in, got no detections")
+    wanted = finding.classes or []
+    if twice := [number for number in wanted if wanted.count(number) > 1]:
+        raise RequestError(f"`classes`: expected each class once, got {twice[0]} twice")
     found, classes = _read(finding.detections, source, finding.score_range)
     there = classes_of(classes)
-    if missing := [number for number in finding.classes or () if number not in there]:
+    if missing := [number for number in wanted if number not in there]:
         named = ", ".join(map(str, there)) or "none"
         raise RequestError(f"`classes`: expected classes of {finding.detections} ({named}), got {missing[0]}")
     return found, classes

@@ -17,6 +17,7 @@ from tsuiseki.tracking.filters.kalman import (
     start_boxes,
     update_boxes,
 )
+from tsuiseki.tracking.interchange import BadBoxes
 from tsuiseki.tracking.people.looks import Intervals
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
 
@@ -219,10 +220,14 @@ class LifecycleTracker:
     Args:
         settings: when tracks are confirmed and deleted.
         motion: noise of the Kalman filter.
+
+    Attributes:
+        bad: boxes that are none, and left out.
     """
 
     def __init__(self, settings: LifecycleSettings, motion: BoxMotion) -> None:
         self._lifecycle = Lifecycle(settings, motion)
+        self.bad = BadBoxes()
 
     def tracks(self) -> list[Track]:
         """The confirmed tracks of all frames so far, by id."""

@@ -95,7 +95,7 @@ class OcSort(LifecycleTracker):
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score takes part."""
-        found = as_detections(detections)
+        found = as_detections(detections, counted=self.bad)
         sure = found.select(~(found.scores < self.settings.min_score))
         predicted, misses = self._lifecycle.predict(time), self._lifecycle.misses
         if self._lifecycle.longer != 1:

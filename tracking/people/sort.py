@@ -52,7 +52,7 @@ class Sort(LifecycleTracker):
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people."""
-        found = as_detections(detections)
+        found = as_detections(detections, counted=self.bad)
         predicted = self._lifecycle.predict(time)
         least = self._lifecycle.least(self.settings.min_iou)
         seen, detected = assign(1 - iou_matrix(predicted, found.boxes), 1 - least)

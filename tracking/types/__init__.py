@@ -159,10 +159,6 @@ class Targets:
         """The targets at a mask or at indices."""
         return Targets(self.frame, self.ids[which], self.boxes[which], self.scores[which], self.status[which])
 
-    def of_status(self, status: Status) -> Targets:
-        """The targets of one status."""
-        return self.select(self.status == status)
-
 
 @dataclass(frozen=True)
 class Track:

@@ -6,13 +6,10 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
-from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, scores_of
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.settings import PeopleMethod
@@ -22,23 +19,19 @@ from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.experiments.association_peers import NAMES
 from tsuiseki.trainers.experiments.given_sequences import (
     DATA_SETS,
-    SAMPLES,
     DataSet,
     GivenSequence,
+    as_written,
     combined_scores,
-    find_given,
+    filled,
+    find_sets,
     given_detections,
     right_sums,
     score_table,
-    table_of,
-    table_sums,
-    tracks_of,
+    track_sums,
 )
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table, some_of
 
 FLOW, UNFILLED, BOXES_ALONE = "flow", "flow, nothing filled in", "flow, boxes alone"
 # Where the settings of our methods come from; the peers' are their package's defaults.
@@ -84,14 +77,14 @@ def reproduce(
 ) -> Outcome:
     """Methods of association on the given detections of six data sets: HOTA, MOTA and IDF1, beside peers.
 
-    DIR gets results.json (every row on every sequence), tables.md and association.png.
+    DIR gets results.json (every row on every sequence) and tables.md.
 
     Args:
         bench: where it works.
         data: folder that holds mot/mot17-val-half, mot/mot15, mot/kitti and so on; a set that is not there is passed
             over.
         sets: of mot17, mot15, kitti-pedestrians, kitti-cars, pets and tud, separated by commas.
-        parts: methods (all rows, combined and by sequence), filled (the other methods, gaps of up to 2 seconds filled
+        parts: methods (all rows), filled (the other methods, gaps of up to 2 seconds filled
             on straight lines, as the flow fills its own), rates (mot17 at 30, 15, 10 and 5 frames a second), delays
             (the flow that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), separated by commas.
         peer: python of an environment with the package trackers, whose ByteTrack, C-BIoU, SORT and OC-SORT are measured
@@ -100,36 +93,32 @@ def reproduce(
     Raises:
         RequestError: an unknown set or part, no data, or a python without the package.
     """
-    for name, given, known in (("sets", sets, SETS), ("parts", parts, PARTS)):
-        if unknown := [one for one in given if one not in known]:
-            raise RequestError(f"`{name}`: expected some of {', '.join(known)}, got {unknown[0]!r}")
+    some_of(SETS, sets=sets)
+    some_of(PARTS, parts=parts)
     environment = find_peer(peer, PROGRAM, PACKAGE)
-    every = [(one, find_given(data, one)) for one in DATA_SETS if one.key in sets]
-    there = [(one, sequences) for one, sequences in every if sequences]
-    if not there:
-        raise RequestError(f"`data`: expected mot/mot17-val-half or another of the data sets in {data}, found none")
-    tables, values, panels = list[Table](), dict[str, Any](), dict[str, dict[str, FloatArray]]()
-    for one, sequences in there:
+    there = find_sets(data, [key for key in SETS if key in sets])
+    tables, values = list[Table](), dict[str, Any]()
+    for one, sequences in there.items():
         tracks, settings = _tracks(bench, one, sequences, environment)
         rows = _scored(bench, sequences, tracks)
         for way in (False, True):
             limit = np.array([bench.store.recall(right_sums, given, GAP, way) for given in sequences])
             rows[f"right links up to {GAP:g} s{', filled' if way else ''}"] = limit
-        panels[one.title] = rows
         values[one.key] = {name: _values(sequences, sums) for name, sums in rows.items()}
         tables += _set_tables(bench, one, sequences, tracks, rows, settings, parts)
-    notes = [f"{one.title}: no {one.folder} in the data, passed over" for one, found in every if not found]
+    missing = [one for one in DATA_SETS if one.key in sets and one not in there]
+    notes = [f"{one.title}: no {one.folder} in the data, passed over" for one in missing]
     if environment is None:
         notes.append("peers: skipped, the package trackers is not installed here; name a python that has it as peer")
     version = environment.version if environment else None
-    return Outcome({"peer": version, "sets": values}, tables, {"association": plot_scores(panels)}, notes=notes)
+    return Outcome({"peer": version, "sets": values}, tables, notes=notes)
 
 
 def _set_tables(
     bench: Bench,
     one: DataSet,
     sequences: Sequence[GivenSequence],
-    tracks: dict[str, list[FloatArray]],
+    tracks: dict[str, list[list[Track]]],
     rows: dict[str, FloatArray],
     settings: dict[str, str],
     parts: Sequence[str],
@@ -138,10 +127,13 @@ def _set_tables(
     tables = list[Table]()
     if "methods" in parts:
         tables.append(score_table(one.title, rows, (FLOW,), settings))
-        tables += [_by_sequence(one.title, sequences, rows)] if len(sequences) > 1 else []
     if "filled" in parts:
         others = {n: t for n, t in tracks.items() if n not in (UNFILLED, BOXES_ALONE)}
-        straight = {n: t if n == FLOW else _filled(sequences, t) for n, t in others.items()}
+        straight = {
+            n: [t if n == FLOW else as_written(filled(t, round(FILL * given.rate))) for given, t in
+                zip(sequences, each, strict=True)]
+            for n, each in others.items()
+        }  # fmt: skip
         title = f"{one.title}, gaps filled"
         tables.append(score_table(title, _scored(bench, sequences, straight), (FLOW,), settings))
     if "rates" in parts and one.key == "mot17":
@@ -154,8 +146,8 @@ def _set_tables(
     return tables
 
 
-def linked(by: LinkedBy, given: GivenSequence) -> FloatArray:
-    """The tracks of `tsuiseki track people --detections … --method METHOD`, as `table_of` writes them.
+def linked(by: LinkedBy, given: GivenSequence) -> list[Track]:
+    """The tracks of `tsuiseki track people --detections … --method METHOD`, as it writes them.
 
     Pictures are read where the sequence has any and all its frames are kept, as the command does.
     """
@@ -166,14 +158,14 @@ def linked(by: LinkedBy, given: GivenSequence) -> FloatArray:
         tracks = track_people(
             given.pictures, by.method, detections=whole, frames=given.frames, threads=1, delay=by.delay
         )
-        return table_of([shifted(track, -first) for track in tracks])
+        return as_written([shifted(track, -first) for track in tracks])
     with tempfile.TemporaryDirectory() as folder:
         write_sequence_info(Path(folder), given.name, given.rate, len(found), *given.size)
-        return table_of(track_people(folder, by.method, detections=found, delay=by.delay))
+        return as_written(track_people(folder, by.method, detections=found, delay=by.delay))
 
 
-def peer_tracks(peer: Peer, program: Path, given: GivenSequence, logistic: bool) -> dict[str, FloatArray]:
-    """The tracks of each tracker of the peer, as `table_of` writes them; boxes without an area are left out.
+def peer_tracks(peer: Peer, program: Path, given: GivenSequence, logistic: bool) -> dict[str, list[Track]]:
+    """The tracks of each tracker of the peer; boxes without an area are left out.
 
     Args:
         peer: its environment.
@@ -187,25 +179,25 @@ def peer_tracks(peer: Peer, program: Path, given: GivenSequence, logistic: bool)
         for box, score in zip(found.boxes.tolist(), found.scores.tolist(), strict=True)
     ]
     answer = peer.answer(program, {"boxes": boxes, "length": len(given.kept), "rate": given.rate})
-    tables = {}
-    for name, rows in answer["tracks"].items():
+    tracks = {}
+    for name, rows in answer.items():
         table = np.array(rows, dtype=np.float64).reshape(-1, 7)
         table = table[(table[:, 4] > table[:, 2]) & (table[:, 5] > table[:, 3])]
         parts = [table[table[:, 1] == number] for number in np.unique(table[:, 1])]
-        tables[name] = table_of([Track(int(p[0, 1]), p[:, 0].astype(int), p[:, 2:6], p[:, 6]) for p in parts])
-    return tables
+        tracks[name] = as_written([Track(int(p[0, 1]), p[:, 0].astype(int), p[:, 2:6], p[:, 6]) for p in parts])
+    return tracks
 
 
 def _tracks(
     bench: Bench, one: DataSet, sequences: Sequence[GivenSequence], environment: Peer | None
-) -> tuple[dict[str, list[FloatArray]], dict[str, str]]:
+) -> tuple[dict[str, list[list[Track]]], dict[str, str]]:
     """The tracks of every row by sequence, and where its settings come from."""
     ways: dict[Name, LinkedBy] = {method: LinkedBy(method) for method in SETTINGS}
     if any(given.pictures for given in sequences):
         ways[BOXES_ALONE] = LinkedBy("flow", pictures=False)
     found = Study(ways, sequences, linked, one.title).run(bench)
-    tracks = {str(name): tables for name, tables in found.items()}
-    tracks[UNFILLED] = [_detected_only(table) for table in tracks[FLOW]]
+    tracks = {str(name): each for name, each in found.items()}
+    tracks[UNFILLED] = [[_detected(one) for one in each if one.observed.any()] for each in tracks[FLOW]]
     settings = {**{str(method): where for method, where in SETTINGS.items()},
                 UNFILLED: SETTINGS["flow"], BOXES_ALONE: SETTINGS["flow"]}  # fmt: skip
     if environment is None:
@@ -220,29 +212,19 @@ def _tracks(
 
 
 def _scored(
-    bench: Bench, sequences: Sequence[GivenSequence], tracks: Mapping[Any, Sequence[FloatArray]]
+    bench: Bench, sequences: Sequence[GivenSequence], tracks: Mapping[Any, Sequence[Sequence[Track]]]
 ) -> dict[str, FloatArray]:
     """``(S, 83)`` sums of every row."""
     return {
-        name: np.array([bench.store.recall(table_sums, *pair) for pair in zip(sequences, tables, strict=True)])
-        for name, tables in tracks.items()
+        name: np.array([bench.store.recall(track_sums, *pair) for pair in zip(sequences, each, strict=True)])
+        for name, each in tracks.items()
     }
 
 
-def _detected_only(table: FloatArray) -> FloatArray:
-    """Tracks without the boxes that were filled in."""
-    rows = table.reshape(-1, 8)
-    return rows[rows[:, 7] > 0]
-
-
-def _filled(sequences: Sequence[GivenSequence], tables: Sequence[FloatArray]) -> list[FloatArray]:
-    return [filled(table, round(FILL * given.rate)) for given, table in zip(sequences, tables, strict=True)]
-
-
-def filled(table: FloatArray, longest: int) -> FloatArray:
-    """Tracks with their gaps of up to so many frames filled on straight lines."""
-    every = GapSettings(longest, support=np.inf, mismatch=np.inf)
-    return table_of([fill_gaps(track, every) for track in tracks_of(table)])
+def _detected(track: Track) -> Track:
+    """The track without the boxes that were filled in."""
+    kept = track.observed
+    return Track(track.id, track.frames[kept], track.boxes[kept], track.scores[kept])
 
 
 def _rate_table(bench: Bench, one: DataSet, sequences: Sequence[GivenSequence], rate: float) -> Table:
@@ -259,44 +241,3 @@ def _values(sequences: Sequence[GivenSequence], sums: FloatArray) -> dict[str, A
     """Scores of a row, combined and by sequence, for results.json."""
     single = {given.name: combined_scores(each[None]) for given, each in zip(sequences, sums, strict=True)}
     return {**combined_scores(sums), "sequences": single}
-
-
-def _by_sequence(title: str, sequences: Sequence[GivenSequence], rows: Mapping[str, FloatArray]) -> Table:
-    """HOTA / MOTA / IDF1 of each sequence."""
-    lines = []
-    for number, given in enumerate(sequences):
-        scores = [scores_of(sums[number]) for sums in rows.values()]
-        lines.append([given.name, *(" / ".join(f"{s[k]:.3f}" for k in ("hota", "mota", "idf1")) for s in scores)])
-    return Table("", (f"{title}: HOTA / MOTA / IDF1", *rows), lines)
-
-
-def plot_scores(sets: Mapping[str, Mapping[str, FloatArray]]) -> Figure:
-    """A panel for each data set: HOTA and IDF1 of each row, and the difference of IDF1 to the flow's with its interval.
-
-    Args:
-        sets: sums of the rows by title of the data set.
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(12, 2.9 * len(sets)), layout="constrained")
-    panels = figure.subplots(len(sets), 2, squeeze=False)
-    for (left, right), (title, rows) in zip(panels, sets.items(), strict=True):
-        places = range(len(rows))[::-1]
-        for place, (name, sums) in zip(places, rows.items(), strict=True):
-            found, colour = combined_scores(sums), "#b5121b" if name == FLOW else "#31688e"
-            left.plot(found["hota"], place, "o", color=colour)
-            left.plot(found["idf1"], place, "o", color=colour, markerfacecolor="white")
-            if name != FLOW:
-                gap = paired_bootstrap(rows[FLOW], sums, SAMPLES, np.random.default_rng(0))["idf1"]
-                right.plot([gap.low, gap.high], [place, place], color=colour, linewidth=2)
-                right.plot(gap.difference, place, "o", color=colour)
-        left.set_yticks(list(places), list(rows))
-        left.set_title(f"{title}: HOTA (filled), IDF1 (hollow)", fontsize=9)
-        right.set_yticks([])
-        right.set_ylim(left.get_ylim())
-        right.axvline(0, color="black", linewidth=0.8)
-        right.set_title("IDF1 of the flow above the row, 95 % over sequences", fontsize=9)
-        for panel in (left, right):
-            panel.grid(axis="x", color="#dddddd", linewidth=0.6)
-            panel.set_axisbelow(True)
-    return figure

@@ -1,16 +1,8 @@
-"""Runs the trackers of roboflow's ``trackers`` over given detections, in an environment of its own.
-
-    python peer_program.py < job.json > result.json
-
-A job is ``{"boxes": [[frame, x1, y1, x2, y2, score], …], "length": frames, "rate": frames a second}``; the result is
-``{"version": …, "tracks": {tracker: [[frame, id, x1, y1, x2, y2, score], …]}}``. Nothing of Tsuiseki is imported here.
-"""
+"""The trackers of roboflow's ``trackers`` over given detections; a program of `Peer`."""
 
 import importlib
-import json
-import sys
-import warnings
 from importlib import metadata
+from typing import Any
 
 NAMES = {
     "ByteTrack": "ByteTrackTracker",
@@ -20,19 +12,21 @@ NAMES = {
 }
 
 
-def main() -> None:
-    """Answer one job."""
-    warnings.filterwarnings("ignore")
-    version = metadata.version("trackers")
-    if sys.argv[1:] == ["--version"]:
-        print(version)
-        return
-    job = json.load(sys.stdin)
-    tracks = {name: follow(attribute, job) for name, attribute in NAMES.items()}
-    json.dump({"version": version, "tracks": tracks}, sys.stdout)
+def version() -> str:
+    """Of the package."""
+    return metadata.version("trackers")
 
 
-def follow(attribute: str, job: dict) -> list:  # type: ignore[type-arg]
+def answer(job: dict[str, Any]) -> dict[str, list[list[float]]]:
+    """Rows frame, id, x1, y1, x2, y2, score by tracker.
+
+    Args:
+        job: ``boxes``, rows of frame, x1, y1, x2, y2, score; ``length``, frames; ``rate``, frames a second.
+    """
+    return {name: follow(attribute, job) for name, attribute in NAMES.items()}
+
+
+def follow(attribute: str, job: dict[str, Any]) -> list[list[float]]:
     """The rows of one tracker with its defaults, at the frame rate of the video."""
     numpy, supervision = importlib.import_module("numpy"), importlib.import_module("supervision")
     tracker = getattr(importlib.import_module("trackers"), attribute)(frame_rate=job["rate"])
@@ -50,7 +44,3 @@ def follow(attribute: str, job: dict) -> list:  # type: ignore[type-arg]
             if number >= 0:  # -1 is a detection of nobody whom the tracker believes in yet
                 rows.append([frame, int(number) + 1, *map(float, box), float(score)])
     return rows
-
-
-if __name__ == "__main__":
-    main()

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, as_ground_truth, plan_blobs
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
-from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange
+from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
 from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, PatchBirths
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     EachAlone,
@@ -20,16 +21,16 @@ from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     Update,
     WithoutOthers,
     as_printed,
-    average,
     boxes_of,
     calibrated,
 )
 from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.motion.points import SteppingBox
 from tsuiseki.tracking.people.sort import Sort
+from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.points.settings import BlobSettings
 from tsuiseki.tracking.points.tracker import BlobTracker
-from tsuiseki.tracking.types import Detections, FloatArray, Frame, IntArray, Track
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, IntArray
 from tsuiseki.trainers.experiments.study import (
     Bench,
     Column,
@@ -55,33 +56,7 @@ SCENES: Mapping[str, BlobSceneSettings] = {
 }
 
 
-class ComponentsAndSort:
-    """The baseline: each patch of the colour that is large enough for an object, linked by SORT.
-
-    Args:
-        colour: of the objects.
-        settings: its smallest side of an object is that of a patch, as in the filter's births.
-    """
-
-    def __init__(self, colour: ColourRange, settings: BlobSettings) -> None:
-        self.colour, self.sort = colour, Sort()
-        self._patches = PatchBirths(smallest=settings.smallest, limit=200)
-
-    def update(self, frame: Frame) -> object:
-        """Take the next frame."""
-        boxes = self._patches.patches(ColourImage.of(frame.image, self.colour), np.empty((0, 4)))
-        return self.sort.update(Detections(boxes, np.ones(len(boxes))))
-
-    def tracks(self) -> list[Track]:
-        """The tracks so far."""
-        return self.sort.tracks()
-
-
-METHODS: Mapping[str, Callable[[ColourRange, BlobSettings], ComponentsAndSort | BlobTracker]] = {
-    "components and SORT": ComponentsAndSort,
-    "track blobs": BlobTracker,
-    "track blobs --confirm 1,1": lambda colour, settings: BlobTracker(colour, replace(settings, confirm=(1, 1))),
-}
+METHODS = ("components and SORT", "track blobs")
 
 
 def blobs(bench: Bench, seeds: int = 5, particles: int = 300) -> Outcome:
@@ -116,16 +91,21 @@ def blobs(bench: Bench, seeds: int = 5, particles: int = 300) -> Outcome:
 def run_blobs(row: tuple[BlobSceneSettings, str, int], seed: int) -> PointScores:
     """A method with so many particles on one clip, an object being there while half of it is in the image."""
     scene, method, particles = row
-    tracker = METHODS[method](NAMED_COLOURS[scene.colour], BlobSettings(particles=particles))
-    boxes = []
-    for index, ((image,), there) in enumerate(plan_blobs(scene, seed).frames()):
-        tracker.update(Frame(index, index / scene.frame_rate, image))
-        boxes.append(there)
-    truth = as_ground_truth(_half_inside(np.stack(boxes), scene))
+    frames = list(plan_blobs(scene, seed).frames())
+    colour = NAMED_COLOURS[scene.colour]
+    if method == METHODS[0]:
+        # Each patch of the colour that is large enough for an object in the filter's births.
+        patches = PatchBirths(smallest=BlobSettings().smallest, limit=200)
+        found = [patches.patches(ColourImage.of(image, colour), np.empty((0, 4))) for (image,), _ in frames]
+        tracks = run_tracker((Detections(boxes, np.ones(len(boxes))) for boxes in found), Sort())
+    else:
+        tracker = BlobTracker(colour, BlobSettings(particles=particles))
+        for index, ((image,), _) in enumerate(frames):
+            tracker.update(Frame(index, index / scene.frame_rate, image))
+        tracks = tracker.tracks()
+    truth = as_ground_truth(_half_inside(np.stack([boxes for _, boxes in frames]), scene))
     places = (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2
-    return evaluate_points(
-        PointTracks(truth.frames, truth.ids, places), PointTracks.of(tracker.tracks()), scene.frames, CUT_OFF
-    )
+    return evaluate_points(PointTracks(truth.frames, truth.ids, places), PointTracks.of(tracks), scene.frames, CUT_OFF)
 
 
 def _half_inside(boxes: FloatArray, scene: BlobSceneSettings) -> FloatArray:
@@ -139,7 +119,6 @@ def _half_inside(boxes: FloatArray, scene: BlobSceneSettings) -> FloatArray:
 UPDATES: Mapping[str, tuple[Update, RegionLikelihood]] = {
     "as printed": (as_printed, EachAlone()),
     "equalised": (Equalised(as_printed), EachAlone()),
-    "equalised by the mean": (Equalised(as_printed, average), EachAlone()),
     "calibrated": (calibrated, WithoutOthers()),
 }
 
@@ -257,12 +236,8 @@ def _on_targets(particles: FloatArray, boxes: FloatArray) -> FloatArray:
 
 def _lost(particles: FloatArray, least: float) -> FloatArray:
     """First frame of each target from which `LOST_AFTER` frames or the rest have fewer particles than ``least``."""
-    few = particles < least
-    lost = np.full(few.shape[1], float(len(few)))
-    for target, column in enumerate(few.T):
-        begins = [frame for frame in np.flatnonzero(column) if column[frame : frame + LOST_AFTER].all()]
-        lost[target] = begins[0] if begins else len(few)
-    return lost
+    few = np.concatenate([particles < least, np.ones((LOST_AFTER, particles.shape[1]), dtype=np.bool_)])
+    return np.asarray(sliding_window_view(few, LOST_AFTER, axis=0).all(axis=-1).argmax(axis=0), dtype=np.float64)
 
 
 def plot_particles(found: Mapping[str, list[Weakened]], purity: FloatArray) -> Figure:

@@ -1,6 +1,6 @@
 """Thesis chapter 5 on generated clips: people from a drone, flow alternating with action features.
 
-Tables 5.3 to 5.5 and Figs. 5.7 to 5.11 (`reproduce drone-action-features`). Clips, and what the networks make of them,
+Tables 5.3 to 5.5 and Figs. 5.8 and 5.11 (`reproduce drone-action-features`). Clips, and what the networks make of them,
 are kept in the store.
 """
 
@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_dron
 from tsuiseki.tracking.association.costs import ActionFeatures
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.drone.models import DroneMethod, as_detections
-from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
+from tsuiseki.tracking.drone.observations import Observation, Observers, observe
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
 from tsuiseki.tracking.drone.tracking import suited
@@ -31,7 +31,7 @@ from tsuiseki.tracking.evaluation.action_files import (
     read_labelled_actions,
 )
 from tsuiseki.tracking.evaluation.action_scores import ActionScores, evaluate_actions
-from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
+from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, score_sums
 from tsuiseki.tracking.evaluation.tables import action_values
 from tsuiseki.tracking.features.action import LOCAL_STREAMS, STREAMS, ActionRecogniser, StreamName, averaged
@@ -47,10 +47,13 @@ from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack
+from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.weights import shipped, shipped_or_file
-from tsuiseki.trainers.experiments.drone_pictures import draw_pictures, draw_second, plot_gains, plot_iterations
-from tsuiseki.trainers.experiments.store import Store, code_version
-from tsuiseki.trainers.experiments.study import Bench, Outcome, Table, at_least_one
+from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Bench, Curve, Outcome, Table, at_least_one, curves
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 ComparedMethod = Literal["deepsort", "flow", "flow-saf", "flow-maf", "flow-maf, one-sided"]
 METHODS: tuple[ComparedMethod, ...] = get_args(ComparedMethod)
@@ -148,8 +151,7 @@ def reproduce(
 ) -> Outcome:
     """Thesis chapter 5 on generated clips from a violently moving drone: Tables 5.3, 5.4 and 5.5, Figs. 5.8 and 5.11.
 
-    DIR gets results.json, tables.md, iterations.png, action_gain.png and pictures of switches like Figs. 5.7, 5.9 and
-    5.10: prevented.jpg, remaining.jpg, second.jpg.
+    DIR gets results.json, tables.md and iterations.png.
 
     Args:
         bench: where it works; clips and the networks' output are kept.
@@ -169,7 +171,11 @@ def reproduce(
     if full:
         seeds, clips, frames = 5, 10, 600
     tests, second = scored_plans(seeds, clips, frames), second_plans(clips, frames)
-    models = _models(actions, appearance, detector)
+    models = ObservingModels(
+        tuple(actions or [shipped(f"action_drone_{name}") for name in STREAMS]),
+        appearance or shipped("appearance_people"),
+        shipped("detector_drone") if detector is None else shipped_or_file("detector", detector),
+    )
     # All clips in one go, so that every core has one to draw until the end.
     work = on_all_cores(partial(observe_clip, bench.store, models), [*tests, *second])
     every = list(bench.watch.over(work, "clips", len(tests) + len(second)))
@@ -178,35 +184,33 @@ def reproduce(
     bench.watch.say("tracking")
     people = {"taken out": people_rows(sets), "left in": people_rows(sets, compensate=False)}
     iterations = {str(m): by_iteration(every, m) for m in METHODS if m.startswith("flow-maf")}
-    bench.watch.say("recognising actions, showing switches")
-    curves = {m: [people_row(people_scores(every, found)) for found in results] for m, results in iterations.items()}
-    gains = action_gains(every, iterations["flow-maf"])
-    drawn = draw_pictures(every, track_all(every, "flow"), iterations["flow-maf, one-sided"])
-    drawn |= draw_second(carried, by_iteration(carried, "flow-maf, one-sided", count=2))
-    pictures = {name: picture.shows for name, picture in drawn.items()}
+    bench.watch.say("recognising actions")
+    rounds = {m: [people_row(_pairs(every, found)) for found in results] for m, results in iterations.items()}
     values: dict[str, Any] = {
         "plan": {"seeds": seeds, "clips": clips, "frames": frames},
         "people": people,
-        "iterations": curves,
+        "iterations": rounds,
         "second": people_rows([carried]),
         "actions": action_values(recognition(every)),
-        "action_gain": gains,
-        "pictures": pictures,
+        "action_gain": action_gains(every, iterations["flow-maf"]),
     }
-    plots = {"iterations": plot_iterations(curves), "action_gain": plot_gains(gains)}
-    files = {f"{name}.jpg": picture.jpeg for name, picture in drawn.items()}
-    return Outcome(values, tables(values), plots, files, [_note(people["taken out"]["flow"], seeds * clips * frames)])
-
-
-def _models(actions: list[Path] | None, appearance: Path | None, detector: Path | None) -> ObservingModels:
-    found_by = shipped("detector_drone") if detector is None else shipped_or_file("detector", detector)
-    streams = tuple(actions or [shipped(f"action_drone_{name}") for name in STREAMS])
-    return ObservingModels(streams, appearance or shipped("appearance_people"), found_by)
+    note = _note(people["taken out"]["flow"], seeds * clips * frames)
+    return Outcome(values, tables(values), {"iterations": plot_iterations(rounds)}, notes=[note])
 
 
 def _note(flow: Mapping[str, Any], frames: int) -> str:
     switches = 100 * flow["id_switches"] / frames
     return f"flow alone: {switches:.1f} switches in 100 frames at a recall of {flow['recall']:.1f} %"
+
+
+def plot_iterations(rounds: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
+    """Fig. 5.8: recall, precision, switches and MOTA over the iterations of the alternation."""
+    titles = {"recall": "recall, %", "precision": "precision, %", "id_switches": "switches", "mota": "MOTA, %"}
+    panels = {
+        title: [Curve(m, range(1, len(rows) + 1), [row[score] for row in rows]) for m, rows in rounds.items()]
+        for score, title in titles.items()
+    }
+    return curves(panels, ["iteration"] * len(panels), "", (3.6, 3.2))
 
 
 def scored_plans(seeds: int, clips: int, frames: int) -> list[ClipPlan]:
@@ -215,9 +219,8 @@ def scored_plans(seeds: int, clips: int, frames: int) -> list[ClipPlan]:
     Raises:
         RequestError: something was learnt from one of them.
     """
-    scene = replace(TEST_SCENE, frames=frames)
     numbers = [FIRST_SEED + 100 * number + k for number in range(seeds) for k in range(clips)]
-    return [(f"test-{seed}-{frames}", scene, seed) for seed in _not_tuned_on(numbers)]
+    return [(f"test-{seed}-{frames}", replace(TEST_SCENE, frames=frames), seed) for seed in _not_tuned_on(numbers)]
 
 
 def second_plans(clips: int, frames: int) -> list[ClipPlan]:
@@ -241,23 +244,19 @@ def observe_clip(store: Store, models: ObservingModels, plan: ClipPlan) -> Obser
     """A drawn clip with the observations of its detected and its labelled people, from the store where it can."""
     name, scene, seed = plan
     folder = store.made(name, _write_clip, scene, seed)
-    cache = store.folder / "observations" / code_version([video_observations.__module__])
+    return replace(store.recall(observed, models, folder), folder=folder)
+
+
+def observed(models: ObservingModels, folder: Path) -> ObservedClip:
+    """What the networks make of the people in a clip, both those whom the detector finds and those who are labelled."""
     sequence = read_sequence(folder)
-    truth = read_ground_truth(sequence.ground_truth_path)
-    key = {f"model {n}": file_digest(path) for n, path in enumerate((*models.actions, models.appearance))}
-    detector = Detector(models.detector, threads=1)
-    detected_by = f"{file_digest(models.detector)} from {detector.score_threshold}"
-    streams, appearance = ActionRecogniser(models.actions, threads=1), Appearance(models.appearance, threads=1)
-    observers = Observers(detector, appearance, streams, camera=True)
-    detected = video_observations(folder, observers, {**key, "detections": detected_by, "camera": "estimated"}, cache)
-    boxes, labels = as_detections(read_tracks(sequence.ground_truth_path), sequence.length)
-    given = video_observations(
-        folder,
-        replace(observers, detect=boxes, describe=None, camera=False),
-        {**key, "detections": file_digest(sequence.ground_truth_path)},
-        cache,
-    )
-    return ObservedClip(folder, truth, read_labelled_actions(folder, "lenient")[0], list(detected), list(given), labels)
+    detector, appearance = Detector(models.detector, threads=1), Appearance(models.appearance, threads=1)
+    observers = Observers(detector, appearance, ActionRecogniser(models.actions, threads=1), camera=True)
+    boxes, owners = as_detections(read_tracks(sequence.ground_truth_path), sequence.length)
+    known = replace(observers, detect=boxes, describe=None, camera=False)
+    detected, given = (list(observe(open_source(folder).frames(), one)) for one in (observers, known))
+    truth, actions = read_ground_truth(sequence.ground_truth_path), read_labelled_actions(folder, "lenient")[0]
+    return ObservedClip(folder, truth, actions, detected, given, owners)
 
 
 def tracker_for(
@@ -305,23 +304,20 @@ def _deepsort(clip: ObservedClip, *, compensate: bool) -> list[Track]:
     return tracker.tracks()
 
 
-def by_iteration(clips: Sequence[ObservedClip], method: ComparedMethod, count: int = MOST_ITERATIONS) -> list[People]:
-    """The people of every clip when links are scored again 0, 1, ... ``count`` - 1 times."""
-    return [[tracker_for(method, clip, rounds=k).people() for clip in clips] for k in range(count)]
+def by_iteration(clips: Sequence[ObservedClip], method: ComparedMethod) -> list[People]:
+    """The people of every clip when links are scored again 0, 1, ... times."""
+    return [[tracker_for(method, clip, rounds=k).people() for clip in clips] for k in range(MOST_ITERATIONS)]
 
 
 def people_rows(sets: Sequence[Sequence[ObservedClip]], *, compensate: bool = True) -> dict[str, dict[str, Any]]:
     """Table 5.3 by method: means over the sets, and differences to the flow with 95 % intervals over the clips."""
-    every = [clip for clips in sets for clip in clips]
+    every, count = [clip for clips in sets for clip in clips], len(sets[0])
+    pairs = {method: _pairs(every, track_all(every, method, compensate=compensate)) for method in METHODS}
+    sums = {method: np.stack([score_sums(pair) for pair in own]) for method, own in pairs.items()}
     rows: dict[str, dict[str, Any]] = {}
-    found = {method: track_all(every, method, compensate=compensate) for method in METHODS}
-    flow = _sums(every, found["flow"])
-    for method, people in found.items():
-        first, parts = 0, []
-        for clips in sets:
-            parts.append(people_row(people_scores(clips, people[first : first + len(clips)])))
-            first += len(clips)
-        apart = paired_bootstrap(_sums(every, people), flow, SAMPLES, np.random.default_rng(0))
+    for method, own in pairs.items():
+        parts = [people_row(own[first : first + count]) for first in range(0, len(own), count)]
+        apart = paired_bootstrap(sums[method], sums["flow"], SAMPLES, np.random.default_rng(0))
         # Switches are added up, and all else is a mean.
         row: dict[str, Any] = {name: float(np.mean([part[name] for part in parts])) for name in parts[0]}
         by_seed = [part["id_switches"] for part in parts]
@@ -337,18 +333,9 @@ def _pairs(clips: Sequence[ObservedClip], people: People) -> list[SequencePair]:
     ]
 
 
-def _sums(clips: Sequence[ObservedClip], people: People) -> FloatArray:
-    return np.stack([score_sums(pair) for pair in _pairs(clips, people)])
-
-
-def people_scores(clips: Sequence[ObservedClip], people: People) -> PeopleEvaluation:
-    """Scores of the tracks of all clips."""
-    return evaluate_sequences(_pairs(clips, people))
-
-
-def people_row(scores: PeopleEvaluation) -> dict[str, float]:
-    """The columns of Table 5.3, and more; shares in percent."""
-    total = scores.combined
+def people_row(pairs: Sequence[SequencePair]) -> dict[str, float]:
+    """The columns of Table 5.3, and more, over all clips; shares in percent."""
+    total = evaluate_sequences(pairs).combined
     shares = {name: 100 * getattr(total, name) for name in ("recall", "precision", "mota", "motp", "idf1", "hota")}
     return {**shares, "id_switches": float(total.id_switches), "motp_as_printed": 100 * (1 - total.motp)}
 
@@ -393,23 +380,26 @@ def action_gains(clips: Sequence[ObservedClip], results: Sequence[People]) -> di
 
 
 def tables(values: Mapping[str, Any]) -> list[Table]:
-    """Tables 5.3 to 5.5 from all numbers of the experiment."""
-    found = []
-    for motion, rows in values["people"].items():
-        lines = [_person_row(n, r, PAPER_PEOPLE) for n, r in rows.items()]
-        found.append(Table(f"Table 5.3, the camera's motion {motion}", COLUMNS, lines))
-    lines = [_person_row(n, r, PAPER_SECOND) for n, r in values["second"].items()]
-    found.append(Table("Table 5.4, everything carried over to other clips", COLUMNS, lines))
+    """Tables 5.3 to 5.5 and Fig. 5.11 from all numbers of the experiment."""
+    people = {f"Table 5.3, the camera's motion {motion}": (rows, PAPER_PEOPLE) for motion, rows in
+              values["people"].items()}  # fmt: skip
+    people["Table 5.4, everything carried over to other clips"] = (values["second"], PAPER_SECOND)
+    found = [
+        Table(title, COLUMNS, [_person_row(name, row, paper.get(name, "")) for name, row in rows.items()])
+        for title, (rows, paper) in people.items()
+    ]
     actions = values["actions"]
     names = next(iter(actions.values()))["actions"]
     lines = [[name, *(_percent(actions[kind]["actions"][name]["f1"]) for kind in actions)] for name in names]
     lines.append(["average", *(_percent(actions[kind]["mean_f1"]) for kind in actions)])
     lines.append(["mAP", *(_percent(actions[kind]["mean_average_precision"]) for kind in actions)])
     lines.append(["average in the paper", *(f"{PAPER_ACTIONS[kind]:.2f}" for kind in actions)])
-    return [*found, Table("Table 5.5, F1 at 0.4 of every action, tracks given; percent", ["", *actions], lines)]
+    found.append(Table("Table 5.5, F1 at 0.4 of every action, tracks given; percent", ["", *actions], lines))
+    gains = [[name, "–" if change is None else f"{change:+.2f}"] for name, change in values["action_gain"].items()]
+    return [*found, Table("Fig. 5.11, AP after iteration 10 less that after iteration 1", ["", "points"], gains)]
 
 
-def _person_row(name: str, row: Mapping[str, Any], paper: Mapping[str, str]) -> list[str]:
+def _person_row(name: str, row: Mapping[str, Any], paper: str) -> list[str]:
     scores = [f"{row[k]:.2f}" for k in ("recall", "precision", "mota", "motp", "motp_as_printed", "idf1", "hota")]
     apart = []
     for score in COMPARED:
@@ -417,7 +407,7 @@ def _person_row(name: str, row: Mapping[str, Any], paper: Mapping[str, str]) -> 
         gap = row["against_flow"][score]
         middle, low, high = (f"{factor * gap[key]:+.{digits}f}" for key in ("difference", "low", "high"))
         apart.append(f"{middle} ({low} to {high})")
-    return [name, *scores[:2], f"{row['id_switches']:.0f}", *scores[2:], *apart, paper.get(name, "")]
+    return [name, *scores[:2], f"{row['id_switches']:.0f}", *scores[2:], *apart, paper]
 
 
 def _percent(value: float | None) -> str:

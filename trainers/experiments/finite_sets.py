@@ -1,4 +1,4 @@
-"""The finite-set filters on the standard scenarios and on real detections (`reproduce phd`)."""
+"""The finite-set filters on the standard scenarios (`reproduce phd`)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence
 from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
 from tsuiseki.tracking.filters.base import Births, Filter, Running, SetInfo
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
@@ -32,34 +31,22 @@ from tsuiseki.tracking.filters.finite_sets.models import (
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
 from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
 from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn
-from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
-from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.people.tracker import PeopleTracker, run_tracker
-from tsuiseki.tracking.points.settings import PointSettings
-from tsuiseki.tracking.points.tracker import PointTracker
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.experiments.store import plain
 from tsuiseki.trainers.experiments.study import (
     Bench,
     Column,
-    Curve,
     Name,
     Outcome,
     Study,
     at_least_one,
-    curves,
     median_only,
     tabulated,
     values_of,
     with_error,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 PointFilter = Running[Any, FloatArray, SetInfo]
-METHODS = ("phd-literal", "phd-printed", "phd-clusters", "phd", "labelled")
+METHODS = ("phd-literal", "phd", "labelled")
 CUT_OFF = 100.0
 BIRTHS_ANYWHERE = 0.1
 """Expected births a step where a scenario names no places."""
@@ -72,17 +59,16 @@ YARDSTICKS: Mapping[tuple[int, str], Mapping[float, float]] = {
 }
 REQUIRED = ("kind", "T", "K", "P_S", "P_D", "region", "clutter_rates", "runs", "sigma_v")
 OF_KIND = {"linear": ("sigma_e",), "ct": ("sigma_turn", "sigma_bearing", "sigma_range")}
-ARRAYS = ("truth", "z", "z_run", "z_clut", "z_k")
 
 
 def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int = 1000, runs: int = 10) -> Outcome:
-    """The finite-set filters on the standard scenarios and on real detections: OSPA, identities, time.
+    """The finite-set filters on the standard scenarios: OSPA, identities, time.
 
-    DIR gets results.json, tables.md and ospa.png.
+    DIR gets results.json and tables.md.
 
     Args:
         bench: where it works.
-        data: folder that holds phd/phd_scenario_*.json and, for the real rows, mot/PETS09-S2L1-first.
+        data: folder that holds phd/phd_scenario_*.json.
         particles: of each target.
         runs: Monte-Carlo runs of each scenario; at most as many as it has.
 
@@ -105,8 +91,6 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int 
         for name, (_, rate, method, _) in rows.items():
             known = YARDSTICKS.get((scenario.settings.get("seed", 0), method), {}).get(clutter[rate])
             peers |= {} if known is None else {name: known}
-    sequence = data / "mot" / "PETS09-S2L1-first"
-    real = bench.store.recall(real_rows, sequence) if sequence.is_dir() else {}
     columns = [
         Column("OSPA p=1", "ospa1", show=partial(with_error, ddof=0), paper=peers, beside="peer, p=1"),
         *(Column(heading, name) for heading, name in (("p=2", "ospa2"), ("OSPA(2)", "ospa_tracks"))),
@@ -114,33 +98,8 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int 
         Column("switches", "switches", ".1f"),
         Column("ms/step", "milliseconds", show=median_only),
     ]
-    scores = [Column(name, name.lower(), ".3f") for name in ("MOTA", "IDF1", "HOTA")]
-    tables = [
-        tabulated(found, columns, ("scenario", "clutter", "method")),
-        tabulated(
-            {name: [one] for name, one in real.items()}, [*scores, Column("switches", "id_switches", ".0f")],
-            ("PETS09-S2L1-first",),
-        ),
-    ]  # fmt: skip
-    values = {"scenarios": values_of(found, ("scenario", "clutter", "method")), "real": plain(real)}
-    return Outcome(values, tables, {"ospa": plot_ospa(found, peers)})
-
-
-def real_rows(folder: Path, seed: int = 0) -> dict[str, PeopleScores]:
-    """MOTA, IDF1 and HOTA of SORT, the PHD and the labelled filter on the given detections of a MOT sequence."""
-    sequence = read_sequence(folder)
-    truth = read_ground_truth(sequence.ground_truth_path)
-    detections = read_detections(sequence.detections_path, sequence.length, (-np.inf, np.inf))
-    extent = (float(sequence.width or 640), float(sequence.height or 480))
-    trackers: dict[str, PeopleTracker] = {
-        "SORT": Sort(),
-        "SMC-PHD": PointTracker(PointSettings(method="phd"), extent, seed),
-        "labelled multi-Bernoulli": PointTracker(PointSettings(method="labelled"), extent, seed),
-    }
-    return {
-        name: evaluate_sequence(truth, run_tracker(detections, tracker), sequence.length)
-        for name, tracker in trackers.items()
-    }
+    heads = ("scenario", "clutter", "method")
+    return Outcome(values_of(found, heads), [tabulated(found, columns, heads)])
 
 
 def run_scenario(row: tuple[PointScenario, int, str, int], run: int) -> dict[str, float]:
@@ -156,22 +115,18 @@ def run_scenario(row: tuple[PointScenario, int, str, int], run: int) -> dict[str
 def start_filter(method: str, settings: dict[str, Any], clutter: float, particles: int, seed: int) -> PointFilter:
     """A fresh filter at work on a scenario.
 
-    ``phd`` reads targets off by measurements, ``phd-clusters`` by clusters. ``phd-literal`` is the paper's filter: the
-    particles of (50) and (57) by weight alone, the labels of 5.2 as printed, nothing claimed or remembered, everything
-    parted shown at once. ``phd-printed`` has claims and more particles at the places of birth besides. ``labelled`` is
-    the multi-Bernoulli filter.
+    ``phd-literal`` is the paper's filter: the particles of (50) and (57) by weight alone, targets read off by clusters,
+    the labels of 5.2 as printed, nothing claimed or remembered, everything parted shown at once. ``phd`` is ours, and
+    ``labelled`` the multi-Bernoulli filter.
     """
     model = scenario_model(settings, clutter)
     births = scenario_births(settings, particles)
-    plain = TrackIdentity(remember=False, confirm=False)
     filters: dict[str, Filter[Any, FloatArray, SetInfo]] = {
         "labelled": LabelledMultiBernoulliFilter(model, births, particles),
         "phd": PhdFilter(model, births, particles, extract=by_measurements),
-        "phd-clusters": PhdFilter(model, births, particles, extract=by_clusters),
-        "phd-printed": PhdFilter(model, births, particles, smallest_cluster=0, extract=by_clusters, identity=plain),
         "phd-literal": PhdFilter(
             model, printed_births(settings, particles), particles, smallest_cluster=0, extract=by_clusters,
-            identity=replace(plain, claim=False, adopt=True),
+            identity=TrackIdentity(remember=False, confirm=False, claim=False, adopt=True),
         ),
     }  # fmt: skip
     columns = 4 if settings["kind"] == "linear" else 5
@@ -190,24 +145,6 @@ def run_filter(running: PointFilter, measurements: Iterable[FloatArray]) -> tupl
         ids.append(estimates.ids)
         positions.append(estimates.states[:, [0, 2]])
     return PointTracks(np.concatenate(frames), np.concatenate(ids), np.concatenate(positions)), np.array(seconds)
-
-
-def plot_ospa(found: Mapping[tuple[str, str, str], list[dict[str, float]]], peers: Mapping[Name, float]) -> Figure:
-    """OSPA over the clutter rate, a panel for each scenario, with the peers' values as crosses."""
-    panels: dict[str, list[Curve]] = {}
-    for scenario, method in product(dict.fromkeys(name[0] for name in found), METHODS):
-        own = {float(name[1]): of for name, of in found.items() if (name[0], name[2]) == (scenario, method)}
-        errors = [np.array([one["ospa1"] for one in of]) for of in own.values()]
-        bars = [2 * float(one.std() / np.sqrt(len(one))) for one in errors]
-        lines = panels.setdefault(scenario, [])
-        lines.append(Curve(method, list(own), [float(one.mean()) for one in errors], bars))
-        known = {float(n[1]): value for n, value in peers.items() if (n[0], n[2]) == (scenario, method)}
-        if known:
-            lines.append(Curve(f"{method}, peer", list(known), list(known.values()), style="x"))
-    figure = curves(panels, ["false measurements a step"] * len(panels), "OSPA, p = 1, c = 100")
-    for axes in figure.axes:
-        axes.set_ylim(0, None)
-    return figure
 
 
 @dataclass(frozen=True)
@@ -241,26 +178,16 @@ def read_scenario(path: Path) -> PointScenario:
         RequestError: a file, a setting or an array is missing, or the kind is unknown.
     """
     data_path = path.with_suffix(".npz")
-    for needed in (path, data_path):
-        if not needed.is_file():
-            raise RequestError(f"expected a scenario file at {needed}, found none; give its folder as `data`")
     try:
         settings = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise RequestError(f"{path}: expected JSON, got {error}") from error
-    kind = settings.get("kind", "")
-    if kind not in OF_KIND:
-        raise RequestError(f"{path}: expected a scenario of kind {' or '.join(OF_KIND)}, got {kind!r}")
-    missing = [name for name in (*REQUIRED, *OF_KIND[kind]) if name not in settings]
-    if missing:
-        raise RequestError(f"{path}: expected the setting {missing[0]}, found none")
-    try:
+        for name in (*REQUIRED, *OF_KIND[settings["kind"]]):
+            settings[name]
         with np.load(data_path, allow_pickle=False) as data:
-            truth, z, run, clutter, step = (data[name] for name in ARRAYS)
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
-        raise RequestError(f"{data_path}: expected a NumPy archive, got a broken file") from error
+            truth, z, run, clutter, step = (data[name] for name in ("truth", "z", "z_run", "z_clut", "z_k"))
     except KeyError as error:
-        raise RequestError(f"{data_path}: expected the arrays {', '.join(ARRAYS)}, got no {error}") from error
+        raise RequestError(f"{path}: expected a scenario of kind linear or ct, found no {error}") from error
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise RequestError(f"{path}: expected settings, and beside them the arrays as npz, got: {error}") from error
     cells = {
         (r, c): [z[(run == r) & (clutter == c) & (step == k)] for k in range(settings["K"])]
         for r in range(settings["runs"])
@@ -291,13 +218,15 @@ def scenario_model(settings: dict[str, Any], clutter_rate: float) -> PointModel:
 def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
     """The scenario's places of birth; where it names none, births anywhere, driven by the measurements."""
     if "birth_m" in settings:
-        masses, means = (
-            np.asarray(settings["birth_w"], dtype=np.float64),
-            np.asarray(settings["birth_m"], dtype=np.float64),
-        )
-        spread = np.asarray(settings["birth_sd"], dtype=np.float64)
+        masses, means, spread = (np.array(settings[f"birth_{name}"], dtype=np.float64) for name in ("w", "m", "sd"))
         return MixtureBirths(masses, means, spread, count, scenario_sensor(settings))
-    return anywhere_births(settings, BIRTHS_ANYWHERE, count=count // 5)
+    volume = float(np.prod([high - low for low, high in settings["region"]]))
+    speed = float(settings.get("birth_speed", 15.0))
+    if settings["kind"] == "linear":
+        complete, columns = newborn(lambda places: places, 2, speed), 4
+    else:
+        complete, columns = newborn(from_bearing_range, 2, speed, turn=0.05), 5
+    return MeasurementBirths(BIRTHS_ANYWHERE / volume, scenario_sensor(settings), complete, columns, count // 5)
 
 
 def printed_births(settings: dict[str, Any], density: int) -> Births[FloatArray]:
@@ -308,14 +237,3 @@ def printed_births(settings: dict[str, Any], density: int) -> Births[FloatArray]
     if isinstance(births, MeasurementBirths):
         return replace(births, limit=max(round(density * BIRTHS_ANYWHERE), 1))
     return births
-
-
-def anywhere_births(settings: dict[str, Any], expected: float, count: int) -> MeasurementBirths:
-    """Births anywhere in the measured region, ``expected`` a step, whatever the scenario says of places."""
-    volume = float(np.prod([high - low for low, high in settings["region"]]))
-    speed = float(settings.get("birth_speed", 15.0))
-    if settings["kind"] == "linear":
-        complete, columns = newborn(lambda places: places, 2, speed), 4
-    else:
-        complete, columns = newborn(from_bearing_range, 2, speed, turn=0.05), 5
-    return MeasurementBirths(expected / volume, scenario_sensor(settings), complete, columns, count)

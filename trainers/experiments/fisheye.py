@@ -7,23 +7,23 @@ for all rows. Pictures, observations, settings and tracks are kept in the store,
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.room_clip import CAMERAS, Room
-from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
+from tsuiseki.tracking.evaluation.coverage import coverage
+from tsuiseki.tracking.evaluation.multi import PeopleScores
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS
-from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.report.overlay import draw_label, track_colour
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+from tsuiseki.tracking.report.overlay import Overlay, draw_label
+from tsuiseki.tracking.types import BoolArray, FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.tracks import FloorTrack
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.fisheye_rooms import (
@@ -34,14 +34,9 @@ from tsuiseki.trainers.experiments.fisheye_rooms import (
     CpuTimes,
     Observed,
     observe,
-    parts_of,
-    plan,
-    read_observed,
-    render,
 )
 from tsuiseki.trainers.experiments.fisheye_rows import (
     ROWS,
-    Clips,
     Graded,
     lowest_score,
     pair_of,
@@ -56,6 +51,7 @@ from tsuiseki.trainers.experiments.study import (
     Column,
     Name,
     Outcome,
+    Study,
     Table,
     at_least_one,
     tabulated,
@@ -64,7 +60,6 @@ from tsuiseki.trainers.experiments.study import (
 
 ROOMS: tuple[Room, ...] = ("large", "small")
 VALIDATION_SEEDS = (900, 901)
-Rate = Literal[1, 15]
 # MOTA of Table 4.3 at 1 and 15 frames a second: large, small, large, small.
 PAPER: dict[str, tuple[float, float, float, float]] = {
     "baseline": (8.4, 51.0, -3.5, 48.7),
@@ -94,15 +89,14 @@ Named = dict[tuple[int, int], int]
 
 @dataclass(frozen=True)
 class FloorResults:
-    """Everything of one room and rate: the test sequences by seed, and their tracks by row."""
+    """The test sequences of one room and rate, seed by seed all cameras, and their tracks by row."""
 
-    sequences: dict[int, list[Observed]]
-    tracks: dict[str, dict[int, list[list[FloorTrack]]]]
+    clips: list[CeilingClip]
+    observed: list[Observed]
+    tracks: dict[str, list[list[FloorTrack]]]
 
 
 CHOSEN_ON = "all settings have the best MOTA on rooms of seeds 900 and 901"
-# A room, its seed, the length of its sequence in seconds and its rate.
-Job = tuple[Room, int, int, Rate]
 
 
 def reproduce(
@@ -115,7 +109,6 @@ def reproduce(
     calibration: Path | None = None,
     detector: Path | None = None,
     appearance: Path | None = None,
-    simulated_detections: bool = False,
     full: bool = False,
 ) -> Outcome:
     """People under ceiling fisheye cameras, at 1 and 15 frames a second: what upright crops and floor places bring.
@@ -132,7 +125,6 @@ def reproduce(
         calibration: lens of the cameras, any that tsuiseki calibrate convert reads; by default an equidistant one.
         detector: exported detector for unrolled views; by default the shipped one.
         appearance: exported appearance network; by default the shipped one.
-        simulated_detections: draw faulty detections from the truth instead of running a detector.
         full: 5 seeds of 180 seconds at both rates, as many frames as the thesis has and more.
 
     Raises:
@@ -142,53 +134,24 @@ def reproduce(
     if full:
         seeds, seconds, fast_seeds, fast_seconds = 5, 180, 5, 180
     tested = _tested(first_seed, seeds, fast_seeds)
-    found_by = None if simulated_detections else detector or shipped(DETECTORS["unrolled"])
-    models = CeilingModels(found_by, appearance or shipped("appearance_people"))
-    slow: list[Job] = [(room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)]
-    fast: list[Job] = [(room, seed, fast_seconds, 15) for seed in tested[:fast_seeds] for room in ROOMS]
-    folders = _observed(bench, [*slow, *fast], calibration, models)
-    chosen, least = _chosen(bench, [p for seed in VALIDATION_SEEDS for room in ROOMS for p in folders[room, seed, 1]])
-
-    scored: list[tuple[Room, Rate]] = [("large", 1), ("small", 1), *((room, 15) for room in ROOMS if fast_seeds)]
-    results = [_tracked(bench, _tests(folders, tested, *each), chosen, least) for each in scored]
-    large, small = results[:2]
+    models = CeilingModels(detector or shipped(DETECTORS["unrolled"]), appearance or shipped("appearance_people"))
+    plans = [(room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)]
+    plans += [(room, seed, fast_seconds, 15) for seed in tested[:fast_seeds] for room in ROOMS]
+    jobs = [CeilingClip(*plan, camera, calibration) for plan in plans for camera in range(CAMERAS)]
+    every = [(clip, bench.store.recall(observe, clip, models)) for clip in bench.watch.over(jobs, "clips", len(jobs))]
+    chosen, least = _chosen(bench, every)
+    results = _results(bench, [one for one in every if one[0].seed in tested], chosen, least)
     values: dict[str, Any] = {
-        "seeds": seeds,
-        "first_seed": first_seed,
-        "seconds": seconds,
-        "fast_seeds": fast_seeds,
-        "fast_seconds": fast_seconds,
+        "rooms": {"seeds": list(tested), "seconds": seconds, "fast_seeds": fast_seeds, "fast_seconds": fast_seconds},
         "chosen": {"least_score": least, "rows": {name: asdict(each) for name, each in chosen.items()}},
         "rows": {label: row_values(each) for label, each in zip(LABELS, results, strict=False)},
-        "where": where_parts_help(large),
-        "milliseconds": _milliseconds((large, small), chosen["both"], least),
+        "where": where_parts_help(results[0]),
+        "milliseconds": {
+            room: stage_milliseconds(each, chosen["both"], least) for room, each in zip(ROOMS, results, strict=False)
+        },
     }
-    files = _jpegs(switch_pictures(large, seconds, calibration))
+    files = switch_pictures(results[0])
     return Outcome(values, tables(values), files=files, notes=[f"{CHOSEN_ON}; lowest score of a detection {least:g}"])
-
-
-def _tests(
-    folders: Mapping[tuple[Room, int, Rate], list[list[Path]]], tested: range, room: Room, rate: Rate
-) -> dict[int, list[list[Path]]]:
-    """What was observed in the rooms of one size and rate that are scored, by seed."""
-    return {s: each for (r, s, k), each in folders.items() if (r, k) == (room, rate) and s in tested}
-
-
-def _chosen(bench: Bench, validation: Clips) -> tuple[dict[str, Graded], float]:
-    """The settings of each row and the lowest score of a detection, chosen on rooms that are not scored."""
-    least = lowest_score(bench.store, list(PAPER), validation)
-    chosen = dict[str, Graded]()
-    for name, row in bench.watch.over(ROWS.items(), "settings", len(ROWS)):
-        chosen[name] = chosen[row.like] if row.like else select(bench.store, row, validation, least)
-    return chosen, least
-
-
-def _milliseconds(found: Sequence[FloorResults], both: Graded, least: float) -> dict[str, Any]:
-    return {room: stage_milliseconds(each, both, least) for room, each in zip(ROOMS, found, strict=True)}
-
-
-def _jpegs(pictures: Mapping[str, ImageArray]) -> dict[str, bytes]:
-    return {name: cv2.imencode(".jpg", image[:, :, ::-1])[1].tobytes() for name, image in pictures.items()}
 
 
 def _tested(first: int, seeds: int, fast_seeds: int) -> range:
@@ -197,50 +160,41 @@ def _tested(first: int, seeds: int, fast_seeds: int) -> range:
         raise RequestError(f"`fast_seeds`: expected 0 or more, got {fast_seeds}")
     tested = range(first, first + seeds)
     if first < 0 or set(tested) & set(VALIDATION_SEEDS):
-        raise RequestError(
-            f"`first_seed`: expected rooms that settings are not chosen on ({VALIDATION_SEEDS[0]}, "
-            f"{VALIDATION_SEEDS[1]}), from 0 on, got {first} to {tested[-1]}"
-        )
+        known = " and ".join(map(str, VALIDATION_SEEDS))
+        raise RequestError(f"`first_seed`: expected rooms from 0 on without {known}, on which settings are chosen")
     return tested
 
 
-def _observed(
-    bench: Bench, jobs: Sequence[Job], calibration: Path | None, models: CeilingModels
-) -> dict[tuple[Room, int, Rate], list[list[Path]]]:
-    """The observations of each camera of each room, by room, seed and rate."""
-    return {
-        (room, seed, rate): [
-            _observed_folders(bench, CeilingClip(room, seed, camera, length, rate, calibration), models)
-            for camera in range(CAMERAS)
-        ]
-        for room, seed, length, rate in bench.watch.over(jobs, "rooms", len(jobs))
-    }
+def _chosen(bench: Bench, every: Sequence[tuple[CeilingClip, Observed]]) -> tuple[dict[str, Graded], float]:
+    """The settings of each row and the lowest score of a detection, chosen on rooms that are not scored."""
+    ordered = sorted(every, key=lambda one: one[0].seed)
+    validation = [each for clip, each in ordered if clip.seed in VALIDATION_SEEDS]
+    least = lowest_score(bench.store, list(PAPER), validation)
+    chosen = dict[str, Graded]()
+    for name, row in bench.watch.over(ROWS.items(), "settings", len(ROWS)):
+        chosen[name] = chosen[row.like] if row.like else select(bench.store, row, validation, least)
+    return chosen, least
 
 
-def _observed_folders(bench: Bench, clip: CeilingClip, models: CeilingModels) -> list[Path]:
-    """The folders of what was observed in each part of a clip."""
-    made = bench.store.made
-    return [made("observed", observe, part, made("frames", render, part), models) for part in parts_of(clip)]
+def _results(
+    bench: Bench, every: Sequence[tuple[CeilingClip, Observed]], chosen: Mapping[str, Graded], least: float
+) -> list[FloorResults]:
+    """The tracks of every row, by rate and room."""
+    rows = {name: (name, one.choice, least) for name, one in chosen.items()}
+    results = []
+    for kind in itertools.product((1, 15), ROOMS):
+        own = [one for one in every if (one[0].rate, one[0].room) == kind]
+        if own:
+            clips, observed = map(list, zip(*own, strict=True))
+            results.append(FloorResults(clips, observed, Study(rows, observed, tracked, "tracking").run(bench)))
+    return results
 
 
-def _tracked(
-    bench: Bench, tests: Mapping[int, Sequence[Sequence[Path]]], chosen: Mapping[str, Graded], least: float
-) -> FloorResults:
-    """The tracks of every row in the test rooms, by seed the folders of each camera's parts."""
-    tracks: dict[str, dict[int, list[list[FloorTrack]]]] = {name: {} for name in ROWS}
-    for seed, each in bench.watch.over(tests.items(), "rooms tracked", len(tests)):
-        for name, by_seed in tracks.items():
-            choice = chosen[name].choice
-            by_seed[seed] = [bench.store.recall(tracked, name, parts, choice, least) for parts in each]
-    return FloorResults({seed: [read_observed(parts) for parts in each] for seed, each in tests.items()}, tracks)
-
-
-def _scores(found: FloorResults, name: str, where: Any = None) -> list[Any]:
+def _scores(found: FloorResults, name: str, where: Any = None) -> list[PeopleScores]:
     """Scores of a row for each seed; ``where`` keeps some boxes."""
-    return [
-        score([pair_of(str(k), o, t, where) for k, (o, t) in enumerate(zip(each, found.tracks[name][s], strict=True))])
-        for s, each in found.sequences.items()
-    ]
+    every = zip(found.observed, found.tracks[name], strict=True)
+    pairs = [pair_of(str(k), observed, tracks, where) for k, (observed, tracks) in enumerate(every)]
+    return [score(pairs[first : first + CAMERAS]) for first in range(0, len(pairs), CAMERAS)]
 
 
 def row_values(found: FloorResults) -> dict[str, Any]:
@@ -248,14 +202,12 @@ def row_values(found: FloorResults) -> dict[str, Any]:
     result = {}
     for name, tracks in found.tracks.items():
         scores = _scores(found, name)
-        pairs = [pair for s, each in found.sequences.items() for pair in zip(each, tracks[s], strict=True)]
-        errors = np.concatenate([world_errors(*pair) for pair in pairs])
+        errors = np.concatenate([world_errors(*pair) for pair in zip(found.observed, tracks, strict=True)])
+        spread = (np.median(errors), errors.mean(), np.percentile(errors, 90)) if len(errors) else [None] * 3
         result[name] = {
             **{k: [100 * getattr(s, k) for s in scores] for k in ("mota", "idf1", "hota", "recall", "precision")},
             "id_switches": [s.id_switches for s in scores],
-            "world_error_median": float(np.median(errors)) if len(errors) else None,
-            "world_error_mean": float(np.mean(errors)) if len(errors) else None,
-            "world_error_90": float(np.percentile(errors, 90)) if len(errors) else None,
+            **{f"world_error_{key}": value for key, value in zip(("median", "mean", "90"), spread, strict=True)},
         }
     return result
 
@@ -289,13 +241,12 @@ def where_parts_help(found: FloorResults) -> dict[str, Any]:
 
 def stage_milliseconds(found: FloorResults, chosen: Graded, least: float) -> dict[str, float]:
     """Milliseconds a frame of each stage in the first sequence, both parts with the chosen settings."""
-    observed = next(iter(found.sequences.values()))[0]
-    frames = len(observed.found)
-    times = CpuTimes()
+    observed = found.observed[0]
+    frames, times = len(observed.found), CpuTimes()
     with times.measure("associate"):
         run_row(ROWS["both"], observed, chosen.choice, least)
-    result = {stage: 1000 * observed.seconds[stage] / frames for stage in STAGES}
-    return {**result, "associate": 1000 * times.seconds["associate"] / frames, "people": observed.persons / frames}
+    spent = {stage: 1000 * seconds / frames for stage, seconds in {**observed.seconds, **times.seconds}.items()}
+    return {**spent, "people": sum(map(len, observed.found)) / frames}
 
 
 def tables(values: Mapping[str, Any]) -> list[Table]:
@@ -336,77 +287,60 @@ def _people_table(label: str, place: int, rows: Mapping[str, Mapping[str, Any]])
     return Table(table.title, [*table.columns, "world error, m (median, mean, 90 %)"], lines)
 
 
-def switch_pictures(found: FloorResults, seconds: int, calibration: Path | None) -> dict[str, ImageArray]:
+def switch_pictures(found: FloorResults) -> dict[str, bytes]:
     """``prevented.jpg``: DeepSORT above, both parts below; ``remaining.jpg`` likewise. Missing where there is none."""
-    pictures = {}
-    for name, switching, keeping in (("prevented.jpg", "DeepSORT", "both"), ("remaining.jpg", "both", None)):
-        for seed, each in found.sequences.items():
-            for camera, observed in enumerate(each):
-                theirs, ours = (named(observed, found.tracks[row][seed][camera]) for row in ("DeepSORT", "both"))
-                spot = first_switch({"DeepSORT": theirs, "both": ours}[switching], ours if keeping else None)
-                if spot is not None and name not in pictures:
-                    clip = CeilingClip("large", seed, camera, seconds, 1, calibration)
-                    pictures[name] = _strip(clip, observed, spot, theirs, ours)
+    pictures = dict[str, bytes]()
+    for clip, observed, *rows in zip(found.clips, found.observed, found.tracks["DeepSORT"], found.tracks["both"],
+                                     strict=True):  # fmt: skip
+        theirs, ours = (named(observed, tracks) for tracks in rows)
+        spots = {"prevented.jpg": first_switch(theirs, ours), "remaining.jpg": first_switch(ours, None)}
+        for name, spot in spots.items():
+            if spot is not None and name not in pictures:
+                strip = _strip(clip, observed, spot, rows)
+                pictures[name] = cv2.imencode(".jpg", strip[:, :, ::-1])[1].tobytes()
     return pictures
 
 
 def named(observed: Observed, tracks: Sequence[FloorTrack]) -> Named:
     """The id that tracks give to each labelled person, by frame and person; no box stands for two."""
-    found: Named = {}
-    for frame in np.unique(observed.truth.frames).tolist():
-        rows = np.flatnonzero(observed.truth.frames == frame)
-        here = [(t, int(k)) for t in tracks for k in np.flatnonzero(t.track.frames == frame)]
-        if not here:
-            continue
-        overlaps = iou_matrix(observed.truth.boxes[rows], np.array([t.track.boxes[k] for t, k in here]))
-        for row, column in zip(*assign_overlaps(overlaps, MATCH_OVERLAP), strict=True):
-            found[frame, int(observed.truth.ids[rows[row]])] = here[int(column)][0].track.id
-    return found
+    return {
+        (frame, person.id): number
+        for person in coverage(observed.truth, [each.track for each in tracks])
+        for frame, number in zip(person.frames.tolist(), person.track_ids.tolist(), strict=True)
+        if number
+    }
 
 
 def first_switch(switching: Named, keeping: Named | None) -> tuple[int, int] | None:
     """Frame and person of a switch between two frames in a row, which ``keeping`` does not have."""
     for frame, person in sorted(switching):
-        before = switching.get((frame - 1, person))
-        if before is None or before == switching[frame, person] or (frame - 2, person) not in switching:
+        ids = [switching.get((at, person)) for at in range(frame - 2, frame + 1)]
+        if None in ids or ids[1] == ids[2]:
             continue
-        if keeping is None or (
-            (frame - 2, person) in keeping
-            and len({keeping.get((f, person)) for f in (frame - 2, frame - 1, frame)}) == 1
-        ):
+        kept = None if keeping is None else {keeping.get((at, person)) for at in range(frame - 2, frame + 1)}
+        if kept is None or (len(kept) == 1 and None not in kept):
             return frame, person
     return None
 
 
-def _strip(clip: CeilingClip, observed: Observed, spot: tuple[int, int], theirs: Named, ours: Named) -> ImageArray:
-    """Three frames up to a switch, DeepSORT's ids above and those of both parts below, cut out around the person."""
+def _strip(
+    clip: CeilingClip, observed: Observed, spot: tuple[int, int], rows: Sequence[Sequence[FloorTrack]]
+) -> ImageArray:
+    """Three frames up to a switch, cut out around the person, a row for the tracks of each method."""
     frame, person = spot
-    room = plan(clip)
-    view = room.view(clip.camera)
-    rows: list[list[ImageArray]] = [[], []]
-    for at in range(frame - 2, frame + 1):
-        image, _ = room.draw_frame(view, at * RATE)
-        which = np.flatnonzero(observed.truth.frames == at)
-        ids, boxes = observed.truth.ids[which], observed.truth.boxes[which]
-        for row, named in zip(rows, (theirs, ours), strict=True):
-            row.append(_drawn(image, ids.tolist(), boxes, named, at, person))
-    return np.concatenate([np.concatenate(row, axis=1) for row in rows], axis=0)
-
-
-def _drawn(image: ImageArray, ids: list[int], boxes: FloatArray, named: Named, frame: int, person: int) -> ImageArray:
-    drawn = image.copy()
-    centre = np.array([image.shape[1], image.shape[0]]) / 2
-    for number, box in zip(ids, boxes, strict=True):
-        identity = named.get((frame, number))
-        colour = (128, 128, 128) if identity is None else track_colour(identity)
-        x1, y1, x2, y2 = np.round(box).astype(int).tolist()
-        cv2.rectangle(drawn, (x1, y1), (x2, y2), colour, 2, cv2.LINE_AA)
-        draw_label(drawn, "missed" if identity is None else str(identity), (x1, y1 - 2), colour)
-        if number == person:
-            centre = (box[:2] + box[2:]) / 2
-            size = int(0.6 * max(x2 - x1, y2 - y1)) + 8
-            cv2.circle(drawn, tuple(np.round(centre).astype(int).tolist()), size, (255, 255, 255), 2, cv2.LINE_AA)
-    low = np.clip(np.round(centre - SIDE / 2), 0, [image.shape[1] - SIDE, image.shape[0] - SIDE]).astype(int)
-    part = drawn[low[1] : low[1] + SIDE, low[0] : low[0] + SIDE]
-    draw_label(part, f"#{frame + 1}", (4, SIDE - 4), (60, 60, 60))
-    return np.ascontiguousarray(part)
+    room, truth, lines = clip.plan(), observed.truth, list[ImageArray]()
+    for tracks in rows:
+        overlay, cells = Overlay([each.track for each in tracks], 1.0, trail_seconds=0.0), list[ImageArray]()
+        for at in range(frame - 2, frame + 1):
+            image = room.draw_frame(room.view(clip.camera), at * RATE)[0]
+            drawn = overlay.draw(Frame(at, float(at), image))
+            box = truth.boxes[(truth.frames == at) & (truth.ids == person)][0]
+            centre = np.round((box[:2] + box[2:]) / 2).astype(int)
+            reach = int(0.6 * (box[2:] - box[:2]).max()) + 8
+            cv2.circle(drawn, tuple(centre.tolist()), reach, (255, 255, 255), 2, cv2.LINE_AA)
+            low = np.clip(centre - SIDE // 2, 0, [drawn.shape[1] - SIDE, drawn.shape[0] - SIDE])
+            part = drawn[low[1] : low[1] + SIDE, low[0] : low[0] + SIDE].copy()
+            draw_label(part, f"#{at + 1}", (4, SIDE - 4), (60, 60, 60))
+            cells.append(part)
+        lines.append(np.concatenate(cells, axis=1))
+    return np.concatenate(lines, axis=0)

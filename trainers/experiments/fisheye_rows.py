@@ -1,15 +1,10 @@
-"""The rows of Table 4.3: ways to track that differ in what they match by, with the settings chosen on other rooms.
-
-The store is asked with folders of `observe`, so that an entry is known by the observations.
-"""
+"""The rows of Table 4.3: ways to track that differ in what they match by, with the settings chosen on other rooms."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +20,7 @@ from tsuiseki.tracking.people.sort import Sort, SortSettings
 from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
-from tsuiseki.trainers.experiments.fisheye_rooms import Observed, read_observed
+from tsuiseki.trainers.experiments.fisheye_rooms import Observed
 from tsuiseki.trainers.experiments.store import Store
 
 # Seconds that all rows keep a track without a detection, and that a new one needs detections in a row.
@@ -82,18 +77,6 @@ def _online(found: Sequence[FloorDetections], rate: float, settings: FisheyeSett
     return tracker.tracks()
 
 
-def _shipped(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
-    """As ``tsuiseki track fisheye --method hungarian`` does it, whatever validation says."""
-    del choice
-    return _online(found, rate, FisheyeSettings())
-
-
-def _shipped_flow(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
-    """As ``tsuiseki track fisheye --method flow`` does it."""
-    del choice
-    return flow_on_floor(found, rate)
-
-
 def _lifecycle(rate: float, choice: Choice) -> LifecycleSettings:
     hits, age = max(1, round(CONFIRM * rate)), round(PATIENCE * rate)
     return LifecycleSettings(hits, age, choice.get("start_score", 0.0), "detected")
@@ -141,9 +124,12 @@ _ROWS: tuple[FloorRow, ...] = (
     FloorRow("world", "none", _hungarian(False, True), WORLD),
     FloorRow("both", "upright", _hungarian(True, True), {**LOOKS, **WORLD}),
     FloorRow(GATED, "upright", _hungarian(True, True, place_feature_gate=PLACE_GATE), {**LOOKS, **WORLD}, like="both"),
-    FloorRow("track fisheye", "upright", _shipped, {}, least_score=SHIPPED_SCORE),
-    FloorRow("track fisheye, flow", "upright", _shipped_flow, {}, least_score=SHIPPED_SCORE),
-)
+    # As the command does it, whatever validation says.
+    FloorRow("track fisheye", "upright", lambda found, rate, _: _online(found, rate, FisheyeSettings()), {},
+             least_score=SHIPPED_SCORE),
+    FloorRow("track fisheye, flow", "upright", lambda found, rate, _: flow_on_floor(found, rate), {},
+             least_score=SHIPPED_SCORE),
+)  # fmt: skip
 ROWS = {row.name: row for row in _ROWS}
 
 
@@ -212,7 +198,6 @@ def world_errors(observed: Observed, tracks: Sequence[FloorTrack]) -> FloatArray
 
 
 LEAST_SCORES = (0.2, 0.3, 0.4, 0.5, 0.6)
-Clips = Sequence[Sequence[Path]]
 
 
 @dataclass(frozen=True)
@@ -230,10 +215,13 @@ class Graded:
     idf1: float
 
 
-def grade(row: FloorRow, validation: Sequence[Observed], choice: Choice, least: float) -> Graded:
-    """The scores of a choice over the validation sequences."""
-    found = score([pair_of(str(k), o, run_row(row, o, choice, least)) for k, o in enumerate(validation)])
-    return Graded(choice, found.mota, found.idf1)
+def grades(name: str, validation: Sequence[Observed], choices: Sequence[Choice], least: float) -> list[Graded]:
+    """The scores of some settings of the row ``name`` on the validation sequences."""
+    graded = []
+    for choice in choices:
+        found = score([pair_of(str(k), o, run_row(ROWS[name], o, choice, least)) for k, o in enumerate(validation)])
+        graded.append(Graded(choice, found.mota, found.idf1))
+    return graded
 
 
 def best_choice(row: FloorRow, graded: Callable[[list[Choice]], list[Graded]]) -> Graded:
@@ -245,56 +233,38 @@ def best_choice(row: FloorRow, graded: Callable[[list[Choice]], list[Graded]]) -
     grid = list(row.choices())
     if not row.grid:
         return best(grid)
-    start = best(_starts(_middle(row))).choice["start_score"]
+    start = best(_starts(grid[len(grid) // 2])).choice["start_score"]
     found = best([{**choice, "start_score": start} for choice in grid])
     return best(_starts(found.choice))
-
-
-def _middle(row: FloorRow) -> Choice:
-    choices = list(row.choices())
-    return choices[len(choices) // 2]
 
 
 def _starts(choice: Choice) -> list[Choice]:
     return [{**choice, "start_score": start} for start in STARTS]
 
 
-def lowest_score(store: Store, names: Sequence[str], clips: Clips) -> float:
-    """The lowest score of a detection with which some rows have the best mean MOTA.
+def lowest_score(store: Store, names: Sequence[str], validation: Sequence[Observed]) -> float:
+    """The lowest score of a detection with which some rows have the best mean MOTA on the validation sequences.
 
     Each row has the middle of its grid, so that the score suits none better than the others, and the score to start a
     track that is best then: weak detections help a row only where they start nothing.
-
-    Args:
-        store: keeps the scores.
-        names: of the rows.
-        clips: folders of the parts of each validation sequence.
     """
 
     def mean_mota(least: float) -> float:
-        rows = [ROWS[name] for name in names]
-        found = [store.recall(grades, row.name, clips, _starts(_middle(row)), least) for row in rows]
+        found = []
+        for name in names:
+            grid = list(ROWS[name].choices())
+            found.append(store.recall(grades, name, validation, _starts(grid[len(grid) // 2]), least))
         return float(np.mean([max(one.mota for one in each) for each in found]))
 
     return max(LEAST_SCORES, key=mean_mota)
 
 
-def select(store: Store, row: FloorRow, clips: Clips, least: float) -> Graded:
+def select(store: Store, row: FloorRow, validation: Sequence[Observed], least: float) -> Graded:
     """The settings of a row of the best MOTA on the validation sequences."""
-    return best_choice(row, lambda choices: store.recall(grades, row.name, clips, choices, least))
+    return best_choice(row, lambda choices: store.recall(grades, row.name, validation, choices, least))
 
 
-def grades(name: str, clips: Clips, choices: Sequence[Choice], least: float) -> list[Graded]:
-    """The scores of some settings of the row ``name`` on the validation sequences."""
-    validation = [_read(tuple(parts)) for parts in clips]
-    return [grade(ROWS[name], validation, choice, least) for choice in choices]
-
-
-def tracked(name: str, parts: Sequence[Path], choice: Choice, least: float) -> list[FloorTrack]:
-    """The tracks of the row ``name`` in a sequence, in the seconds that have a truth."""
-    return run_row(ROWS[name], _read(tuple(parts)), choice, least)
-
-
-@lru_cache(maxsize=16)
-def _read(parts: tuple[Path, ...]) -> Observed:
-    return read_observed(parts)
+def tracked(row: tuple[str, Choice, float], observed: Observed) -> list[FloorTrack]:
+    """The tracks of a row by its name, choice and lowest score in a sequence, in the seconds that have a truth."""
+    name, choice, least = row
+    return run_row(ROWS[name], observed, choice, least)

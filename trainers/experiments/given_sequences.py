@@ -6,12 +6,13 @@ right nor wrong, boxes that MOT15 marks with 0 in column 7 do not count, and KIT
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import owners_of
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
@@ -111,6 +112,18 @@ def find_given(data: Path, one: DataSet) -> list[GivenSequence]:
     return [_given(home / name, one) for name in names if (home / name).is_dir()]
 
 
+def find_sets(data: Path, keys: Iterable[str]) -> dict[DataSet, list[GivenSequence]]:
+    """The sequences of the data sets that are there.
+
+    Raises:
+        RequestError: none is, or a sequence has no labels or no detections.
+    """
+    found = {one: find_given(data, one) for key in keys for one in DATA_SETS if one.key == key}
+    if not any(found.values()):
+        raise RequestError(f"`data`: expected mot/mot17-val-half or another of the data sets in {data}, found none")
+    return {one: sequences for one, sequences in found.items() if sequences}
+
+
 def _given(folder: Path, one: DataSet) -> GivenSequence:
     sequence = read_sequence(folder)
     for path in (sequence.detections_path, sequence.ground_truth_path):
@@ -153,43 +166,32 @@ def given_labels(given: GivenSequence) -> GroundTruth:
     return labels.select((moved >= 0) & (moved % given.every == 0))
 
 
-def table_of(tracks: Sequence[Track]) -> FloatArray:
-    """``(N, 8)`` rows of frame, id, x1, y1, x2, y2, score and whether it was detected, by id and frame."""
-    rows = [
-        np.column_stack([t.frames, np.full(len(t), t.id), np.round(t.boxes, 2), np.round(t.scores, 4), t.observed])
-        for t in tracks
-    ]
-    return np.concatenate(rows) if rows else np.empty((0, 8))
+def as_written(tracks: Sequence[Track]) -> list[Track]:
+    """The tracks as a file has them: by id, boxes to hundredths of a pixel."""
+    ordered = sorted(tracks, key=lambda track: track.id)
+    return [replace(one, boxes=np.round(one.boxes, 2), scores=np.round(one.scores, 4)) for one in ordered]
 
 
-def tracks_of(table: FloatArray) -> list[Track]:
-    """The tracks in `table_of`'s rows."""
-    rows = table.reshape(-1, 8)  # a table without a row comes back from JSON without its columns
-    rows = rows[np.lexsort([rows[:, 0], rows[:, 1]])]
-    parts = np.split(rows, np.flatnonzero(np.diff(rows[:, 1])) + 1) if len(rows) else []
-    return [Track(int(p[0, 1]), p[:, 0].astype(np.int64), p[:, 2:6], p[:, 6], p[:, 7] > 0) for p in parts]
+def filled(tracks: Sequence[Track], longest: int) -> list[Track]:
+    """Tracks with their gaps of up to so many frames filled on straight lines."""
+    every = GapSettings(longest, support=np.inf, mismatch=np.inf)
+    return [fill_gaps(track, every) for track in tracks]
 
 
-def table_sums(given: GivenSequence, table: FloatArray) -> FloatArray:
+def track_sums(given: GivenSequence, tracks: Sequence[Track]) -> FloatArray:
     """``(83,)`` sums of the scores of tracks, see `score_sums`."""
-    return _sums(given, tracks_of(table))
-
-
-def right_sums(given: GivenSequence, seconds: float, filled: bool) -> FloatArray:
-    """Sums of the right links over the detections, gaps of up to so many seconds bridged; see `right_links`."""
-    longest = max(1.0, seconds * given.rate)
-    return _sums(given, right_links(given_detections(given), given_labels(given), longest, filled))
-
-
-def _sums(given: GivenSequence, tracks: list[Track]) -> FloatArray:
     count = len(given.kept)
-    inside = restrict(tracks, FrameRange(0, count - 1))
+    inside = restrict(list(tracks), FrameRange(0, count - 1))
     return score_sums(SequencePair(given.name, given_labels(given), inside, count))
 
 
-def right_links(
-    detections: Sequence[Detections], truth: GroundTruth, longest: float = np.inf, filled: bool = False
-) -> list[Track]:
+def right_sums(given: GivenSequence, seconds: float, bridged: bool) -> FloatArray:
+    """Sums of the right links over the detections across gaps of up to so many seconds, filled where ``bridged``."""
+    right = right_links(given_detections(given), given_labels(given), max(1.0, seconds * given.rate))
+    return track_sums(given, filled(right, given.length) if bridged else right)
+
+
+def right_links(detections: Sequence[Detections], truth: GroundTruth, longest: float = np.inf) -> list[Track]:
     """The tracks that the right links over the detections give.
 
     A box belongs to the label it overlaps by at least 0.5, one to one; boxes on ignored labels and false positives are
@@ -199,7 +201,6 @@ def right_links(
         detections: of each frame.
         truth: the labels, their frames counted as those of the detections.
         longest: most frames from one detection to the next of the same track; 1 allows no gap.
-        filled: put boxes on a straight line into the gaps.
     """
     frames = np.repeat(np.arange(len(detections)), [len(found) for found in detections])
     boxes = np.concatenate([np.empty((0, 4)), *(d.boxes for d in detections)])
@@ -209,17 +210,8 @@ def right_links(
     for identity in np.unique(owners[owners >= 0]):
         mine = np.flatnonzero(owners == identity)
         for part in np.split(mine, np.flatnonzero(np.diff(frames[mine]) > longest) + 1):
-            one = Track(len(tracks) + 1, frames[part], boxes[part], scores[part])
-            tracks.append(_straight(one) if filled else one)
+            tracks.append(Track(len(tracks) + 1, frames[part], boxes[part], scores[part]))
     return tracks
-
-
-def _straight(track: Track) -> Track:
-    """``track`` with boxes on straight lines in its gaps."""
-    every = np.arange(track.frames[0], track.frames[-1] + 1)
-    boxes = np.stack([np.interp(every, track.frames, side) for side in track.boxes.T], axis=1)
-    scores = np.interp(every, track.frames, track.scores)
-    return Track(track.id, every, boxes, scores, np.isin(every, track.frames))
 
 
 def combined_scores(sums: FloatArray) -> dict[str, float]:

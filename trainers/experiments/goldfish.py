@@ -12,16 +12,14 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, wide_noise
-from tsuiseki.tracking.bodies.page import draw_contour
 from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import ColourRange
@@ -31,7 +29,7 @@ from tsuiseki.tracking.filters.resampling import probabilities, systematic
 from tsuiseki.tracking.formats.body_states import read_states, write_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, Status
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.trainers.experiments.store import Store
@@ -45,7 +43,6 @@ from tsuiseki.trainers.experiments.study import (
     at_least_one,
     curves,
     interval,
-    png,
     tabulated,
     with_interval,
 )
@@ -58,8 +55,6 @@ if TYPE_CHECKING:
 LEARNING_FISH = (1, 2, 3, 2, 1, 2, 3, 2, 2, 2)
 TEST_FISH = (2, 3, 2, 3, 2, 2, 3, 2, 3, 2)
 FIRST_SEEDS = {"learning": 1_000_000, "test": 2_000_000}
-PARTICLES = (100, 200, 500, 1000, 2000, 3000)
-BEYOND_PARTICLES = (100, 200, 500)
 LEARNING_PARTICLES = 3000
 # Times the learnt deviations; the best of 1, 1.3 and 1.6 with 100 and 200 particles on development clips.
 WIDER = 1.6
@@ -70,8 +65,8 @@ EXTRACTION = Extraction(ColourRange((10.0, 42.0), (0.42, 1.0), (0.6, 1.0)))
 TRACKER = DeformableSettings(patience=10**6)
 # A sudden turn: its least angle, its longest time, and the least step before and after it, pixels.
 SUDDEN_ANGLE, WITHIN_FRAMES, LEAST_STEP = np.deg2rad(60.0), 4, 3.0
-# Figs. 8 and 9: particles that are drawn, and shown of them; enlargement; half the side of the part shown, pixels.
-DRAWN, SHOWN, ZOOM, HALF = 500, 10, 3, 110
+# Figs. 8 and 9: particles that are drawn, and shown of them; half the side of the part shown, pixels.
+DRAWN, SHOWN, HALF = 500, 10, 110
 
 
 ARMS: Mapping[str, tuple[str, Callable[[LearntMotion], BodyMotion]]] = {
@@ -85,7 +80,9 @@ ARMS: Mapping[str, tuple[str, Callable[[LearntMotion], BodyMotion]]] = {
     "wider B": (f"B, `--widen {WIDER:g}`", lambda learnt: learnt.widened(WIDER).independent()),
 }
 """How particles are expected to move, from what was learnt: title and motion; the paper's arms, and what is added."""
-PAPER_ARMS, BEYOND = ("A", "B", "C", "D", "P"), ("C", "both", "wider", "wider B")
+PARTS = {"arms": (("A", "B", "C", "D", "P"), (100, 200, 500, 1000, 2000, 3000)),
+         "beyond": (("C", "both", "wider", "wider B"), (100, 200, 500))}  # fmt: skip
+"""Arms and numbers of particles: the paper's, and what is added."""
 CLAIMS = (
     ("the paper: C with 500 against A with 3000", ("C", 500), ("A", 3000)),
     ("C as printed with 500 against A with 3000", ("P", 500), ("A", 3000)),
@@ -106,18 +103,18 @@ class Trial:
     """All runs on one clip with one seed.
 
     Attributes:
-        turning: of each fish, whether it turns suddenly.
+        turning: ``(F,)`` of each fish, whether it turns suddenly.
         preparation: CPU seconds a frame to find edges and distances.
-        followed: of each run and fish, whether the estimated centre lay in the fish's silhouette to the end.
-        seconds: of CPU for all fish in each run, without the preparation.
-        fish_frames: how many fish in how many frames that took.
+        followed: ``(A, F)`` of each run and fish, whether the estimated centre lay in the fish's silhouette to the end.
+        seconds: ``(A,)`` of CPU for all fish in each run, without the preparation.
+        fish_frames: ``(A,)`` how many fish in how many frames that took.
     """
 
-    turning: tuple[bool, ...]
+    turning: BoolArray
     preparation: float
-    followed: tuple[tuple[bool, ...], ...]
-    seconds: tuple[float, ...]
-    fish_frames: tuple[int, ...]
+    followed: BoolArray
+    seconds: FloatArray
+    fish_frames: IntArray
 
 
 def reproduce(bench: Bench, seeds: int = 6) -> Outcome:
@@ -125,8 +122,8 @@ def reproduce(bench: Bench, seeds: int = 6) -> Outcome:
 
     Generates 10 clips to learn from and 10 to test on, learns from a wide run with 3000 particles, and follows the 24
     fish of the test clips in four ways with 100 to 3000 particles. DIR gets results.json, tables.md, motion.json,
-    success.png and turns.png (Figs. 6 and 7), beyond.png, and particles.png (Figs. 8 and 9). With the defaults it takes
-    about 20 minutes on one core.
+    success.png (Figs. 6 and 7) and particles.png (Figs. 8 and 9). With the defaults it takes about 20 minutes on one
+    core.
 
     Args:
         bench: where it works.
@@ -138,39 +135,31 @@ def reproduce(bench: Bench, seeds: int = 6) -> Outcome:
     at_least_one(seeds=seeds)
     learning, test = clips(bench.store, "learning", LEARNING_FISH), clips(bench.store, "test", TEST_FISH)
     learnt, learning_followed, learning_fish = learn(bench.store, learning)
-    parts = {"arms": (PAPER_ARMS, PARTICLES), "beyond": (BEYOND, BEYOND_PARTICLES)}
-    asked = list(dict.fromkeys((arm, n) for arms, numbers in parts.values() for arm in arms for n in numbers))
+    asked = list(dict.fromkeys((arm, n) for arms, numbers in PARTS.values() for arm in arms for n in numbers))
     jobs = [(folder, seed) for folder in test for seed in range(seeds)]
     trials = [
         bench.store.recall(run_trial, folder, learnt, asked, seed)
         for folder, seed in bench.watch.over(jobs, "trials", len(jobs))
     ]
-    by_seed = [trials[seed::seeds] for seed in range(seeds)]
-    counts = {one: followed_counts(by_seed, number) for number, one in enumerate(asked)}
-    turns = [turns for trial in by_seed[0] for turns in trial.turning]
+    by_seed = np.array([followed_counts(trials[seed::seeds]) for seed in range(seeds)])
+    counts = {one: by_seed[:, number] for number, one in enumerate(asked)}
+    turns = np.concatenate([trial.turning for trial in trials[::seeds]]).tolist()
     claims: dict[Name, FloatArray] = {
         text: counts[first] - counts[second] for text, first, second in CLAIMS if {first, second} <= set(counts)
     }
     columns = [Column(of, itemgetter(k), "+.2f", show=with_interval) for k, of in enumerate(("all", "that turn"))]
     title = f"Differences, of {len(turns)} fish, {sum(turns)} of which turn suddenly; {seeds} seeds, 95 %"
-    tables = [*(_followed_table(counts, *of) for of in parts.values()), tabulated(claims, columns, title=title)]
+    tables = [*(_followed_table(counts, *of) for of in PARTS.values()), tabulated(claims, columns, title=title)]
     values = {
         "fish": len(turns),
         "turning": sum(turns),
         "learning_followed": learning_followed,
         "learning_fish": learning_fish,
-        "claims": {name: own.tolist() for name, own in claims.items()},
-        "runs": [_values(one, counts[one], trials, number) for number, one in enumerate(asked)],
+        "claims": claims,
+        "runs": _values(counts, trials),
     }
-    plots = {
-        "success": plot_success(counts, *parts["arms"], 0, len(turns)),
-        "turns": plot_success(counts, *parts["arms"], 1, sum(turns)),
-        "beyond": plot_success(counts, *parts["beyond"], 0, len(turns)),
-    }
-    files: dict[str, str | bytes] = {
-        "particles.png": png(draw_particles(test[0], learnt)),
-        "motion.json": motion_text(learnt),
-    }
+    plots = {"success": plot_success(counts, (len(turns), sum(turns))), "particles": plot_particles(test[0], learnt)}
+    files = {"motion.json": motion_text(learnt)}
     note = f"learning run: {learning_followed} of {learning_fish} fish followed to the end"
     return Outcome(values, tables, plots, files, [note])
 
@@ -207,14 +196,12 @@ def write_learning_tracks(path: Path, clip: Path, particles: int) -> None:
     """
     settings = replace(TRACKER, particles=particles)
     found = follow_fish(prepare_clip(clip), RandomWalk(wide_noise(BODY)), settings, seed=0)
-    write_states(path, [_right(track, survived) for track, survived in found], BODY.fields)
-
-
-def _right(track: BodyTrack, survived: int) -> BodyTrack:
-    """The track with the status ``tracking`` up to where it was right, and ``lost`` from there on."""
-    statuses: list[Status] = ["tracking"] * survived
-    statuses += ["lost"] * (len(track) - survived)
-    return replace(track, statuses=tuple(statuses))
+    right = []
+    for track, survived in found:
+        statuses: list[Status] = ["tracking"] * survived
+        statuses += ["lost"] * (len(track) - survived)
+        right.append(replace(track, statuses=tuple(statuses)))
+    write_states(path, right, BODY.fields)
 
 
 @dataclass(frozen=True)
@@ -276,31 +263,30 @@ def run_trial(folder: Path, learnt: LearntMotion, asked: Sequence[Asked], seed: 
         started = time.process_time()
         found = follow_fish(clip, ARMS[arm][1](learnt), replace(TRACKER, particles=particles), seed)
         seconds.append(time.process_time() - started)
-        followed.append(tuple(survived == len(clip.edges) for _, survived in found))
+        followed.append([survived == len(clip.edges) for _, survived in found])
         frames.append(sum(len(track) for track, _ in found))
-    turning = tuple(bool(sudden_turns(fish.states).any()) for fish in clip.fish)
-    return Trial(turning, clip.preparation, tuple(followed), tuple(seconds), tuple(frames))
+    turning = np.array([sudden_turns(fish.states).any() for fish in clip.fish])
+    return Trial(turning, clip.preparation, np.array(followed), np.array(seconds), np.array(frames))
 
 
-def followed_counts(trials: Sequence[Sequence[Trial]], number: int) -> FloatArray:
-    """``(S, 2)`` fish followed to the end in one run of all trials of a seed, of all and of those that turn."""
-    counts = []
-    for of_seed in trials:
-        followed = np.concatenate([trial.followed[number] for trial in of_seed])
-        turning = np.concatenate([trial.turning for trial in of_seed])
-        counts.append((followed.sum(), followed[turning].sum()))
-    return np.array(counts, dtype=np.float64)
+def followed_counts(trials: Sequence[Trial]) -> FloatArray:
+    """``(A, 2)`` fish followed to the end in each run of all clips with one seed, of all and of those that turn."""
+    followed = np.concatenate([trial.followed for trial in trials], axis=1)
+    turning = np.concatenate([trial.turning for trial in trials])
+    return np.stack([followed.sum(axis=1), followed[:, turning].sum(axis=1)], axis=1).astype(np.float64)
 
 
-def _values(asked: Asked, counts: FloatArray, trials: Sequence[Trial], number: int) -> dict[str, object]:
-    """A run of all trials for results.json."""
-    seconds = sum(trial.seconds[number] for trial in trials) / sum(trial.fish_frames[number] for trial in trials)
-    preparation = float(np.mean([trial.preparation for trial in trials]))
-    return {
-        "arm": asked[0], "title": ARMS[asked[0]][0], "particles": asked[1],
-        "all": counts[:, 0].tolist(), "turning": counts[:, 1].tolist(),
-        "milliseconds": 1000 * seconds, "frames_per_second": 1 / (preparation + seconds),
-    }  # fmt: skip
+def _values(counts: Counts, trials: Sequence[Trial]) -> list[dict[str, Any]]:
+    """The runs for results.json."""
+    seconds = np.sum([one.seconds for one in trials], axis=0) / np.sum([one.fish_frames for one in trials], axis=0)
+    preparation = np.mean([one.preparation for one in trials])
+    return [
+        {
+            "arm": arm, "title": ARMS[arm][0], "particles": particles, "all": of[:, 0], "turning": of[:, 1],
+            "milliseconds": 1000 * spent, "frames_per_second": 1 / (preparation + spent),
+        }
+        for ((arm, particles), of), spent in zip(counts.items(), seconds.tolist(), strict=True)
+    ]  # fmt: skip
 
 
 def _followed_table(counts: Counts, arms: Sequence[str], numbers: Sequence[int]) -> Table:
@@ -314,42 +300,47 @@ def _both(values: FloatArray, form: str) -> str:
     return " / ".join(f"{one:{form}}" for one in values.reshape(-1, 2).mean(axis=0))
 
 
-def plot_success(counts: Counts, arms: Sequence[str], numbers: Sequence[int], of: int, total: int) -> Figure:
-    """Fish followed to the end over the number of particles, with intervals over seeds: Fig. 6, and Fig. 7 for turns.
-
-    Args:
-        counts: of each arm and number.
-        arms: that are shown.
-        numbers: of particles.
-        of: 0 for all fish, 1 for those that turn suddenly.
-        total: how many there are.
-    """
-    lines = []
-    for place, arm in enumerate(arms):
-        mean, low, high = np.array([interval(counts[arm, n][:, of]) for n in numbers]).T
-        # Intervals that share a number of particles would hide each other.
-        across = np.array(numbers) * 1.015 ** (place - len(arms) / 2)
-        lines.append(Curve(ARMS[arm][0], across, mean, np.nan_to_num(np.stack([mean - low, high - mean]))))
-    what = ("fish", "fish that turn suddenly")[of]
-    figure = curves({"": lines}, ["particles"], f"{what} followed to the end", (7, 4.8))
-    axes = figure.axes[0]
-    axes.axhline(total, color="0.6", linewidth=0.8)
-    axes.set(xscale="log", ylim=(0, 1.06 * total))
-    axes.set_xticks(numbers, [str(number) for number in numbers])
-    axes.minorticks_off()
+def plot_success(counts: Counts, fish: Sequence[int]) -> Figure:
+    """Figs. 6 and 7, and what is added: ``fish`` followed, of all and of those that turn, with intervals over seeds."""
+    panels: dict[str, list[Curve]] = {}
+    shown = (("Fig. 6: all fish", "arms", 0), ("Fig. 7: fish that turn suddenly", "arms", 1), ("all fish", "beyond", 0))
+    for title, part, of in shown:
+        arms, numbers = PARTS[part]
+        for place, arm in enumerate(arms):
+            mean, low, high = np.array([interval(counts[arm, n][:, of]) for n in numbers]).T
+            # Intervals that share a number of particles would hide each other.
+            across = np.array(numbers) * 1.015 ** (place - len(arms) / 2)
+            bars = np.nan_to_num(np.stack([mean - low, high - mean]))
+            panels.setdefault(title, []).append(Curve(ARMS[arm][0], across, mean, bars))
+    figure = curves(panels, ["particles"] * 3, "followed to the end", (6, 4.8))
+    for axes, (_, part, of) in zip(figure.axes, shown, strict=True):
+        axes.axhline(fish[of], color="0.6", linewidth=0.8)
+        axes.set(xscale="log", ylim=(0, 1.06 * fish[of]))
+        axes.set_xticks(PARTS[part][1], [str(number) for number in PARTS[part][1]])
+        axes.minorticks_off()
     return figure
 
 
-def draw_particles(folder: Path, learnt: LearntMotion) -> ImageArray:
+def plot_particles(folder: Path, learnt: LearntMotion) -> Figure:
     """Ten particles of the first and of the third arm as they are drawn in a sudden turn, side by side: Figs. 8 and 9.
 
     Both arms follow a fish from its exact state three frames before it has turned.
     """
+    from matplotlib.figure import Figure
+
     clip = prepare_clip(folder)
     fish, frame = first_turn(clip)
     image = list(open_source(folder).frames())[frame].image
-    shown = [(ARMS[arm][0], predicted(clip, ARMS[arm][1](learnt), fish, frame)) for arm in "AC"]
-    return np.concatenate([_tile(image, states, title) for title, states in shown], axis=1)
+    x, y = clip.fish[fish].states[frame, :2]
+    figure = Figure(figsize=(10, 5.2), dpi=120, layout="constrained")
+    for axes, arm in zip(figure.subplots(1, 2), "AC", strict=True):
+        axes.imshow(image)
+        for contour in BODY.contour(predicted(clip, ARMS[arm][1](learnt), fish, frame)):
+            for stroke in BODY.strokes:
+                points = contour[stroke.first : stroke.last]
+                axes.plot(*np.concatenate([points, points[: int(stroke.closed)]]).T, color="#3cff78", linewidth=0.8)
+        axes.set(xlim=(x - HALF, x + HALF), ylim=(y + HALF, y - HALF), title=ARMS[arm][0], xticks=(), yticks=())
+    return figure
 
 
 def sudden_turns(centres: FloatArray) -> BoolArray:
@@ -392,17 +383,3 @@ def predicted(clip: FishClip, motion: BodyMotion, fish: int, frame: int) -> Floa
     drawn = state.particles[systematic(probabilities(state.log_weights), DRAWN, rng)]
     chosen = rng.choice(DRAWN, SHOWN, replace=False)
     return np.asarray(motion(drawn, 1, rng)[chosen, : len(BODY.fields)])
-
-
-def _tile(image: ImageArray, states: FloatArray, title: str) -> ImageArray:
-    """The part of the image about the particles, enlarged, with their contours and a title."""
-    x, y = np.round(np.median(states[:, :2], axis=0)).astype(int)
-    left, top = np.clip([x - HALF, y - HALF], 0, [image.shape[1] - 2 * HALF, image.shape[0] - 2 * HALF])
-    part = cv2.resize(image[top : top + 2 * HALF, left : left + 2 * HALF], None, fx=ZOOM, fy=ZOOM)
-    tile = np.asarray(part, dtype=np.uint8)
-    for contour in (BODY.contour(states) - np.array([left, top], dtype=np.float32)) * np.float32(ZOOM):
-        draw_contour(tile, BODY, contour, (60, 255, 120), 1)
-    cv2.rectangle(tile, (0, 0), (tile.shape[1], 26), (255, 255, 255), cv2.FILLED)
-    cv2.putText(tile, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (0, 0, 0), 1, cv2.LINE_AA)
-    tile[:, -2:] = 255
-    return tile

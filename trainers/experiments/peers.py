@@ -1,4 +1,7 @@
-"""Programs of others, run in whatever environment has them, to be measured beside our own."""
+"""Programs of others, run in whatever environment has them, to be measured beside our own.
+
+A program is a file that imports nothing of ours, with the functions ``version() -> str`` and ``answer(job)``.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, RunError
+
+RUN = """
+import json, runpy, sys, warnings
+warnings.filterwarnings("ignore")
+program = runpy.run_path(sys.argv[1])
+result = program["answer"](json.load(sys.stdin)) if len(sys.argv) == 2 else program["version"]()
+json.dump(result, sys.stdout)
+"""
 
 
 @dataclass(frozen=True)
@@ -31,10 +42,16 @@ class Peer:
         return f"peer {self.version}"
 
     def answer(self, program: Path, job: Mapping[str, Any]) -> Any:
-        """What ``program`` answers to a job there, both as JSON."""
-        done = subprocess.run(
-            [self.python, str(program)], input=json.dumps(job), capture_output=True, text=True, check=True
-        )
+        """What ``program`` answers to a job there, both of them JSON.
+
+        Raises:
+            RunError: it broke off.
+        """
+        command = [self.python, "-c", RUN, str(program)]
+        done = subprocess.run(command, input=json.dumps(job), capture_output=True, text=True)
+        if done.returncode:
+            last = (done.stderr.strip() or f"exit status {done.returncode}").splitlines()[-1]
+            raise RunError(f"{program.name}: expected an answer from {self.python}, it broke off: {last}")
         return json.loads(done.stdout)
 
 
@@ -43,7 +60,7 @@ def find_peer(python: str | None, program: Path, package: str, argument: str = "
 
     Args:
         python: an interpreter; by default the one that runs this.
-        program: runs there, and prints the package's version after ``--version``.
+        program: runs there, and knows the package's version.
         package: what it needs, for the message.
         argument: that names the interpreter, likewise.
 
@@ -51,13 +68,12 @@ def find_peer(python: str | None, program: Path, package: str, argument: str = "
         RequestError: a named interpreter cannot be run or has not the package.
     """
     try:
-        asked = subprocess.run(
-            [python or sys.executable, str(program), "--version"], capture_output=True, text=True, check=True
-        )
+        command = [python or sys.executable, "-c", RUN, str(program), "version"]
+        asked = subprocess.run(command, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError) as error:
         if python is None:
             return None
         raise RequestError(
             f"{argument}: expected the python of an environment with {package}, got {python}, which has none"
         ) from error
-    return Peer(python or sys.executable, asked.stdout.strip())
+    return Peer(python or sys.executable, json.loads(asked.stdout))

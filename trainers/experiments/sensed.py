@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -97,25 +98,8 @@ KINDS: Mapping[str, Scenarios] = {
 }
 
 
-@dataclass(frozen=True)
-class SensorFilter:
-    """One filter, ours by its settings or the peers' by its name.
-
-    Attributes:
-        method: see `MeasurementTracker`.
-        lag: likewise.
-        particles: of each target.
-        name: of a filter of `PROGRAM`, which then runs in the environment of ``peer``.
-        peer: see `Peer`.
-        program: what runs there; its text belongs to the result.
-    """
-
-    method: SetMethod = "labelled"
-    lag: Lag = 0
-    particles: int = 0
-    name: str = ""
-    peer: Peer | None = None
-    program: Path = PROGRAM
+Row: TypeAlias = tuple[Scenarios, SetMethod, Lag, int] | tuple[Scenarios, Peer, Path, str]
+"""Scenarios and a filter: ours with its lag and particles of each target, or one of a peer's program by name."""
 
 
 def reproduce(
@@ -139,13 +123,12 @@ def reproduce(
     """
     at_least_one(seeds=seeds, particles=particles)
     environment = find_peer(peer, PROGRAM, "stonesoup and multisensor-lmb-filters-rs")
-    filters = {
-        "labelled": SensorFilter("labelled", 0, particles),
-        "labelled, `--lag 1`": SensorFilter("labelled", 1, particles),
-        "PHD": SensorFilter("phd", 0, particles),
-        **({name: SensorFilter(name=name, peer=environment) for name in PEERS} if environment else {}),
-    }
-    rows = {(kind, name): (KINDS[kind], chosen) for kind in KINDS for name, chosen in filters.items()}
+    rows: dict[tuple[str, ...], Row] = {}
+    for kind, scenarios in KINDS.items():
+        rows[kind, "labelled"] = (scenarios, "labelled", 0, particles)
+        rows[kind, "labelled, `--lag 1`"] = (scenarios, "labelled", 1, particles)
+        rows[kind, "PHD"] = (scenarios, "phd", 0, particles)
+        rows |= {(kind, name): (scenarios, environment, PROGRAM, name) for name in PEERS if environment}
     found = Study(rows, range(seed, seed + seeds), run_filter, "scenarios").run(bench)
     fields = {"OSPA(2)": "ospa_tracks", "missed a scan": "missed", "false a scan": "false", "switches": "switches"}
     columns = [
@@ -161,16 +144,16 @@ def reproduce(
     return Outcome(values_of(found, ("births", "filter")), [table], notes=[note])
 
 
-def run_filter(row: tuple[Scenarios, SensorFilter], seed: int) -> dict[str, float]:
+def run_filter(row: Row, seed: int) -> dict[str, float]:
     """Scores of one filter on one scenario, and the median milliseconds of processor time of a step."""
-    settings, chosen = row
+    settings = row[0]
     truth, scans = drawn_scenario(settings, seed)
-    if chosen.peer is not None:
-        runs = [[scan.measurements.tolist() for scan in scans]]
-        job = {"filter": chosen.name, "model": asdict(settings), "runs": runs}
-        (answer,) = chosen.peer.answer(chosen.program, job)
+    if isinstance(row[1], Peer):
+        job = {"filter": row[3], "model": asdict(settings), "scans": [one.measurements.tolist() for one in scans]}
+        answer = row[1].answer(Path(row[2]), job)
         return scored(settings, truth, answer["rows"], answer["milliseconds"])
-    tracker = MeasurementTracker(settings.model, chosen.method, chosen.particles, seed=0, lag=chosen.lag)
+    _, method, lag, particles = row
+    tracker = MeasurementTracker(settings.model, method, particles, seed=0, lag=lag)
     milliseconds = []
     for scan in scans:
         begin = time.process_time()

@@ -1,17 +1,12 @@
-"""Filters of Stone Soup and multisensor-lmb-filters-rs over scans: `python sensed_peers.py < job.json > result.json`.
+"""Filters of Stone Soup and multisensor-lmb-filters-rs over scans; a program of `Peer`.
 
-Runs in an environment of its own and imports nothing of Tsuiseki. A job is ``{"filter": …, "model": {…}, "runs":
-[[[[x, y], …], …], …]}``: measurements by run and scan. The result is a list of ``{"rows": [[scan, id, x, y], …],
-"milliseconds": [one a scan]}``. The thresholds were chosen on the scenarios 200 to 205, on which ours were.
+The thresholds were chosen on the scenarios 200 to 205, on which ours were.
 """
 
 # mypy: ignore-errors
 
 import datetime
-import json
-import sys
 import time
-import warnings
 from importlib import metadata
 
 import numpy as np
@@ -19,15 +14,14 @@ import numpy as np
 TRANSITION = np.kron(np.eye(2), [[1.0, 1.0], [0.0, 1.0]])
 
 
-def main():
-    """Answer one job."""
-    warnings.filterwarnings("ignore")
-    if sys.argv[1:] == ["--version"]:
-        packages = ("stonesoup", "multisensor-lmb-filters-rs")
-        print(", ".join(f"{name} {metadata.version(name)}" for name in packages))
-        return
-    job = json.load(sys.stdin)
-    json.dump([follow(FILTERS[job["filter"]](job["model"]), scans) for scans in job["runs"]], sys.stdout)
+def version():
+    """Of both packages."""
+    return ", ".join(f"{name} {metadata.version(name)}" for name in ("stonesoup", "multisensor-lmb-filters-rs"))
+
+
+def answer(job):
+    """``rows`` of scan, id, x, y and ``milliseconds`` of each scan, from ``filter``, ``model`` and ``scans``."""
+    return follow(FILTERS[job["filter"]](job["model"]), job["scans"])
 
 
 def follow(step, scans):
@@ -132,6 +126,3 @@ def lmb(model, components=20, existence=1e-4, cells=8):
 
 
 FILTERS = {"Stone Soup GM-PHD": gm_phd, "multisensor-lmb-filters-rs LMB": lmb}
-
-if __name__ == "__main__":
-    main()

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.single import OVERLAPS
-from tsuiseki.tracking.formats.single import find_single_sequences, read_published
+from tsuiseki.tracking.formats.single import find_single_sequences
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.constants import (
     PRINTED,
@@ -26,7 +26,6 @@ from tsuiseki.tracking.single.constants import (
     KcfParticleSettings,
     RegularisedSettings,
 )
-from tsuiseki.tracking.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.single.settings import SingleMethod
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video.image_folder import read_image
@@ -44,7 +43,6 @@ from tsuiseki.trainers.experiments.single_passes import (
     chase,
     clip_scores,
     passes,
-    search_pictures,
     searches,
     success,
 )
@@ -57,16 +55,13 @@ from tsuiseki.trainers.experiments.study import (
     at_least_one,
     curves,
     mean_only,
-    png,
+    some_of,
     tabulated,
     with_bootstrap,
     with_deviation,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-PARTS = ("unseen", "status", "sweeps", "comparison", "intervals", "pictures")
+PARTS = ("unseen", "status", "sweeps", "comparison", "intervals")
 BASELINES: tuple[SingleMethod, ...] = (
     "csk", "mosse", "template", "histogram", "kalman", "meanshift", "camshift", "medianflow", "colour-particle", "mil",
 )  # fmt: skip
@@ -81,9 +76,6 @@ COMPARED: Mapping[str, Entrant] = {
 """Fig. 3.9: KCF and the combined tracker, the thesis's and ours, and the baselines of chapter 2."""
 PAPER: Mapping[Name, float] = {"KCF, fixed size": 38.38, "combined, printed": 40.64}
 """Areas of Fig. 3.9 that the text gives, percent."""
-SHOWN = ("KCF, fixed size", "combined, printed", "KCF, scale search", "combined, robust")
-"""In Fig. 3.11."""
-PUBLISHED = ("CSK", "VTS", "Struck", "MIL", "TLD", "SCM")
 SEARCHES = {"printed": PRINTED, "robust": ROBUST}
 
 
@@ -178,32 +170,26 @@ STATUS: Mapping[str, Entrant] = {
 }
 CHASES = ((0, 24), (24, 48), (48, 96), (24, 96))
 """Generated clips: `combined` and `recognition` were tuned on the first 24, `recognition` on the next 24, too."""
-Scores: TypeAlias = Mapping[str, Sequence[ClipScores]]
-"""By tracker, one a clip."""
 
 
 def reproduce(
     bench: Bench,
     data: list[Path] | None = None,
-    attributes: Path | None = None,
-    published: Path | None = None,
     parts: list[str] = list(PARTS),  # noqa: B006, the parser shows it and nobody changes it
     seeds: int = 5,
     sweep_seeds: int = 2,
     contrib: Path | None = None,
 ) -> Outcome:
-    """Correlation filters selected by a particle filter: Figs. 3.6-3.12 and Table 3.4, paper and here.
+    """Correlation filters selected by a particle filter: Figs. 3.6-3.10 and Table 3.4, paper and here.
 
-    DIR gets results.json, tables.md, sweeps.png, comparison.png, attributes.png, intervals-*.png and search-NAME.png.
+    DIR gets results.json, tables.md, sweeps.png, comparison.png and intervals-*.png.
 
     Args:
         bench: where it works.
         data: folders of sequences (OTB, VOT, UAV123), separated by commas; by default four generated clips.
-        attributes: OTB's list of attributes; only sequences in it are used.
-        published: folder of tracker_benchmark results (NAME/scores_tb50/ALL.json) to name beside.
         parts: unseen (the gain over KCF on sequences that no setting was tuned on), status (whether `lost` is true),
-            sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Figs. 3.9 and 3.11), intervals (Fig. 3.10), pictures (like
-            Fig. 3.12), separated by commas.
+            sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Fig. 3.9), intervals (Fig. 3.10), separated by
+            commas.
         seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
         sweep_seeds: likewise for the sweeps, which are most of the work.
         contrib: the Python of an environment that has opencv-contrib-python-headless: `unseen` gets rows of its CSRT.
@@ -211,18 +197,16 @@ def reproduce(
     Raises:
         RequestError: an unknown part, a number below 1, no sequence with images, or no OpenCV-contrib in ``contrib``.
     """
-    if unknown := sorted(set(parts) - set(PARTS)):
-        raise RequestError(f"`parts`: expected some of {', '.join(PARTS)}, got {unknown[0]!r}")
+    some_of(PARTS, parts=parts)
     at_least_one(seeds=seeds, sweep_seeds=sweep_seeds)
-    clips = _clips(data, attributes)
+    clips = _clips(data)
     peer = find_peer(str(contrib), CSRT, "opencv-contrib-python-headless", "`contrib`") if contrib else None
     run: Mapping[str, Any] = {
         "unseen": partial(unseen, bench, clips, range(seeds), peer),
         "status": partial(lost_status, bench, clips, range(seeds)),
         "sweeps": partial(sweeps, bench, clips, range(sweep_seeds)),
-        "comparison": partial(comparison, bench, clips, range(seeds), published),
+        "comparison": partial(comparison, bench, clips, range(seeds)),
         "intervals": partial(intervals, bench, clips, range(seeds)),
-        "pictures": partial(_pictures, clips),
     }
     found: list[Outcome] = [run[part]() for part in PARTS if part in parts]
     values = {name: value for one in found for name, value in (one.values or {}).items()}
@@ -230,15 +214,14 @@ def reproduce(
         {"sequences": [clip.sequence.name for clip in clips], **values},
         [table for one in found for table in one.tables],
         {name: plot for one in found for name, plot in one.plots.items()},
-        {name: file for one in found for name, file in one.files.items()},
-        [note for one in found for note in one.notes],
+        notes=[note for one in found for note in one.notes],
     )
 
 
-def _clips(data: Sequence[Path] | None, attributes: Path | None) -> list[TargetClip]:
+def _clips(data: Sequence[Path] | None) -> list[TargetClip]:
     if not data:
         return [chase(number) for number in range(4)]
-    sequences = [s for folder in data for s in find_single_sequences(folder, attributes) if s.images]
+    sequences = [s for folder in data for s in find_single_sequences(folder) if s.images]
     if not sequences:
         raise RequestError("`data`: expected sequences with images, found none")
     return [TargetClip(s, [read_image(path) for path in s.images]) for s in sequences]
@@ -256,10 +239,9 @@ def scored(
     return found
 
 
-def by_seed(scores: Sequence[ClipScores], names: Sequence[int] | None = None) -> list[dict[str, float]]:
-    """Mean areas over the clips, or those of some places, one a seed."""
-    chosen = scores if names is None else [scores[k] for k in names]
-    means = {name: np.mean([getattr(one, name) for one in chosen], axis=0) for name in ("auc_11", "auc_21")}
+def by_seed(scores: Sequence[ClipScores]) -> list[dict[str, float]]:
+    """Mean areas over the clips, one a seed."""
+    means = {name: np.mean([getattr(one, name) for one in scores], axis=0) for name in ("auc_11", "auc_21")}
     return [{name: float(areas[seed]) for name, areas in means.items()} for seed in range(len(means["auc_11"]))]
 
 
@@ -369,16 +351,10 @@ def sweeps(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -> O
     return Outcome({"sweeps": values}, tables, {"sweeps": figure})
 
 
-def comparison(
-    bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int], published: Path | None = None
-) -> Outcome:
-    """Figs. 3.9 and 3.11."""
+def comparison(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -> Outcome:
+    """Fig. 3.9."""
     found = scored(bench, clips, COMPARED, seeds, "comparison")
-    files = {name: published / name / "scores_tb50" for name in PUBLISHED} if published else {}
-    there = {name: 100 * sum(read_published(path)["ALL"].success[::2]) / 11
-             for name, path in files.items() if (path / "ALL.json").is_file()}  # fmt: skip
     rows = {name: by_seed(of) for name, of in found.items()}
-    rows |= {f"{name}, published on TB-50": [{"auc_11": area, "auc_21": float("nan")}] for name, area in there.items()}
     columns = [
         Column("11 thresholds", "auc_11", show=with_deviation, paper=PAPER, beside="thesis"),
         Column("21 thresholds", "auc_21", show=with_deviation),
@@ -394,35 +370,8 @@ def comparison(
         for place, name in enumerate(ranked)
     ]  # fmt: skip
     plots = {"comparison": curves({"Fig. 3.9": lines}, ["overlap threshold"], "frames above it [%]", (9, 5))}
-    shown = by_attribute(clips, {name: found[name] for name in SHOWN})
-    if shown:
-        cells: Mapping[Name, list[dict[str, float]]] = {attribute: [of] for attribute, of in shown.items()}
-        title = "Fig. 3.11: AUC with 11 thresholds [%]"
-        by_tracker = [Column(name, itemgetter(name), ".1f") for name in SHOWN]
-        tables.append(tabulated(cells, by_tracker, ("attribute",), title))
-        plots["attributes"] = plot_attributes(shown)
     values = {name: {"by_seed": rows[name], "clips": areas(of).tolist()} for name, of in found.items()}
-    missing = [name for name in PUBLISHED if name not in there]
-    notes = [f"no published scores of {', '.join(missing)}: give their folder as published"] if missing else []
-    return Outcome({"comparison": values, "published": there, "attributes": shown}, tables, plots, notes=notes)
-
-
-def by_attribute(clips: Sequence[TargetClip], found: Scores) -> dict[str, dict[str, float]]:
-    """Fig. 3.11: mean areas by attribute and tracker, for the attributes that occur."""
-    places = {a: [k for k, clip in enumerate(clips) if a in clip.sequence.attributes]
-              for a in sorted({a for clip in clips for a in clip.sequence.attributes})}  # fmt: skip
-    return {
-        attribute: {name: float(np.mean([one["auc_11"] for one in by_seed(of, own)])) for name, of in found.items()}
-        for attribute, own in places.items()
-    }
-
-
-def plot_attributes(values: Mapping[str, Mapping[str, float]]) -> Figure:
-    """Fig. 3.11: KCF and the combined tracker by attribute."""
-    lines = [Curve(name, range(len(values)), [of[name] for of in values.values()], style="o") for name in SHOWN]
-    figure = curves({"Fig. 3.11": lines}, [""], "AUC, 11 thresholds [%]", (8.5, 3.4))
-    figure.axes[0].set_xticks(range(len(values)), list(values))
-    return figure
+    return Outcome({"comparison": values}, tables, plots)
 
 
 def intervals(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -> Outcome:
@@ -444,8 +393,3 @@ def intervals(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -
         plots[f"intervals-{name}"] = curves(panels, ["overlap threshold"] * 2, "frames above it [%]")
         values[name] = {title: own[0] for title, own in cells.items()}
     return Outcome({"intervals": values}, tables, plots)
-
-
-def _pictures(clips: Sequence[TargetClip]) -> Outcome:
-    strips = {clip.sequence.name: search_pictures(clip, KcfParticle(ROBUST, 0)) for clip in clips}
-    return Outcome(files={f"search-{name}.png": png(strip) for name, strip in strips.items() if strip is not None})

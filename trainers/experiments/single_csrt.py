@@ -1,42 +1,32 @@
-"""One pass of OpenCV-contrib's CSRT; runs alone, in an environment that need not have this package.
+"""One pass of OpenCV-contrib's CSRT; a program of `Peer`."""
 
-Reads from standard input a line of JSON (``scales``, ``box`` as x, y, width, height, ``shape``, ``count``) and the
-images, blue first; writes the boxes from the second image on. With ``--version`` it names OpenCV's version, if that
-has the tracker.
-"""
-
-import json
-import sys
+from typing import Any
 
 import cv2
 import numpy as np
 
 
-def main() -> None:
-    """The pass."""
+def version() -> str:
+    """Of OpenCV, if it has CSRT."""
+    assert cv2.TrackerCSRT_create  # type: ignore[attr-defined]
+    return cv2.__version__
+
+
+def answer(job: dict[str, Any]) -> list[list[float]]:
+    """Boxes x, y, width, height from the second image on.
+
+    Args:
+        job: ``images``, a file of ``(T, H, W, 3)`` uint8 BGR; ``box`` in the first; ``scales``, the sizes it tries.
+    """
     cv2.setNumThreads(1)
-    head = json.loads(sys.stdin.buffer.readline())
-    size = int(np.prod(head["shape"]))
-
-    def read() -> np.ndarray:
-        return np.frombuffer(sys.stdin.buffer.read(size), np.uint8).reshape(head["shape"])
-
+    images, box = np.load(job["images"], mmap_mode="r"), job["box"]
     parameters = cv2.TrackerCSRT_Params()  # type: ignore[attr-defined]
-    parameters.number_of_scales = head["scales"]
+    parameters.number_of_scales = job["scales"]
     tracker = cv2.TrackerCSRT_create(parameters)  # type: ignore[attr-defined]
-    box = head["box"]
-    tracker.init(read(), tuple(round(value) for value in box))
+    tracker.init(np.array(images[0]), tuple(round(value) for value in box))
     boxes = []
-    for _ in range(head["count"] - 1):
-        held, found = tracker.update(read())
+    for image in images[1:]:
+        held, found = tracker.update(np.array(image))
         box = list(found) if held else box
         boxes.append(box)
-    print(json.dumps(boxes))
-
-
-if __name__ == "__main__":
-    if sys.argv[1:] == ["--version"]:
-        assert cv2.TrackerCSRT_create  # type: ignore[attr-defined]
-        print(cv2.__version__)
-    else:
-        main()
+    return boxes

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import subprocess
-from collections.abc import Sequence
-from contextlib import suppress
+import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
-import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.single_clip import draw_single_clip
-from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.evaluation.single import OVERLAPS, evaluate_boxes
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.single import SingleSequence
@@ -116,17 +112,11 @@ def start(entrant: Entrant, seed: int) -> SingleTracker:
 
 def passes(store: Store, clip: TargetClip | int, entrant: Entrant, seeds: Sequence[int]) -> list[Pass]:
     """Passes over a clip or the chase of a number, one a seed; one where the tracker never draws random numbers."""
-    drawing = isinstance(entrant, CombinedSettings | KcfParticleSettings | Recognising) or entrant == "colour-particle"
-
-    def recalled(seed: int) -> Pass:
-        if isinstance(clip, int):
-            return store.recall(follow_chase, clip, entrant, seed)
-        return store.recall(follow, clip, entrant, seed)
-
-    first = recalled(0)
-    if not drawing:
+    run: Callable[[Any, Entrant, int], Pass] = follow_chase if isinstance(clip, int) else follow
+    first = store.recall(run, clip, entrant, 0)
+    if not (isinstance(entrant, CombinedSettings | KcfParticleSettings | Recognising) or entrant == "colour-particle"):
         return [first]
-    return [recalled(seed) if first.drew else first for seed in seeds]
+    return [store.recall(run, clip, entrant, seed) if first.drew else first for seed in seeds]
 
 
 def follow_chase(number: int, entrant: Entrant, seed: int) -> Pass:
@@ -151,24 +141,12 @@ def follow(clip: TargetClip, entrant: Entrant, seed: int) -> Pass:
 
 
 def follow_with_csrt(settings: Csrt, images: Sequence[ImageArray], box: FloatArray) -> FloatArray:
-    """Boxes ``(T, 4)`` from the first one on; where it reports a failure the box before stands.
-
-    Raises:
-        RunError: the other Python broke off.
-    """
-    sizes = {"scales": settings.scales, "shape": images[0].shape, "count": len(images)}
-    command = [settings.peer.python, str(CSRT)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        assert process.stdin is not None
-        assert process.stdout is not None
-        with suppress(BrokenPipeError), process.stdin as sent:
-            sent.write(json.dumps({**sizes, "box": xywh_from_corners(box).tolist()}).encode() + b"\n")
-            for image in images:
-                sent.write(np.ascontiguousarray(image[:, :, ::-1]).tobytes())
-        answer = process.stdout.read()
-    if process.returncode:
-        raise RunError(f"expected boxes from CSRT in {command[0]}, it ended with status {process.returncode}")
-    found = np.array(json.loads(answer), dtype=np.float64)
+    """Boxes ``(T, 4)`` from the first one on; where it reports a failure the box before stands."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "images.npy"
+        np.save(path, np.stack(images)[..., ::-1])
+        job = {"images": str(path), "box": xywh_from_corners(box).tolist(), "scales": settings.scales}
+        found = np.array(settings.peer.answer(CSRT, job), dtype=np.float64)
     return np.asarray(np.concatenate([box[None], corners_from_xywh(found)]))
 
 
@@ -281,35 +259,3 @@ def success(overlaps: FloatArray) -> FloatArray:
 def area(overlaps: FloatArray) -> float:
     """Area under the success curve with 11 thresholds, percent; NaN without frames."""
     return float(success(overlaps)[::2].mean())
-
-
-def search_pictures(clip: TargetClip, tracker: KcfParticle) -> ImageArray | None:
-    """Like Fig. 3.12: frames about the longest search, with the box, the truth and the particles; None without one."""
-    tracker.start(clip.images[0], clip.sequence.boxes[0])
-    pictures: list[ImageArray] = []
-    searching: list[bool] = []
-    for t, image in enumerate(clip.images[1:], 1):
-        count = tracker.searched_frames
-        box = tracker.follow(image).box
-        pictures.append(_picture(clip, tracker, image, box, t))
-        searching.append(tracker.searched_frames > count)
-    if not any(searching):
-        return None
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], searching, [False]]).astype(int))).reshape(-1, 2)
-    first, last = edges[int(np.argmax(edges[:, 1] - edges[:, 0]))]
-    chosen: Sequence[int] = np.unique(np.clip([first - 1, first, last - 1, last + 2], 0, len(pictures) - 1)).tolist()
-    return np.concatenate([pictures[k] for k in chosen], axis=1)
-
-
-def _picture(clip: TargetClip, tracker: KcfParticle, image: ImageArray, box: FloatArray, t: int) -> ImageArray:
-    picture = image.copy()
-    if tracker.search is not None:
-        for x, y in np.round(tracker.search.state.particles[:, :2]).astype(int).tolist():
-            cv2.circle(picture, (x, y), 1, (255, 200, 0), -1)
-    for corners, colour in ((clip.sequence.boxes[t], (0, 200, 0)), (box, (230, 40, 40))):
-        if np.isfinite(corners).all():
-            x1, y1, x2, y2 = np.round(corners).astype(int).tolist()
-            cv2.rectangle(picture, (x1, y1), (x2, y2), colour, 2)
-    line = f"{t + 1}: {tracker.target.peak:.2f}"
-    cv2.putText(picture, line, (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1)
-    return picture

@@ -40,6 +40,7 @@ from tsuiseki.trainers.experiments.study import (
     Outcome,
     Watch,
     at_least_one,
+    at_quantile,
     curves,
     tabulated,
     values_of,
@@ -150,7 +151,7 @@ WAYS: Mapping[tuple[Group, str], Way] = {
     },
 }
 """Everything that is compared, by table and row; in section 3 one addition after the other, from the paper's method."""
-BACKGROUND, PRINTED, *_, WHOLE = list(WAYS)[:8]
+BACKGROUND, PRINTED = list(WAYS)[:2]
 PAPER_ERRORS: Mapping[str, Mapping[Name, float]] = {
     "mean": {BACKGROUND[1]: 20.0, PRINTED[1]: 3.20},
     "maximum": {BACKGROUND[1]: 29.5, PRINTED[1]: 4.88},
@@ -159,21 +160,8 @@ PAPER_ERRORS: Mapping[str, Mapping[Name, float]] = {
 """Distance to the path in the paper's film, cm (section 3)."""
 
 
-@dataclass(frozen=True)
-class FilmErrors:
-    """Errors of one way on one film.
-
-    Attributes:
-        to_position: distance to the true position at the same time.
-        to_path: distance to the true path, the paper's error.
-        points: ``(T, 3)`` the estimates, metres.
-    """
-
-    to_position: DistanceScores
-    to_path: DistanceScores
-    points: FloatArray
-
-
+FilmErrors: TypeAlias = Mapping[str, DistanceScores]
+"""Of one way on one film: ``to_position`` at the same time, and ``to_path``, the paper's error."""
 Found: TypeAlias = Mapping[tuple[str, str], Sequence[FilmErrors]]
 
 
@@ -183,7 +171,7 @@ def reproduce(
     """Section 3 of the sphere paper: a ball moved by hand, by background difference and by outline, paper beside here.
 
     The contour likelihood is there as printed, and then with one addition after the other. DIR gets results.json,
-    tables.md, figures 2 to 5 as pictures.png and paths.png, and errors.png.
+    tables.md, figures 2 and 5 as pictures.png, and errors.png.
 
     Args:
         bench: where it works.
@@ -204,8 +192,9 @@ def reproduce(
     found: dict[tuple[str, str], list[FilmErrors]] = {name: [] for name in ways}
     for number in range(seed, seed + seeds):
         for alike in _of_one_film(ways):
-            settings = film_settings(list(alike.values()), frames)
-            errors = bench.store.recall(run_film, number, settings, list(alike.values()), bench.watch)
+            own = list(alike.values())
+            film = CarriedBallSettings(cameras=max(way.cameras for way in own), frames=frames, **own[0].film)
+            errors = bench.store.recall(run_film, number, film, own, bench.watch)
             for name, one in zip(alike, errors, strict=True):
                 found[name].append(one)
     tables = [
@@ -213,8 +202,7 @@ def reproduce(
         for group in groups
     ]
     note = f"Errors in cm over {seeds} films: mean over films of mean and sd, greatest max; 95 % by Student's t."
-    scores = {name: [{"to_position": e.to_position, "to_path": e.to_path} for e in of] for name, of in found.items()}
-    return Outcome(values_of(scores, ("group", "name")), tables, _plots(found, frames, seed), notes=[note])
+    return Outcome(values_of(found, ("group", "name")), tables, _plots(found, frames, seed), notes=[note])
 
 
 def _of_one_film(ways: Mapping[tuple[Group, str], Way]) -> list[dict[tuple[Group, str], Way]]:
@@ -225,25 +213,16 @@ def _of_one_film(ways: Mapping[tuple[Group, str], Way]) -> list[dict[tuple[Group
     return list(films.values())
 
 
-def film_settings(ways: Sequence[Way], frames: int) -> CarriedBallSettings:
-    """The film of some ways, with as many cameras as any of them needs."""
-    return CarriedBallSettings(cameras=max(way.cameras for way in ways), frames=frames, **ways[0].film)
-
-
 def _columns(group: str) -> list[Column]:
     columns = []
     for kind, label in (("to_position", "to position: "), ("to_path", "to path: ")):
         paper = PAPER_ERRORS if (group, kind) == ("section 3", "to_path") else {}
         columns += [
             Column(f"{label}mean, 95 % over films", f"{kind}.mean", ".2f", 100, with_interval, paper.get("mean", {})),
-            Column("max", f"{kind}.maximum", ".2f", 100, _greatest, paper.get("maximum", {})),
+            Column("max", f"{kind}.maximum", ".2f", 100, partial(at_quantile, share=1.0), paper.get("maximum", {})),
             Column("sd", f"{kind}.deviation", ".2f", 100, paper=paper.get("deviation", {})),
         ]
     return columns
-
-
-def _greatest(values: FloatArray, form: str) -> str:
-    return f"{values.max():{form}}"
 
 
 def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[Way], watch: Watch) -> list[FilmErrors]:
@@ -296,7 +275,8 @@ class _Run:
     def errors(self) -> FilmErrors:
         points = np.array(self.points)
         away = np.sqrt(np.square(points - self.scene.truth).sum(axis=1))
-        return FilmErrors(distance_scores(away), distance_scores(distance_to_path(points, self.scene.truth)), points)
+        along = distance_to_path(points, self.scene.truth)
+        return {"to_position": distance_scores(away), "to_path": distance_scores(along)}
 
 
 def turned(camera: PinholeCamera, pixels: float, rng: np.random.Generator) -> PinholeCamera:
@@ -318,7 +298,6 @@ def _plots(found: Found, frames: int, seed: int) -> dict[str, Figure]:
         frame = min(PAPER_FRAME, frames) - 1
         images, _ = next(islice(scene.frames(), frame, None))
         plots["pictures"] = pictures_figure(images, scene.backgrounds(), frame + 1)
-        plots["paths"] = paths_figure(found, scene.truth)
     if groups.issuperset(VARIED):
         plots["errors"] = errors_figure(found)
     return plots
@@ -341,30 +320,6 @@ def pictures_figure(images: Sequence[ImageArray], empty: Sequence[ImageArray], f
     return figure
 
 
-def paths_figure(found: Found, truth: FloatArray) -> Figure:
-    """Figures 3 and 4: the true path of the first film in blue and the estimates of every frame in red."""
-    from matplotlib.figure import Figure
-
-    shown = {BACKGROUND: "Figure 3: background, as printed", PRINTED: "Figure 4: contour, as printed"}
-    shown[WHOLE] = "`track sphere`"
-    figure = Figure(figsize=(4.6 * len(shown), 4.4), dpi=80, layout="constrained")
-    middle, reach = truth.mean(axis=0), 0.6 * float(np.ptp(truth, axis=0).max()) + 0.25
-    for place, (name, title) in enumerate(shown.items(), start=1):
-        axes = figure.add_subplot(1, len(shown), place, projection="3d")
-        points = found[name][0].points
-        near = (np.abs(points - middle) <= reach).all(axis=1)
-        axes.scatter(*points[near].T, s=9, color="#d62728", depthshade=False)
-        axes.plot(*truth.T, color="#1f77b4", linewidth=2)
-        for limits, centre in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, strict=True):
-            limits(centre - reach, centre + reach)
-        axes.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
-        axes.locator_params(nbins=4)
-        axes.set_title(
-            title + ("" if near.all() else f"\n{(~near).sum()} of {len(near)} points lie outside"), fontsize=9
-        )
-    return figure
-
-
 def errors_figure(found: Found) -> Figure:
     """The mean error against particles, cameras and covered frames."""
     panels: dict[str, list[Curve]] = {}
@@ -373,7 +328,7 @@ def errors_figure(found: Found) -> Figure:
         for (of, label), films in found.items():
             if of == group:
                 number, _, line = label.partition(" frames, ")
-                mean = 100 * float(np.mean([one.to_position.mean for one in films]))
+                mean = 100 * float(np.mean([one["to_position"].mean for one in films]))
                 lines.setdefault(line or "`track sphere`", []).append((float(number), mean))
         panels[group] = [Curve(name, [x for x, _ in line], [y for _, y in line]) for name, line in lines.items()]
     across = ("particles", "cameras", "covered frames of camera 1")

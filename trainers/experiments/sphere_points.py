@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -52,19 +51,6 @@ COLUMNS = (
 )
 
 
-@dataclass(frozen=True)
-class Throw:
-    """A ball in flight and what two cameras measured of it.
-
-    Attributes:
-        truth: ``(T, 3)`` metres.
-        pixels: ``(2, T, 2)``, NaN where nothing was measured.
-    """
-
-    truth: FloatArray
-    pixels: FloatArray
-
-
 def reproduce(bench: Bench, seeds: int = 20, seed: int = 0) -> Outcome:
     """A thrown ball by its pixels in two cameras: what knowing gravity, drag and spin is worth.
 
@@ -88,8 +74,12 @@ def reproduce(bench: Bench, seeds: int = 20, seed: int = 0) -> Outcome:
     return Outcome(values, [tabulated(found, COLUMNS)], notes=[note])
 
 
-def thrown(seed: int) -> Throw:
-    """A throw across the room that bounces once, by small steps of its own, and its pixels."""
+def thrown(seed: int) -> tuple[FloatArray, FloatArray]:
+    """A throw across the room that bounces once, and what two cameras measured of it.
+
+    Returns:
+        ``(T, 3)`` metres, by small steps of its own; ``(2, T, 2)`` pixels, NaN where nothing was measured.
+    """
     rng = np.random.default_rng(seed)
     place = np.array([0.0, -1.3, 1.0]) + rng.uniform(-0.15, 0.15, 3)
     speed = np.array([rng.uniform(-0.5, 0.5), rng.uniform(3.5, 5.0), rng.uniform(0.5, 2.0)])
@@ -110,7 +100,7 @@ def thrown(seed: int) -> Throw:
     pixels[wild] = rng.uniform(0, size, (int(wild.sum()), 2))
     outside = ((pixels < 0) | (pixels > size)).any(axis=2)
     pixels[outside | (rng.random(pixels.shape[:2]) < MISSED)] = np.nan
-    return Throw(truth, pixels)
+    return truth, pixels
 
 
 def run_throw(settings: SphereSettings | None, seed: int) -> FloatArray:
@@ -120,14 +110,14 @@ def run_throw(settings: SphereSettings | None, seed: int) -> FloatArray:
         settings: one of `ROWS`.
         seed: of the throw and of the particles.
     """
-    throw, cameras = thrown(seed), ball_cameras(2)
+    (truth, measured), cameras = thrown(seed), ball_cameras(2)
     if settings is None:
-        points, _ = triangulate(cameras, throw.pixels.transpose(1, 0, 2))
-        away = np.linalg.norm(points - throw.truth, axis=1)
+        points, _ = triangulate(cameras, measured.transpose(1, 0, 2))
+        away = np.linalg.norm(points - truth, axis=1)
         return np.asarray(away[np.isfinite(away)])
     with tempfile.TemporaryDirectory() as folder:
         files = [Path(folder) / f"camera{number}.csv" for number in (1, 2)]
-        for path, pixels in zip(files, throw.pixels, strict=True):
+        for path, pixels in zip(files, measured, strict=True):
             rows = [f"{k + 1},{x},{y}" for k, (x, y) in enumerate(pixels.tolist()) if np.isfinite(x)]
             path.write_text("\n".join(["frame,x,y", *rows]) + "\n", encoding="utf-8")
         placed = [PlacedCamera(f"camera{number}", camera, RATE) for number, camera in enumerate(cameras, start=1)]
@@ -138,4 +128,4 @@ def run_throw(settings: SphereSettings | None, seed: int) -> FloatArray:
     frames = np.array([round(position.time * RATE) for position in found])
     known = np.array([position.point for position in found])
     inside = frames < FRAMES
-    return np.asarray(np.linalg.norm(known[inside] - throw.truth[frames[inside]], axis=1))
+    return np.asarray(np.linalg.norm(known[inside] - truth[frames[inside]], axis=1))

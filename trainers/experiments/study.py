@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
@@ -18,9 +18,10 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.tables import score_table
 from tsuiseki.tracking.report.plots import COLOURS
-from tsuiseki.tracking.types import FloatArray, ImageArray
-from tsuiseki.trainers.experiments.store import Store, plain
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.trainers.experiments.store import Store
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,8 +35,6 @@ Name: TypeAlias = str | tuple[str, ...]
 OneName = TypeVar("OneName", bound=Name)
 Show: TypeAlias = Callable[[FloatArray, str], str]
 """Text of the values ``(S,)`` of S units, from the values and the format of a number."""
-LEAST_WIDTH = 160
-"""Columns of a terminal that a table may have at least."""
 SAMPLES = 10_000
 
 
@@ -73,8 +72,8 @@ class Study(Generic[OneName, Row, Unit, Found]):
     Attributes:
         rows: settings of each row, in the order of the table.
         units: what every row is measured on.
-        measure: a function of a module ``(row's settings, unit) -> measurements``, annotated with what it returns (see
-            `Store.recall`): a number, or a dataclass or dictionary of numbers.
+        measure: a function of a module ``(row's settings, unit) -> measurements``: a number, or a dataclass or
+            dictionary of numbers.
         what: names the runs in the line of progress.
     """
 
@@ -141,16 +140,15 @@ def with_deviation(values: FloatArray, form: str) -> str:
     return f"{np.mean(values):{form}} ± {np.std(values):{form.lstrip('+')}}"
 
 
-def with_interval(values: FloatArray, form: str) -> str:
-    """The mean and its interval by Student's t."""
-    mean, low, high = (f"{one:{form}}" for one in interval(values))
+def _between(values: FloatArray, form: str, ends: Callable[[FloatArray], tuple[float, float, float]]) -> str:
+    mean, low, high = (f"{one:{form}}" for one in ends(values))
     return f"{mean} [{low}, {high}]" if len(values) > 1 else mean
 
 
-def with_bootstrap(values: FloatArray, form: str) -> str:
-    """The mean and its bootstrap interval."""
-    mean, low, high = (f"{one:{form}}" for one in bootstrap(values))
-    return f"{mean} [{low}, {high}]" if len(values) > 1 else mean
+with_interval: Show = partial(_between, ends=interval)
+"""The mean and its interval by Student's t."""
+with_bootstrap: Show = partial(_between, ends=bootstrap)
+"""The mean and its bootstrap interval."""
 
 
 @dataclass(frozen=True)
@@ -211,16 +209,12 @@ class Table:
 
     def text(self) -> str:
         """The table for a terminal."""
-        from rich.box import SIMPLE_HEAD
         from rich.console import Console
-        from rich.table import Table as Shown
 
-        shown = Shown(title=self.title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-        for number, heading in enumerate(self.columns):
-            shown.add_column(heading, justify="right" if number else "left")
-        for row in self.rows:
-            shown.add_row(*row)
-        console = Console(width=max(LEAST_WIDTH, Console().width), color_system=None)
+        shown = score_table(self.columns[:1], self.columns[1:], [self.rows])
+        shown.title, shown.title_justify = self.title or None, "left"
+        # A table squeezed into too few columns loses digits; a line that wraps does not.
+        console = Console(width=1000, color_system=None)
         with console.capture() as capture:
             console.print(shown)
         return capture.get()
@@ -267,7 +261,7 @@ def tabulated(
 def values_of(found: Mapping[OneName, Iterable[Any]], heads: Sequence[str] = ("row",)) -> list[dict[str, Any]]:
     """All measurements for results.json: of each row its name, a key a head, and ``runs``, one a unit."""
     names = {name: (name,) if isinstance(name, str) else name for name in found}
-    return [{**dict(zip(heads, names[name], strict=True)), "runs": plain(runs)} for name, runs in found.items()]
+    return [{**dict(zip(heads, names[name], strict=True)), "runs": runs} for name, runs in found.items()]
 
 
 @dataclass(frozen=True)
@@ -320,7 +314,7 @@ class Outcome:
     """What an experiment found.
 
     Attributes:
-        values: all numbers, for results.json: dictionaries, lists and plain values.
+        values: all numbers, for results.json: dictionaries, lists, dataclasses, arrays and plain values.
         tables: the paper's and ours.
         plots: figures by name, written as NAME.png.
         files: what else is written, by name: text, or the bytes of a picture.
@@ -335,7 +329,7 @@ class Outcome:
 
     def parts(self) -> Iterator[tuple[str, Callable[[Path], Any]]]:
         """The files of the result: the name of each, and what writes it to a path."""
-        yield "results.json", partial(_write, content=json.dumps(self.values, indent=1) + "\n")
+        yield "results.json", partial(_write, content=json.dumps(self.values, indent=1, default=_plain) + "\n")
         text = "\n\n".join([*(table.markdown() for table in self.tables), *self.notes])
         yield "tables.md", partial(_write, content=text.strip() + "\n")
         for name, figure in self.plots.items():
@@ -344,15 +338,19 @@ class Outcome:
             yield name, partial(_write, content=content)
 
 
+def _plain(value: Any) -> Any:
+    """What JSON cannot hold, in its terms."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if is_dataclass(value):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"expected a value that JSON can hold, got {type(value).__qualname__}")
+
+
 def _write(path: Path, content: str | bytes) -> None:
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-
-
-def png(image: ImageArray) -> bytes:
-    """A picture as the bytes of a PNG file."""
-    import cv2
-
-    return bytes(cv2.imencode(".png", np.ascontiguousarray(image[:, :, ::-1]))[1])
 
 
 def at_least_one(**numbers: float) -> None:
@@ -364,3 +362,15 @@ def at_least_one(**numbers: float) -> None:
     for name, value in numbers.items():
         if value < 1:
             raise RequestError(f"`{name}`: expected at least 1, got {value}")
+
+
+def some_of(known: Sequence[str], **asked: Sequence[str]) -> None:
+    """Refuse arguments with other words than the ``known`` ones, or with none.
+
+    Raises:
+        RequestError: names the first of them.
+    """
+    for name, words in asked.items():
+        if not words or not set(words) <= set(known):
+            wrong = next((word for word in words if word not in known), "none")
+            raise RequestError(f"`{name}`: expected some of {', '.join(known)}, got {wrong!r}")

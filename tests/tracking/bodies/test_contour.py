@@ -13,7 +13,6 @@ from tsuiseki.tracking.bodies.contour import (
     ContourLikelihood,
     EdgeImage,
     Extraction,
-    contour_distance,
     point_distances,
 )
 from tsuiseki.tracking.features.colour_region import ColourRange
@@ -36,7 +35,7 @@ def circle(radius, centre=CENTRE, points=40):
 
 @pytest.mark.parametrize("radius", [10.0, 22.0, 30.0, 37.0, 50.0])
 def test_distance_of_a_circle_is_the_difference_of_the_radii(radius):
-    found = contour_distance(EdgeImage.of_mask(disc_mask()), circle(radius)[None])
+    found = point_distances(EdgeImage.of_mask(disc_mask()), circle(radius)[None]).max(axis=1)
     assert found[0] == pytest.approx(abs(radius - RADIUS), abs=PIXELS)
 
 
@@ -44,7 +43,7 @@ def test_the_largest_distance_counts_and_the_logarithm_is_as_printed():
     edges = EdgeImage.of_mask(disc_mask())
     points = np.stack([circle(RADIUS), circle(RADIUS)])
     points[1, 7] += 12.0 * (points[1, 7] - CENTRE) / RADIUS
-    distance = contour_distance(edges, points.astype(np.float32))
+    distance = point_distances(edges, points.astype(np.float32)).max(axis=1)
     assert distance[1] == pytest.approx(12.0, abs=PIXELS)
     np.testing.assert_allclose(ContourLikelihood(spread=25.0)(points, BodyView(edges)), -(distance**2) / 25.0)
 
@@ -106,7 +105,7 @@ def test_hidden_points_take_no_part_and_cost_their_share():
     for x, y in points[0, :10].astype(int):
         neighbours[y - 1 : y + 2, x - 1 : x + 2] = 255
     likelihood = ContourLikelihood(spread=40.0, hidden_cost=8.0)
-    visible = contour_distance(edges, points[:, 10:])[0]
+    visible = point_distances(edges, points[:, 10:])[0].max()
     assert likelihood(points, BodyView(edges, neighbours))[0] == pytest.approx(-(visible**2) / 40.0 - 8.0 * 10 / 40)
     assert likelihood(points, BodyView(edges))[0] < -10.0
 

@@ -20,7 +20,7 @@ from tsuiseki.tracking.cameras.person_model import (
 )
 from tsuiseki.tracking.cameras.pose import pose_at
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cameras.rectification import rotation_about, standing_crops, upright_crops
+from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
 from tsuiseki.tracking.errors import RequestError
 
 LENS = OmnidirectionalLens(640, 480, np.array([140.0, 0.0, -1.2e-3, 1e-6, -5e-9]), np.array([320.0, 240.0]))
@@ -151,14 +151,6 @@ def test_a_crop_is_the_box_before_it_was_turned(angle):
     rows = np.flatnonzero(crop[:, 10, 0] > 128)
     # 80 px between the circles' centres in a box of 120 px: the head's lies at a sixth of the height.
     assert abs(rows.mean() - 9.5) < 1.0
-
-
-def test_the_rotation_keeps_the_centre():
-    rotated = np.array([[50.0, 80.0, 20, 40, 0.7]])
-    matrix = rotation_about(rotated)[0]
-    assert np.allclose(matrix @ [50.0, 80.0, 1.0], [50.0, 80.0])
-    upward = np.array([50 + np.sin(0.7), 80 - np.cos(0.7), 1.0])
-    assert np.allclose(matrix @ upward, [50.0, 79.0])
 
 
 def test_an_upright_box_is_cut_out_as_it_is():

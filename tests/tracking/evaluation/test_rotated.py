@@ -10,7 +10,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.rotated import evaluate_rings, evaluate_rotated
+from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.formats.rotated import (
     RotatedBoxes,
@@ -134,21 +134,3 @@ def test_the_real_labels_are_read(data_folder):
     truth = read_truths(folder / "cepdof-sample" / "annotations.json")[0]
     # Seven people; in two frames one of their ids comes a second time, which makes two more.
     assert (truth.length, len(set(truth.labels.ids.tolist()))) == (10, 9)
-
-
-def test_rings_part_what_was_matched_as_a_whole():
-    none = np.array([-1, -1])
-    truth = {"a": RotatedBoxes(boxes_of([5, 5, 4, 8, 0], [50, 5, 4, 8, 0]), none, np.ones(2))}
-    # Right in the first ring; a false one in the second, before its right one, whose middle is in the first.
-    found = {
-        "a": RotatedBoxes(
-            boxes_of([5, 5, 4, 8, 0], [90, 5, 4, 8, 0], [49, 5, 4, 8, 0]), np.full(3, -1), np.array([0.9, 0.8, 0.7])
-        )
-    }
-    near, far, nobody = evaluate_rings(truth, found, lambda _, p: np.searchsorted([49.5, 200.0], p[:, 0]), 3)
-    assert (near.boxes, near.average_precision) == (1, 1.0)
-    assert (far.boxes, far.average_precision) == (1, 0.5)
-    assert nobody is None
-    both = evaluate_rings(truth, found, lambda _, p: np.zeros(len(p), dtype=int), 1)[0]
-    assert both.average_precision == evaluate_rotated(truth, found).average_precision
-    assert evaluate_rings(truth, {}, lambda _, p: np.zeros(len(p), dtype=int), 1)[0].average_precision == 0

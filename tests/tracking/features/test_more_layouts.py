@@ -136,6 +136,7 @@ FILES = {
         "letterbox",
         {},
     ),
+    "without names": ("tensorrt", dict(zip("abcd", counted().values(), strict=True)), "letterbox", {}),
     "YOLO-NAS, batch": ("tensorrt", GROUPED, "letterbox", {"kind": TensorProto.UINT8}),
     "YOLO-NAS, flat": (
         "yolo-nas-rows",
@@ -174,6 +175,12 @@ FILES = {
     "FastestDet": ("fastestdet", fastestdet(), "stretch", {}),
     "FastestDet, a row a cell": ("fastestdet", fastestdet(flat=True), "stretch", {"plain": ("output",)}),
     "RF-DETR with masks": ("detr", masked_detr(), "stretch", {}),
+    "boxes and logits": (
+        "detr",
+        {"boxes": np.maximum(detr()["dets"], [0, 0, 1e-3, 1e-3]).astype(np.float32), "logits": detr()["labels"]},
+        "stretch",
+        {},
+    ),
     "D-FINE by Hugging Face": ("detr", hugging_face(), "stretch", {}),
 }
 

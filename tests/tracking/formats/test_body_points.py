@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.body_points import read_poses_file, write_deeplabcut, write_sleap
 from tsuiseki.tracking.types.tracks import PointTable
 
@@ -39,6 +39,16 @@ def test_deeplabcut_predictions_of_one_animal_and_labels(tmp_path):
     own = read_poses_file(tmp_path / "labels.csv")
     assert (own.frames.tolist(), own.tracks, own.points.tolist()) == ([17], ("m1",), [[[3.5, 4.5]]])
     assert np.isnan(own.scores).all()
+
+
+def test_parts_that_deeplabcut_calls_single_are_landmarks(tmp_path):
+    who, part = "individuals,m1,m1,single,single", "bodyparts,nose,nose,corner,corner"
+    (tmp_path / "u.csv").write_text(f"scorer,n,n,n,n\n{who}\n{part}\ncoords,x,y,x,y\n0,1,2,5,5\n1,2,3,5,5\n")
+    with pytest.warns(InputWarning, match=r"u\.csv: corner are landmarks, no animal; left out"):
+        read = read_poses_file(tmp_path / "u.csv")
+    assert (read.nodes, read.tracks, read.points.tolist()) == (("nose",), ("m1", "m1"), [[[1, 2]], [[2, 3]]])
+    (tmp_path / "one.csv").write_text("scorer,n,n\nindividuals,single,single\nbodyparts,nose,nose\ncoords,x,y\n0,1,2\n")
+    assert read_poses_file(tmp_path / "one.csv").tracks == ("single",)
 
 
 def test_ours_counts_frames_from_one(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 
@@ -75,6 +76,39 @@ def test_an_analysis_file_comes_back(tmp_path: Path) -> None:
     assert (back.nodes, back.tracks, back.frames.tolist()) == (table.nodes, table.tracks, [2, 2, 5])
     np.testing.assert_array_equal(back.points, points)
     np.testing.assert_array_equal(back.scores, scores)
+
+
+@pytest.mark.parametrize("axes", list(itertools.permutations(("frame", "node", "xy", "track")))[::5])
+def test_an_analysis_file_says_what_its_axes_are(tmp_path: Path, axes: tuple[str, ...]) -> None:
+    points = np.random.default_rng(0).uniform(0, 100, (6, 3, 2, 2))
+    scores, order = points[:, :, 0] / 100, ("frame", "node", "xy", "track")
+    of_scores, rest = [axis for axis in axes if axis != "xy"], ("frame", "node", "track")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["tracks"] = points.transpose([order.index(axis) for axis in axes])
+        file["tracks"].attrs["dims"] = json.dumps(axes)
+        file["point_scores"] = scores.transpose([rest.index(axis) for axis in of_scores])
+        file["point_scores"].attrs["dims"] = json.dumps(of_scores)
+        file["node_names"], file["track_names"] = [b"nose", b"mid", b"tail"], [b"anna", b"bert"]
+    back = read_poses_file(tmp_path / "a.h5")
+    assert back.frames.tolist() == np.repeat(range(6), 2).tolist()
+    assert back.tracks == ("anna", "bert") * 6
+    np.testing.assert_array_equal(back.points, points.transpose(0, 3, 1, 2).reshape(12, 3, 2))
+    np.testing.assert_array_equal(back.scores, scores.transpose(0, 2, 1).reshape(12, 3))
+
+
+def test_an_analysis_file_whose_axes_are_others_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["tracks"] = np.ones((60, 2, 3, 2))
+        file["node_names"], file["track_names"] = [b"nose", b"mid", b"tail"], [b"anna", b"bert"]
+    with pytest.raises(RequestError, match=r"shape \(60, 2, 3, 2\) with axes track, xy, node, frame"):
+        read_poses_file(tmp_path / "a.h5")
+
+
+def test_both_orders_of_sleap_io_hold_the_same(data_folder: Path) -> None:
+    one, other = (read_poses_file(data_folder / "cases" / "animals" / f"an_{n}.h5") for n in ("default", "standard"))
+    assert (one.nodes, one.tracks, one.frames.tolist()) == (other.nodes, other.tracks, other.frames.tolist())
+    np.testing.assert_array_equal(one.points, other.points)
+    np.testing.assert_array_equal(one.scores, other.scores)
 
 
 def test_deeplabcut_and_broken_files_get_one_line(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracking import follow_people, targets_at, track_people
-from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types import Targets, Track
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
 
@@ -69,6 +69,10 @@ def test_the_tracks_are_the_same_with_any_number_of_threads(
     assert written[0] == written[1]
 
 
+def following(people: Targets) -> Targets:
+    return people.select(people.status == "tracking")
+
+
 def test_each_frame_is_answered_with_its_image(street: Path) -> None:
     given = labelled(street)
     seen = list(follow_people(street, "sort", detections=given))
@@ -76,7 +80,7 @@ def test_each_frame_is_answered_with_its_image(street: Path) -> None:
     assert all(people.frame == frame.index for frame, people in seen)
     assert len(seen[-1][1]) >= 2
     tracks = {t.id: t for t in track_people(street, "sort", detections=given)}
-    for person in seen[-1][1].of_status("tracking"):
+    for person in following(seen[-1][1]):
         np.testing.assert_array_equal(person.box, tracks[person.id].boxes[tracks[person.id].frames == 15][0])
 
 
@@ -156,8 +160,8 @@ def test_frames_that_wait_for_an_answer_get_it_at_the_end(street: Path) -> None:
     assert any(len(people) for _, people in now)
     for (_, a), (_, b) in zip(late, now, strict=True):
         assert a.frame == b.frame
-        seen = b.of_status("tracking")
-        np.testing.assert_array_equal(np.sort(a.of_status("tracking").ids), np.sort(seen.ids))
+        seen = following(b)
+        np.testing.assert_array_equal(np.sort(following(a).ids), np.sort(seen.ids))
 
 
 def test_targets_of_a_frame_out_of_tracks() -> None:

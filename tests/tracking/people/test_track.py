@@ -124,6 +124,7 @@ def test_what_a_sequence_does_not_say_is_told(
     ("words", "line"),
     [
         (["--classes", "2"], "--classes: expected classes of"),
+        (["--classes", "1,1"], "--classes: expected each class once, got 1 twice"),
         (["--fps", "0"], "--fps: expected frames a second above 0"),
         (["--classes", "one"], "--classes: "),
     ],

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.trainers.association.crossing import crossing
 from tsuiseki.models.association_network import AppearanceProjection
 from tsuiseki.tracking.association.evidence import LINK_FEATURES
 from tsuiseki.tracking.association.learnt_costs import CostNetwork
@@ -22,7 +23,6 @@ from tsuiseki.trainers.association.labelled_flow import window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining
 from tsuiseki.trainers.association.windows import TrainingWindow
-from tsuiseki.trainers.experiments.end_to_end import crossing
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.export_costs import TOLERANCE, export_association
 

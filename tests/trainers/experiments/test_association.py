@@ -13,18 +13,17 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.types import Track
-from tsuiseki.trainers.experiments.association import PACKAGE, PROGRAM, LinkedBy, filled, linked
+from tsuiseki.trainers.experiments.association import PACKAGE, PROGRAM, LinkedBy, linked
 from tsuiseki.trainers.experiments.association_peers import NAMES
 from tsuiseki.trainers.experiments.given_sequences import (
     DATA_SETS,
     combined_scores,
+    filled,
     find_given,
     given_detections,
     given_labels,
     score_table,
-    table_of,
-    table_sums,
-    tracks_of,
+    track_sums,
 )
 from tsuiseki.trainers.experiments.peers import find_peer
 
@@ -74,7 +73,6 @@ def test_every_row_is_measured_and_kept(data: Path, tmp_path: Path, capsys: pyte
     assert {p.name for p in (tmp_path / "out").iterdir()} == {
         "results.json",
         "tables.md",
-        "association.png",
         "run.json",
     }
     values = json.loads((tmp_path / "out/results.json").read_text())["sets"]["mot17"]
@@ -87,10 +85,10 @@ def test_every_row_is_measured_and_kept(data: Path, tmp_path: Path, capsys: pyte
         assert row["false_positives"] < 0.05 * row["labelled"]
     assert values["flow"]["mota"] > values["flow, nothing filled in"]["mota"]
     assert "MOT17 val-half, gaps filled" in (tmp_path / "out/tables.md").read_text()
-    kept = sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "cache").rglob("*.json"))
+    kept = sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "cache").rglob("*.pickle"))
     tables = (tmp_path / "out/tables.md").read_text()
     assert main(words(data, tmp_path, "--sets", "mot17,tud", "--overwrite")) == 0
-    assert sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "cache").rglob("*.json")) == kept
+    assert sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "cache").rglob("*.pickle")) == kept
     assert (tmp_path / "out/tables.md").read_text() == tables
 
 
@@ -137,7 +135,7 @@ def test_peers_are_run_where_they_are_installed(data: Path, tmp_path: Path, stan
 def test_gaps_of_the_others_can_be_filled_as_the_flow_fills_its_own() -> None:
     boxes = np.array([[t, 0, t + 20, 50] for t in (0.0, 1, 2, 6, 7, 30)])
     track = Track(3, np.array([0, 1, 2, 6, 7, 30]), boxes, np.ones(6))
-    (done,) = tracks_of(filled(table_of([track]), longest=5))
+    (done,) = filled([track], longest=5)
     assert done.frames.tolist() == [*range(8), 30]
     np.testing.assert_allclose(done.boxes[:8, 0], np.arange(8))
     assert done.observed.tolist() == [True] * 3 + [False] * 3 + [True] * 3
@@ -182,21 +180,11 @@ def test_boxes_without_an_area_are_left_out(data: Path) -> None:
     assert (boxes[:, 2] > boxes[:, 0]).all()
 
 
-def test_tables_give_the_tracks_back() -> None:
-    track = Track(
-        3, np.array([1, 4]), np.array([[0, 0, 5, 9.5], [1, 1, 6, 9]]), np.array([0.5, 0.25]), np.array([True, False])
-    )
-    (again,) = tracks_of(table_of([track]))
-    for name in ("id", "frames", "boxes", "scores", "observed"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(track, name))
-    assert tracks_of(table_of([])) == tracks_of(np.empty(0)) == []
-
-
 @pytest.mark.integration
 def test_sort_on_mot17_scores_as_known(data_folder: Path) -> None:
     """HOTA .510, MOTA .645, IDF1 .616 and 207 switches, as measured apart from this experiment."""
     sequences = find_given(data_folder, DATA_SETS[0])
-    found = combined_scores(np.stack([table_sums(given, linked(LinkedBy("sort"), given)) for given in sequences]))
+    found = combined_scores(np.stack([track_sums(given, linked(LinkedBy("sort"), given)) for given in sequences]))
     assert found["hota"] == pytest.approx(0.510, abs=5e-4)
     assert found["mota"] == pytest.approx(0.645, abs=5e-4)
     assert found["idf1"] == pytest.approx(0.616, abs=5e-4)

@@ -1,4 +1,4 @@
-"""The experiment of costs learnt through the flow, on small generated sequences; and its picture."""
+"""The experiment of costs learnt through the flow, on small generated sequences."""
 
 from __future__ import annotations
 
@@ -8,25 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.trainers.association.crossing import crossing
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.fitting import Fit
-from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.experiments.end_to_end import (
+    FITS,
     FOLDS,
-    LEARNERS,
     STREETS,
     Fold,
-    crossing,
-    draw_gradient,
     fold_sums,
     given_rows,
-    gradient_of,
-    trained_on_crossings,
     write_streets,
 )
 from tsuiseki.trainers.experiments.given_sequences import DATA_SETS, find_given, given_detections
-from tsuiseki.trainers.experiments.pairwise_costs import fit_pairs
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import Bench
 
@@ -62,12 +57,12 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path) -> None:
     assert main([*words, "--out", str(tmp_path / "one")]) == 0
     found = json.loads((tmp_path / "one" / "results.json").read_text())
     values = found["mot15"]
-    assert list(values) == ["default", *LEARNERS, "right links"]
+    assert list(values) == ["default", *FITS, "right links"]
     assert all(0 < row["hota"] <= 1 for row in values.values())
     assert values["right links"]["idf1"] >= values["default"]["idf1"]
-    entries = sorted(path.name for path in (tmp_path / "cache").rglob("*.json"))
+    entries = sorted(path.name for path in (tmp_path / "cache").rglob("*.pickle"))
     assert main([*words, "--out", str(tmp_path / "two")]) == 0
-    assert sorted(path.name for path in (tmp_path / "cache").rglob("*.json")) == entries
+    assert sorted(path.name for path in (tmp_path / "cache").rglob("*.pickle")) == entries
     assert json.loads((tmp_path / "two" / "results.json").read_text()) == found
 
 
@@ -95,35 +90,11 @@ def test_streets_are_clips_with_detections(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--parts", "all"], "parts: expected some of given"),
-        (["--sets", "tud"], f"sets: expected some of {', '.join(FOLDS)}"),
-        (["--data", "nowhere"], "data: expected mot/"),
+        (["--parts", "all"], "--parts: expected some of given"),
+        (["--sets", "tud"], f"--sets: expected some of {', '.join(FOLDS)}"),
+        (["--data", "nowhere"], "--data: expected mot/"),
     ],
 )
 def test_what_is_not_there(words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "end-to-end", *words, "--out", str(tmp_path / "out")]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_training_turns_the_gradient_down_on_meetings_not_seen() -> None:
-    graph = sequence_graphs(crossing(100)).detections
-    changes = trained_on_crossings(range(4), steps=100)
-    before, after = (np.abs(gradient_of(graph, known)).sum() for known in (None, changes))
-    assert before > 5
-    assert after < 0.5 * before
-
-
-def test_the_picture_has_both_panels() -> None:
-    axes = draw_gradient(meetings=2, steps=20).axes
-    assert [panel.get_title().split()[0] for panel in axes] == ["before", "after"]
-    assert all(len(panel.lines) > 20 for panel in axes)
-
-
-def test_pairs_learn_which_links_are_right() -> None:
-    graphs = [sequence_graphs(crossing(seed)) for seed in range(4)]
-    changes, graph = fit_pairs(graphs, "logistic"), sequence_graphs(crossing(9)).detections
-    logit = changes.link.decision_function(graph.links)
-    right = graph.labelled[3 * len(graph) :] > 0
-    assert logit[right].mean() > logit[~right].mean() + 3
-    assert np.abs(changes.links(graph.links)).max() <= 8
-    assert changes.links(graph.links[:0]).shape == (0,)

@@ -33,8 +33,8 @@ def folders(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(goldfish, "clips", lambda _, name, __: sets[name])
-        patch.setattr(goldfish, "PARTICLES", (60, 120))
-        patch.setattr(goldfish, "BEYOND_PARTICLES", (60,))
+        arms = [arms for arms, _ in goldfish.PARTS.values()]
+        patch.setattr(goldfish, "PARTS", {"arms": (arms[0], (60, 120)), "beyond": (arms[1], (60,))})
         patch.setattr(goldfish, "LEARNING_PARTICLES", 800)
         patch.setattr(goldfish, "CLAIMS", (("C against A", ("C", 60), ("A", 120)), ("not run", ("C", 500), ("A", 60))))
         assert run("first") == 0
@@ -42,7 +42,7 @@ def folders(tmp_path_factory):
         assert run("second") == 0
         assert kept() == before
         assert len(before) == 2
-        patch.setattr(goldfish, "PARTICLES", (60,))
+        patch.setattr(goldfish, "PARTS", {"arms": (arms[0], (60,)), "beyond": (arms[1], (60,))})
         assert run("other") == 0
         assert len(kept()) == 4
     return root
@@ -51,12 +51,13 @@ def folders(tmp_path_factory):
 def test_an_experiment_is_whole_and_the_same_again(folders):
     first, second = (json.loads((folders / name / "results.json").read_text()) for name in ("first", "second"))
     assert first == second
-    assert {"success.png", "turns.png", "beyond.png", "particles.png", "motion.json", "tables.md", "run.json"} <= {
+    assert {"success.png", "particles.png", "motion.json", "tables.md", "run.json"} <= {
         path.name for path in (folders / "first").iterdir()
     }
     assert json.loads((folders / "first/motion.json").read_text())["body"] == "goldfish"
     found = {(run["arm"], run["particles"]): run for run in first["runs"]}
-    assert set(found) == {(a, n) for a in goldfish.PAPER_ARMS for n in (60, 120)} | {(a, 60) for a in goldfish.BEYOND}
+    paper, added = (arms for arms, _ in goldfish.PARTS.values())
+    assert set(found) == {(a, n) for a in paper for n in (60, 120)} | {(a, 60) for a in added}
     assert len(found) == len(first["runs"])
     gain = np.subtract(found["C", 60]["all"], found["A", 120]["all"])
     assert np.array(first["claims"]["C against A"])[:, 0].tolist() == gain.tolist()
@@ -67,10 +68,10 @@ def test_an_experiment_is_whole_and_the_same_again(folders):
 
 def test_fish_are_counted_over_the_clips_of_a_seed():
     def trial(*followed):
-        return Trial((False, True), 0.0, (followed,), (1.0,), (40,))
+        return Trial(np.array([False, True]), 0.0, np.array(followed), np.ones(2), np.full(2, 40))
 
-    by_seed = [[trial(True, False), trial(True, True)], [trial(False, False), trial(False, True)]]
-    assert followed_counts(by_seed, 0).tolist() == [[3, 1], [1, 1]]
+    found = followed_counts([trial([1, 0], [0, 0]), trial([1, 1], [0, 1])])
+    assert found.tolist() == [[3, 1], [1, 1]]
 
 
 def test_the_sets_are_the_papers():

@@ -13,7 +13,7 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import sensed
 from tsuiseki.trainers.experiments.peers import Peer
-from tsuiseki.trainers.experiments.sensed import STANDARD_PLACES, Scenarios, SensorFilter, drawn_scenario, run_filter
+from tsuiseki.trainers.experiments.sensed import STANDARD_PLACES, Scenarios, drawn_scenario, run_filter
 
 
 def test_the_experiment_prints_every_kind(
@@ -53,15 +53,14 @@ def test_a_scenario_has_the_births_clutter_and_misses_of_its_settings() -> None:
 def test_what_a_peer_reports_outside_the_region_or_twice_is_dropped(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(
-        "import json, sys\n"
-        "(scans,) = json.load(sys.stdin)['runs']\n"
-        "rows = [[k, n, *z] for k, scan in enumerate(scans) for n, z in enumerate(scan, 1)]\n"
-        "rows += [[0, 1, 0.0, 0.0], [0, 99, 5000.0, 0.0]]\n"
-        "json.dump([{'rows': rows, 'milliseconds': [2.0] * len(scans)}], sys.stdout)\n"
+        "def answer(job):\n"
+        "    scans = job['scans']\n"
+        "    rows = [[k, n, *z] for k, scan in enumerate(scans) for n, z in enumerate(scan, 1)]\n"
+        "    rows += [[0, 1, 0.0, 0.0], [0, 99, 5000.0, 0.0]]\n"
+        "    return {'rows': rows, 'milliseconds': [2.0] * len(scans)}\n"
     )
     settings = Scenarios(steps=10, clutter=0.0, births=0.0, survival=1.0, detection=1.0, deviation=0.0, speed=0.0)
-    peer = SensorFilter(name="all measurements", peer=Peer(sys.executable, "1"), program=program)
-    found = run_filter((settings, peer), 1)
+    found = run_filter((settings, Peer(sys.executable, "1"), program, "all measurements"), 1)
     # Exact measurements of every target: nothing is wrong but the identities.
     assert found["ospa1"] == pytest.approx(0.0, abs=1e-9)
     assert (found["false"], found["milliseconds"]) == (0.0, 2.0)

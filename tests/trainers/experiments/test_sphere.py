@@ -45,13 +45,13 @@ def test_the_experiment_prints_writes_and_keeps(tmp_path: Path, capsys: pytest.C
     assert all(scores["count"] == 3 for scores in by_name.values())
     # It starts where the ball is and moves by hand: a ball's width away would be 0.2 m.
     assert by_name["+ two stages of weighing"]["mean"] < 0.1
-    files = {"results.json", "tables.md", "errors.png", "paths.png", "pictures.png", "run.json"}
+    files = {"results.json", "tables.md", "errors.png", "pictures.png", "run.json"}
     assert {p.name for p in (tmp_path / "first").iterdir()} == files
-    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.json")}
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.pickle")}
     # One for what is told wrongly to the tracker, for it is another table.
     assert len(kept) == 2
     assert main([*words, "--out", str(tmp_path / "second")]) == 0
-    assert kept == {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.json")}
+    assert kept == {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.pickle")}
     assert json.loads((tmp_path / "second/results.json").read_text()) == rows
 
 

@@ -24,7 +24,7 @@ def test_the_experiment_prints_every_row(tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_a_throw_falls_by_gravity_and_spin_and_is_slowed_by_the_air() -> None:
-    truth = thrown(3).truth
+    truth = thrown(3)[0]
     speed = np.diff(truth, axis=0) * sphere_points.RATE
     gained = np.diff(speed, axis=0)[:5].mean(axis=0) * sphere_points.RATE
     mean = speed[:6].mean(axis=0)
@@ -36,5 +36,5 @@ def test_a_throw_falls_by_gravity_and_spin_and_is_slowed_by_the_air() -> None:
 
 
 def test_some_pixels_are_missing() -> None:
-    lost = np.isnan(np.stack([thrown(seed).pixels for seed in range(10)])).any(axis=-1).mean()
+    lost = np.isnan(np.stack([thrown(seed)[1] for seed in range(10)])).any(axis=-1).mean()
     assert 0.02 < lost < 0.15

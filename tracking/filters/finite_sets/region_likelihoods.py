@@ -247,16 +247,6 @@ def greatest(regions: Regions) -> FloatArray:
     return np.asarray(np.maximum.reduceat(regions.likelihood, regions.starts))
 
 
-def average(regions: Regions) -> FloatArray:
-    """Mean likelihood ``(G,)`` in each cluster: once it is equal, no cluster gains weight on another.
-
-    With equal greatest values a cluster that sits tighter about its top still does, step after step.
-    """
-    weights = regions.weights
-    mass = np.maximum(regions.sums(weights), np.finfo(np.float64).tiny)
-    return regions.sums(weights * regions.likelihood) / mass
-
-
 @dataclass(frozen=True)
 class Equalised:
     """Raises the likelihood of every target to the same level before the update, end of section 6.2.
@@ -266,18 +256,16 @@ class Equalised:
 
     Attributes:
         update: what follows.
-        level: :func:`greatest` as printed, or :func:`average`.
         visible: a cluster whose likelihood nowhere reaches this is not a target and stays as it is.
     """
 
     update: Update
-    level: Callable[[Regions], FloatArray] = greatest
     visible: float = 0.1
 
     def __call__(self, regions: Regions) -> FloatArray:
         if len(regions.starts) == 0:
             return self.update(regions)
-        seen = greatest(regions) >= self.visible
-        level = np.maximum(self.level(regions), 1e-6)
+        level = greatest(regions)
+        seen, level = level >= self.visible, np.maximum(level, 1e-6)
         raised = np.where(seen, np.max(level[seen], initial=0.0) / level, 1.0)
         return self.update(replace(regions, log_likelihood=regions.log_likelihood + regions.spread(np.log(raised))))

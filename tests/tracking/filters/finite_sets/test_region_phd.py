@@ -19,9 +19,7 @@ from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     Regions,
     WithoutOthers,
     as_printed,
-    average,
     calibrated,
-    greatest,
 )
 from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.motion.points import SteppingBox
@@ -70,16 +68,6 @@ def test_equalisation_gives_every_target_the_same_top_and_leaves_clutter_alone()
     assert after[0] == pytest.approx(after[1])
     assert after[2] == pytest.approx(0.05 + 0.95 * 0.01)
     assert masses(Equalised(as_printed), [], []).size == 0
-
-
-def test_equal_means_keep_the_shares_where_equal_tops_do_not():
-    likelihood = np.array([0.9, 0.9, 0.9, 0.9, 0.4, 0.1, 0.1, 0.1])
-    uneven = Regions(np.full(8, np.log(0.25)), np.log(likelihood), np.array([0, 4]), 0.05, detection=1.0)
-    tops, means = (
-        np.exp(Equalised(as_printed, level)(uneven)).reshape(2, 4).sum(axis=1) for level in (greatest, average)
-    )
-    assert tops[0] > 2 * tops[1]
-    assert means[0] == pytest.approx(means[1])
 
 
 def follow(tracker, scene, seed):
