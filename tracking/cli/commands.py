@@ -117,10 +117,10 @@ EVALUATE = {
     "action": "what people do: F1 and average precision",
 }
 REPRODUCE = {
-    "multi-correlation-filter": (".single:reproduce", "correlation filters selected by a particle filter"),
+    "multi-correlation-filter": (".single_target:reproduce", "correlation filters selected by a particle filter"),
     "phd": (".finite_sets:reproduce", "finite-set filters on the standard scenarios"),
     "pca-particle-filter": (".goldfish:reproduce", "how many particles a goldfish needs"),
-    "drone-action-features": (".drone:reproduce", "tracks and actions from a drone improve each other"),
+    "drone-action-features": (".drone_actions:reproduce", "tracks and actions from a drone improve each other"),
     "phd-unseen": (".sensed:reproduce", "a sensor's measurements on new scenarios, with peers"),
     "blobs": (".coloured:blobs", "coloured objects, beside components and SORT"),
     "phd-equalisation": (".coloured:equalisation", "equal likelihoods keep the weak target"),
