@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tsuiseki.tracking.association.looks import Intervals
 from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
     BoxMotion,
@@ -18,7 +19,6 @@ from tsuiseki.tracking.filters.kalman import (
     update_boxes,
 )
 from tsuiseki.tracking.interchange import BadBoxes
-from tsuiseki.tracking.people.looks import Intervals
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
 
 _STATUSES = np.array(STATUSES)
