@@ -10,6 +10,7 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -210,25 +211,21 @@ def open_people(
     unknown = finding.score_threshold is None and not source.live
     choice = score_choice(detect, ground) if unknown else None
     inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks, choice)
-    make = _tracker_maker(inputs, linking, seed)
+    if not isinstance(linking.method, str):
+        return OpenedPeople(inputs, _own_tracker(inputs, linking), floor=floor)
+    # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
+    known = knows_scores(detect)
+    learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=known)
+    fresh = partial(_fresh_tracker, inputs, linking, learnt, seed)
     if finding.classes is None:
-        return OpenedPeople(inputs, make(), floor=floor)
-    by_class = ByClass(make, kinds[source.frames_wanted.first :], finding.classes)
+        return OpenedPeople(inputs, fresh(), floor=floor)
+    by_class = ByClass(fresh, kinds[source.frames_wanted.first :], finding.classes)
     return OpenedPeople(inputs, by_class, by_class.class_of)
 
 
-def _tracker_maker(inputs: PeopleInputs, linking: Linking, seed: int) -> Callable[[], PeopleTracker]:
-    """What makes a tracker for the detections of ``inputs``."""
-    method: PeopleMethod | PeopleTracker = linking.method
-    if isinstance(method, str):
-        # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
-        known = knows_scores(inputs.detect)
-        learnt = people_affinity(method, linking.affinity, inputs.threads, known_scores=known)
-        scores, drop = cost_of_scores(inputs.detect), straddles(inputs.detect)
-        stride = 1.0 if inputs.looked is None else stride_of(inputs.looked)
-        return lambda: people_tracker(
-            method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
-        )
+def _own_tracker(inputs: PeopleInputs, linking: Linking) -> PeopleTracker:
+    """The tracker that a call has given in place of a method's name."""
+    method: Any = linking.method
     if not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     for name in ("affinity", "delay"):
@@ -236,8 +233,16 @@ def _tracker_maker(inputs: PeopleInputs, linking: Linking, seed: int) -> Callabl
             raise RequestError(
                 f"expected `{name}` with the method's name, got it beside a tracker; give it to the tracker"
             )
-    tracker = MotionCompensated(method, inputs.camera) if isinstance(inputs.camera, CameraPath) else method
-    return lambda: tracker
+    return MotionCompensated(method, inputs.camera) if isinstance(inputs.camera, CameraPath) else method
+
+
+def _fresh_tracker(inputs: PeopleInputs, linking: Linking, learnt: LearntCosts | None, seed: int) -> PeopleTracker:
+    """A tracker by the method's name, for the detections of ``inputs``."""
+    scores, drop = cost_of_scores(inputs.detect), straddles(inputs.detect)
+    stride = 1.0 if inputs.looked is None else stride_of(inputs.looked)
+    return people_tracker(
+        linking.method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
+    )
 
 
 def _opened(
