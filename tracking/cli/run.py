@@ -34,6 +34,7 @@ from pathlib import Path, PurePath
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from tsuiseki.tracking.cli.deadline import DEADLINE
 from tsuiseki.tracking.cli.ending import DONE, FAILED, complain, notes, on_signals
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, signal_of
@@ -100,7 +101,9 @@ class Run:
 
     def _ask(self, number: int, _: FrameType | None = None) -> None:
         """The first interrupt waits for the end of a step, where there are steps."""
+        DEADLINE.answered = True
         if self._asked or not self._patient:
+            DEADLINE.keeps = self._written or self._live
             raise Interrupted(number)
         self._asked = number
 
@@ -176,6 +179,7 @@ class Run:
                 break
             yield item
             self.count += 1
+            DEADLINE.keeps = True
         watched.close()
         if self.count == before:
             raise Interrupted(self._asked) if self._asked else RunError("expected frames, got none")
