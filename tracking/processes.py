@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from multiprocessing import active_children, get_context
+from multiprocessing import get_context
 from typing import TypeVar
 
 import cv2
@@ -19,8 +18,6 @@ from tsuiseki.tracking.errors import RunError
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 ENDING = (signal.SIGINT, signal.SIGTERM)
-# Seconds in which processes clean up.
-PATIENCE = 0.4
 
 
 def on_all_cores(
@@ -54,27 +51,12 @@ def _in_pool(work: Callable[[Item], Result], items: Sequence[Item], together: in
     try:
         # Started afresh: a copy of a process that runs threads can lock up.
         with ProcessPoolExecutor(processes, get_context("spawn"), _begin) as pool:
-            try:
-                yield from pool.map(partial(_do, work), items, chunksize=together)
-            except KeyboardInterrupt:
-                _end()
-                raise
+            yield from pool.map(partial(_do, work), items, chunksize=together)
     except BrokenProcessPool as error:
         raise RunError(
             "expected all processes to end by themselves, one was ended from outside, perhaps for want of memory; "
             "try again with fewer programs beside it"
         ) from error
-
-
-def _end() -> None:
-    """End the processes: each may clean up, but none may go on with a long call."""
-    children = active_children()
-    for child in children:
-        child.terminate()
-    patient = time.monotonic() + PATIENCE
-    for child in children:
-        child.join(max(0.0, patient - time.monotonic()))
-        child.kill()
 
 
 def _begin() -> None:

@@ -18,7 +18,7 @@ from multiprocessing import active_children
 from tsuiseki.tracking.output import WORKING
 
 # Seconds from a signal to the end; and where a call goes on although finished steps wait to be written.
-SOON, KEEPING = 0.8, 10.0
+SOON, KEEPING = 0.9, 10.0
 
 
 class Deadline:
@@ -59,7 +59,11 @@ class Deadline:
                 continue
             begin = time.monotonic()
             while not over.wait(0.02) and not (self.keeps and self.answered):
-                if time.monotonic() - begin > (KEEPING if self.keeps else SOON):
+                waited = time.monotonic() - begin - (KEEPING - SOON if self.keeps else 0)
+                # Processes that it waits for have had the time to clean up.
+                for child in active_children() if waited > SOON / 2 else ():
+                    child.kill()
+                if waited > SOON:
                     _leave(heard[0])
 
 

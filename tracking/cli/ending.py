@@ -71,6 +71,7 @@ def on_signals(handler: Callable[[int, FrameType | None], object]) -> Iterator[N
 
 
 def _interrupt(number: int, _: FrameType | None) -> None:
+    DEADLINE.answered = True
     raise Interrupted(number)
 
 

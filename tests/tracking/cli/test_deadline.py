@@ -21,7 +21,7 @@ from tsuiseki.tracking.processes import on_all_cores
 def hang(number=0):
     library, lock = ctypes.CDLL(None), (ctypes.c_char * 256)()
     library.pthread_mutex_init(lock, None)
-    os.write(1, b"ready\n")
+    os.write(1, b"ready\\n")
     library.pthread_mutex_lock(lock)
     library.pthread_mutex_lock(lock)
 
