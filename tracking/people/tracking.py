@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -221,7 +221,7 @@ def _tracker_maker(inputs: PeopleInputs, linking: Linking, seed: int) -> Callabl
         return lambda: people_tracker(
             method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
         )
-    if not (hasattr(method, "update") and hasattr(method, "tracks")):
+    if isinstance(method, type) or not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     for name in ("affinity", "delay"):
         if getattr(linking, name) is not None:
@@ -246,8 +246,13 @@ def _opened(
 ) -> OpenedPeople:
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
     linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
-    video = open_source(str(source), parse_frames(frames))
-    return open_people(video, PeopleFinding(**finding), linking, seed, frames_looked_at)
+    video = open_source(source, parse_frames(frames))
+    known = [one.name for one in fields(PeopleFinding)]
+    if unknown := [name for name in finding if name not in known]:
+        raise RequestError(f"expected the keywords of `PeopleKeywords`, got {unknown[0]!r}")
+    wanted = PeopleFinding(**finding)
+    wanted.check()
+    return open_people(video, wanted, linking, seed, frames_looked_at)
 
 
 def people_result(
