@@ -36,9 +36,9 @@ class ComparedByValue:
 
 
 def _same(one: object, other: object) -> bool:
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        numbers = one.dtype.kind == "f" and other.dtype.kind == "f"
-        return np.array_equal(one, other, equal_nan=numbers)
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        first, second = np.asarray(one), np.asarray(other)
+        return np.array_equal(first, second, equal_nan=first.dtype.kind == second.dtype.kind == "f")
     return bool(one == other)
 
 

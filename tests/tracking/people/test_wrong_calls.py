@@ -95,7 +95,7 @@ def test_a_box_is_four_numbers(wrong: Any) -> None:
 
 
 def track(number: int = 1, x: float = 0.0) -> Track:
-    return Track(number, np.array([0, 1]), np.array([[x, 0, 5, 5.0], [1, 0, 6, 5]]), np.array([1.0, NAN]))
+    return Track(number, np.array([0, 1]), np.array([[x, 0, 5, 5.0], [1, 0, 6, 5]]), np.array([1.0, 0.5]))
 
 
 def test_tracks_are_compared_by_value() -> None:
