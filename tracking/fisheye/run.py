@@ -144,11 +144,11 @@ def fisheye(
     from tsuiseki.tracking.fisheye.page import floor_page
 
     opened = opened_ceiling(source, cameras, ceiling, finding, detections)
-    sections, lines, made = [], [], output.given.settings
+    sections, lines, made = [], [], output.settings
     with output.run() as run:
         tell_models(run, opened[0].detector, opened[0].describe)
         for inputs in opened:
-            if run.interrupted:
+            if run.asked:
                 break
             name, video = inputs.ceiling.placed.name, inputs.ceiling.source
             folder = "" if len(opened) == 1 else name

@@ -10,6 +10,7 @@ import numpy as np
 from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.learnt_costs import CostChanges, ProjectsAppearance
+from tsuiseki.tracking.association.looks import Looks
 from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
@@ -18,7 +19,6 @@ from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detection
 from tsuiseki.tracking.options import refuse_nan
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, refuse_heaps
-from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.people.whole_flow import WholeFlow
 from tsuiseki.tracking.types import FloatArray, Targets, Track
 

@@ -14,6 +14,7 @@ from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.association.detection_tables import DetectionRows, DetectionTable, Measurements, rows_of
 from tsuiseki.tracking.association.flow_rounds import FirstPrices
 from tsuiseki.tracking.association.flow_window import FlowCosts, FlowWindow
+from tsuiseki.tracking.association.looks import Looks
 from tsuiseki.tracking.association.nearby import DENSE, centres, hidden_parts, near_pairs, sizes
 from tsuiseki.tracking.association.smoothing import SmoothingSettings, fit_smoothing
 from tsuiseki.tracking.association.video_evidence import DetectionCost, VideoEvidence
@@ -22,7 +23,6 @@ from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 
 # Deviation of the place of a box where the camera stands still and nothing says otherwise, heights.

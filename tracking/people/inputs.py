@@ -12,6 +12,7 @@ from typing import TypeAlias, get_args
 
 import numpy as np
 
+from tsuiseki.tracking.association.looks import given_looks, looked_at, stride_of
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.box_check import BoxCheck
@@ -37,7 +38,6 @@ from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_classed_detections
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
-from tsuiseki.tracking.people.looks import given_looks, looked_at, stride_of
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray, IntArray

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tsuiseki.tracking.association.looks import Intervals
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
@@ -20,7 +21,6 @@ from tsuiseki.tracking.filters.kalman import (
 )
 from tsuiseki.tracking.interchange import BadBoxes
 from tsuiseki.tracking.options import refuse_nan
-from tsuiseki.tracking.people.looks import Intervals
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
 
 _STATUSES = np.array(STATUSES)

@@ -15,6 +15,7 @@ from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
+from tsuiseki.tracking.association.looks import stride_of
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
@@ -32,7 +33,6 @@ from tsuiseki.tracking.people.inputs import (
     people_detect,
     threads_of_a_call,
 )
-from tsuiseki.tracking.people.looks import stride_of
 from tsuiseki.tracking.people.methods import (
     ByClass,
     LearntCosts,

@@ -252,7 +252,7 @@ def single(
         wanted = partial(_drawn, run) if given is None else given
         followed = follow_frames(run.frames(source, record=video.overlay), wanted, tracker, run.times)
         steps = run.steps(followed, total=frames_expected(source))
-        result = single_result(source, steps, run.times, output.given.settings, constants, plot)
+        result = single_result(source, steps, run.times, output.settings, constants, plot)
         warn_if_not_asked(tracker)
         run.save(result, lambda: video.draw(run, source, result))
         run.done(f"{summary_of(result.frames['status'])}: {output.out / 'boxes.txt'}")
