@@ -240,7 +240,7 @@ def opened_ceiling(
     if detections is None:
         path, turned = finding.detector or shipped(DETECTORS[options.view]), options.view == "image"
         how = finding.threads, options.detector_options, finding.device
-        found_by = as_detector(path, finding.score_threshold, *how, turned=turned)
+        found_by = as_detector(path, finding.threshold, *how, turned=turned)
         detector = found_by
         found += [looking(found_by, each.placed.camera, options.view, options.unrolling) for each in views]
     else:
