@@ -23,9 +23,9 @@ from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.geometry import clip_boxes, straddling, suppress
-from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import MissingCardError, OnnxModel
-from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
+from tsuiseki.tracking.preprocessing import check_images, crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.tracking.weights.catalogue import find_model
@@ -117,7 +117,7 @@ class Detector:
 
     def detect_at_anchors(self, images: Sequence[ImageArray]) -> list[tuple[Detections, IntArray]]:
         """As `detect`, with the ``(N,)`` anchors that the detections of each image come from."""
-        if not images:
+        if not check_images(images):
             return []
         card = self.model.card
         inputs, scales = zip(*(fit_image(image, card) for image in images), strict=True)
@@ -314,10 +314,14 @@ def as_describer(
 
 
 class FunctionDetector:
-    """A detector that is a function."""
+    """A detector that is a function.
+
+    Attributes:
+        bad: boxes that are none, and left out.
+    """
 
     def __init__(self, function: Callable[[ImageArray], DetectionsLike]) -> None:
-        self.function = function
+        self.function, self.bad = function, BadBoxes()
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """One `Detections` an image; see `Detect`.
@@ -329,7 +333,7 @@ class FunctionDetector:
         for image in images:
             result = self.function(image)
             try:
-                found.append(as_detections(result))
+                found.append(as_detections(result, counted=self.bad))
             except RequestError as error:
                 raise RequestError(f"what the detector {_name(self.function)} returned: {error}") from error
         return found

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -12,8 +13,10 @@ from typing import TypeAlias, get_args
 
 import numpy as np
 
+from tsuiseki.tracking.association.looks import given_looks, looked_at, stride_of
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.features.box_check import BoxCheck
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import (
     Appearance,
@@ -34,16 +37,17 @@ from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detecto
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_classed_detections
-from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
-from tsuiseki.tracking.people.looks import given_looks, looked_at, stride_of
+from tsuiseki.tracking.people.score_choice import ScoreChoice
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray, IntArray
 from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped
 
-GivenDetections: TypeAlias = str | Path | Sequence[DetectionsLike]
+GivenDetections: TypeAlias = str | Path | Iterable[DetectionsLike]
+DETECTOR = "the detector"
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,7 @@ class PeopleInputs:
             sources are never read ahead.
         ground: weighs what was found, in the order of the video.
         looked: ``(F,)`` by frame number, where a detector was run; None for everywhere.
+        choice: of the threshold of a network whose scores are not known; None where it is given.
     """
 
     source: Source
@@ -71,6 +76,7 @@ class PeopleInputs:
     threads: int = 1
     ground: GroundPlane | None = None
     looked: BoolArray | None = None
+    choice: ScoreChoice | None = None
 
     @property
     def workers(self) -> int:
@@ -113,12 +119,15 @@ class PeopleInputs:
     ) -> Iterator[tuple[Frame, Detections]]:
         """The frames themselves with who was found there; see `found`."""
         times, last = times or StageTimes(), -1
-        images = self.source.frames() if frames is None else frames
-        for frame, found in stream(images, self.detect, self.describe, self.batch_size, times, self.workers):
+        images, check = self.source.frames() if frames is None else frames, self._box_check()
+        for frame, found in self._streamed(images, times):
             if last < 0 and self.workers > 1:
                 # Trackers use it late; loaded while networks look at the next frames it takes no time.
                 Thread(target=_load_parts, name="tsuiseki-load").start()
             last = frame.index
+            if check is not None and check.what == DETECTOR:
+                check.size = frame.image.shape[1], frame.image.shape[0]
+                check.add(found.boxes)
             if self.ground is not None:
                 with times.measure("ground"):
                     found = self.ground.weighed(found, frame.image.shape[0])
@@ -126,7 +135,26 @@ class PeopleInputs:
                 with times.measure("camera"):
                     self._show_camera(frame.image, found.boxes)
             yield frame, found
+        if check is not None:
+            check.tell()
         self._check_all_used(last)
+
+    def _streamed(self, images: Iterable[Frame], times: StageTimes) -> Iterator[tuple[Frame, Detections]]:
+        how = (self.describe, self.batch_size, times, self.workers)
+        if self.choice is None:
+            yield from stream(images, self.detect, *how)
+            return
+        known, frames = self.choice.look(self.source, self.batch_size, self.workers, times), iter(images)
+        first = [known.get(number, Detections.empty()) for number in range(max(known, default=-1) + 1)]
+        yield from stream(itertools.islice(frames, len(known)), first, *how)
+        yield from stream(frames, self.detect, *how)
+
+    def _box_check(self) -> BoxCheck | None:
+        """What compares boxes with pictures, where a function or somebody else's network finds them."""
+        network = inner_detector(self.detect)
+        if isinstance(network, ForeignDetector):
+            return network.check
+        return None if isinstance(network, Detector | Sequence) else BoxCheck(DETECTOR)
 
     def _show_camera(self, image: ImageArray, boxes: FloatArray) -> None:
         if isinstance(self.camera, CameraPath):
@@ -172,12 +200,16 @@ def given_detections(
         RequestError: see `read_detections` and `as_detections`; or the video is shorter.
     """
     if not isinstance(given, str | Path):
+        if not isinstance(given, Iterable) or isinstance(given, Mapping):
+            raise RequestError(f"`detections`: expected a file, or boxes of each frame, got {type(given).__name__}")
+        given = list(given)
         if source.length is not None and len(given) > source.length:
             raise RequestError(
                 f"expected detections for {source.length} frames, one entry a frame, got {len(given)}; are these the "
                 "detections of another video?"
             )
-        rows = [as_detections(entry) for entry in given]
+        counted = BadBoxes()
+        rows = [as_detections(entry, counted=counted) for entry in given]
         compare_with_picture(
             "`detections`", np.concatenate([np.empty((0, 4)), *(r.boxes for r in rows)]), image_size(source)
         )
@@ -260,7 +292,7 @@ def people_detect(
     Raises:
         RequestError: both are given, or the source has no images to find people in.
     """
-    wanted = parse_view(finding.view)
+    wanted = parse_view(str(finding.view))
     if finding.detections is not None:
         if finding.detector is not None:
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
@@ -269,7 +301,7 @@ def people_detect(
         raise RequestError(f"{source.name} has no images to find people in; give `detections`")
     detector = shipped(default) if finding.detector is None else finding.detector
     threads = finding.threads if threads is None else threads
-    found = as_detector(detector, finding.score_threshold, threads, finding.detector_options, finding.device)
+    found = as_detector(detector, finding.threshold, threads, finding.detector_options, finding.device)
     if wanted == (1, None) or not isinstance(found, Detector | ForeignDetector):
         return found
     return ViewedDetector(found, wanted, frame_rate=source.frame_rate)
