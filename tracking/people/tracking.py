@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -44,6 +44,7 @@ from tsuiseki.tracking.people.methods import (
     people_tracker,
     straddles,
 )
+from tsuiseki.tracking.people.score_choice import above_floor, score_choice
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers, skipped
 from tsuiseki.tracking.people.unused import FirstDetections
@@ -165,11 +166,13 @@ class OpenedPeople:
         inputs: where frames and detections come from.
         tracker: a fresh one.
         class_of: the class of each track id, -1 where classes are not tracked apart.
+        floor: score under which given detections were left out, see `above_floor`; None for none.
     """
 
     inputs: PeopleInputs
     tracker: PeopleTracker
     class_of: Callable[[int], int] = lambda _: -1
+    floor: float | None = None
 
 
 def open_people(
@@ -191,8 +194,11 @@ def open_people(
         raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
     threads = threads_of_a_call(source, finding.threads)
     kinds: Sequence[IntArray] = []
+    floor: float | None = None
     if finding.classes is None:
         detect = people_detect(source, finding, PEOPLE_DETECTOR, threads)
+        if isinstance(detect, list) and linking.method == "flow" and finding.score_range is None:
+            detect, floor = above_floor(detect, source.frame_rate)
     else:
         detect, kinds = classed_detections(source, finding)
     compared = compares_appearance(linking.method)
@@ -201,10 +207,12 @@ def open_people(
     camera = camera_for(linking.method, moving=linking.moving_camera)
     ground = ground_of(detect, finding.ground, source)
     looks = looks_of(detect, source, looked)
-    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks)
+    unknown = finding.score_threshold is None and not source.live
+    choice = score_choice(detect, ground) if unknown else None
+    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks, choice)
     make = _tracker_maker(inputs, linking, seed)
     if finding.classes is None:
-        return OpenedPeople(inputs, make())
+        return OpenedPeople(inputs, make(), floor=floor)
     by_class = ByClass(make, kinds[source.frames_wanted.first :], finding.classes)
     return OpenedPeople(inputs, by_class, by_class.class_of)
 
@@ -221,7 +229,7 @@ def _tracker_maker(inputs: PeopleInputs, linking: Linking, seed: int) -> Callabl
         return lambda: people_tracker(
             method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
         )
-    if not (hasattr(method, "update") and hasattr(method, "tracks")):
+    if isinstance(method, type) or not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     for name in ("affinity", "delay"):
         if getattr(linking, name) is not None:
@@ -246,8 +254,13 @@ def _opened(
 ) -> OpenedPeople:
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
     linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
-    video = open_source(str(source), parse_frames(frames))
-    return open_people(video, PeopleFinding(**finding), linking, seed, frames_looked_at)
+    video = open_source(source, parse_frames(frames))
+    known = [one.name for one in fields(PeopleFinding)]
+    if unknown := [name for name in finding if name not in known]:
+        raise RequestError(f"expected the keywords of `PeopleKeywords`, got {unknown[0]!r}")
+    wanted = PeopleFinding(**finding)
+    wanted.check()
+    return open_people(video, wanted, linking, seed, frames_looked_at)
 
 
 def people_result(
@@ -310,6 +323,14 @@ def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any],
         cost = "" if timed else f", about {milliseconds:.0f} ms a frame"
         facts["view"] = f"{inputs.detect.summary}{cost}"
         lines.append(f"looked at {facts['view']}; --view says in how many tiles")
+    if opened.floor is not None:
+        facts["score_threshold"] = opened.floor
+        lines.append(
+            f"detections that score under {opened.floor:.2f} left out, by what moves; --score-range says others"
+        )
+    if inputs.choice is not None:
+        facts["score_threshold"] = inputs.choice.threshold
+        lines.append(str(inputs.choice))
     if inputs.ground is not None and inputs.ground.frames:
         facts["ground"] = inputs.ground.facts()
         if inputs.ground.used:
