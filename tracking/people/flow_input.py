@@ -364,11 +364,11 @@ class FlowSettings:
 
     def __post_init__(self) -> None:
         if self.decide_every is not None and self.decide_every <= 0:
-            raise ValueError(f"expected decide_every above 0 seconds, got {self.decide_every}")
+            raise RequestError(f"expected decide_every above 0 seconds, got {self.decide_every}")
         if min(self.min_detections, self.min_time, self.fill) < 0:
-            raise ValueError("expected min_detections, min_time and fill from 0")
+            raise RequestError("expected min_detections, min_time and fill from 0")
         if self.most_undecided is not None and self.most_undecided <= self.costs.rounds.window + SETTLE:
-            raise ValueError(f"expected most_undecided above window + {SETTLE:g} s, got {self.most_undecided}")
+            raise RequestError(f"expected most_undecided above window + {SETTLE:g} s, got {self.most_undecided}")
 
     def alike(self) -> FlowSettings:
         """These settings with entry and exit costs that take all places alike."""

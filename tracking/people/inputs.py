@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -200,6 +200,8 @@ def given_detections(
         RequestError: see `read_detections` and `as_detections`; or the video is shorter.
     """
     if not isinstance(given, str | Path):
+        if not isinstance(given, Iterable) or isinstance(given, Mapping):
+            raise RequestError(f"`detections`: expected a file, or boxes of each frame, got {type(given).__name__}")
         given = list(given)
         if source.length is not None and len(given) > source.length:
             raise RequestError(
@@ -290,7 +292,7 @@ def people_detect(
     Raises:
         RequestError: both are given, or the source has no images to find people in.
     """
-    wanted = parse_view(finding.view)
+    wanted = parse_view(str(finding.view))
     if finding.detections is not None:
         if finding.detector is not None:
             raise RequestError("expected `detections` or `detector`, got both; leave one out")

@@ -57,7 +57,7 @@ class Detecting(Shared):
         if not 0 <= self.threshold <= 1:
             raise RequestError(f"`score_threshold`: expected a number from 0 to 1, got {self.threshold:g}")
         check_score_range(self.score_range)
-        if self.threads < 0:
+        if not isinstance(self.threads, int) or self.threads < 0:
             raise RequestError(f"`threads`: expected 0 or more, got {self.threads}")
 
 

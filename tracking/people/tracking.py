@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -226,7 +226,7 @@ def open_people(
 def _own_tracker(inputs: PeopleInputs, linking: Linking) -> PeopleTracker:
     """The tracker that a call has given in place of a method's name."""
     method: Any = linking.method
-    if not (hasattr(method, "update") and hasattr(method, "tracks")):
+    if isinstance(method, type) or not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     for name in ("affinity", "delay"):
         if getattr(linking, name) is not None:
@@ -259,8 +259,13 @@ def _opened(
 ) -> OpenedPeople:
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
     linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
-    video = open_source(str(source), parse_frames(frames))
-    return open_people(video, PeopleFinding(**finding), linking, seed, frames_looked_at)
+    video = open_source(source, parse_frames(frames))
+    known = [one.name for one in fields(PeopleFinding)]
+    if unknown := [name for name in finding if name not in known]:
+        raise RequestError(f"expected the keywords of `PeopleKeywords`, got {unknown[0]!r}")
+    wanted = PeopleFinding(**finding)
+    wanted.check()
+    return open_people(video, wanted, linking, seed, frames_looked_at)
 
 
 def people_result(
