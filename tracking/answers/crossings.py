@@ -15,7 +15,7 @@ import numpy as np
 from tsuiseki.tracking.answers.paths import Paths
 from tsuiseki.tracking.answers.polygons import distance_to_border, inside
 from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 AT_ENDS = 0.5
 """Share of the band beyond which a side is settled where a path begins or ends."""
@@ -91,14 +91,15 @@ def changes(distances: FloatArray, band: FloatArray, paths: Paths) -> Crossings:
     return Crossings(turns[after], sides[changed], settled[changed - 1], after)
 
 
-def _turned(distances: FloatArray, paths: Paths) -> IntArray:
+def _turned(distances: FloatArray, paths: Paths) -> BoolArray:
     """``(N,)`` rows at which the distance has another sign than at the row before, in the same piece."""
     right = distances > 0
-    turned = np.append(False, right[1:] != right[:-1]) if len(right) else right
+    turned = np.zeros(len(right), dtype=np.bool_)
+    turned[1:] = right[1:] != right[:-1]
     turned[paths.starts] = False
     return turned
 
 
-def _last(marked: IntArray) -> IntArray:
+def _last(marked: BoolArray) -> IntArray:
     """``(N,)`` for each row the last marked one up to it; -1 before the first."""
-    return np.maximum.accumulate(np.where(marked, np.arange(len(marked)), -1)) if len(marked) else marked.astype(int)
+    return np.maximum.accumulate(np.where(marked, np.arange(len(marked)), -1))

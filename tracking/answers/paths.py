@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -69,26 +70,32 @@ def paths_of(tracks: Iterable[Track], scene: Scene, settings: CountSettings) -> 
     scores = np.concatenate([np.empty(0), *(track.scores for track in own)])
     observed = np.concatenate([np.empty(0, np.bool_), *(track.observed for track in own)])
     points, heights, metres = anchored(boxes, scene, settings.anchor)
-    known = np.isfinite(points).all(axis=1)
-    new = np.append(True, np.diff(ids) != 0) if len(ids) else np.empty(0, np.bool_)
-    values = np.column_stack([points, heights, scores, *([] if metres is None else [metres])])
-    rows, shares, filled = _bridged(frames, np.append(new[1:], True) if len(new) else new)
-    after = np.minimum(rows + 1, len(ids) - 1)
-    values = values[rows] + np.where(filled, shares, 0.0)[:, None] * (values[after] - values[rows])
-    kept = known[rows] & (known[after] | ~filled) & _counts(values[:, :2], scene)
-    new = new[rows] & ~filled
-    broken = np.append(True, ~kept[:-1]) if len(kept) else kept
-    parts = (new | broken)[kept]
-    moved = frames[rows] + np.rint(shares * _steps(frames, rows, after)).astype(np.int64)
+    new = np.diff(ids, prepend=-1) != 0
+    rows, gaps, shares = _bridged(frames, new)
+
+    def bridged(values: Any) -> Any:
+        """Values in every frame, those of gaps on straight lines."""
+        if not len(gaps):
+            return values
+        every, before = values[rows], rows[gaps]
+        share = shares if values.ndim == 1 else shares[:, None]
+        every[gaps] = values[before] + share * (values[before + 1] - values[before])
+        return every
+
+    points, observed, new = bridged(points), observed[rows], new[rows]
+    observed[gaps] = new[gaps] = False
+    kept = np.isfinite(points).all(axis=1) & _counts(points, scene)
+    new[1:] |= ~kept[:-1]
+    keep = slice(None) if kept.all() else kept
     return Paths(
-        ids[rows][kept],
-        moved[kept],
-        values[kept, :2],
-        values[kept, 2],
-        values[kept, 3],
-        (observed[rows] & ~filled)[kept],
-        np.flatnonzero(parts),
-        None if metres is None else values[kept, 4:6],
+        ids[rows][keep],
+        np.rint(bridged(frames.astype(np.float64))).astype(np.int64)[keep],
+        points[keep],
+        bridged(heights)[keep],
+        bridged(scores)[keep],
+        observed[keep],
+        np.flatnonzero(new[keep]),
+        None if metres is None else bridged(metres)[keep],
     )
 
 
@@ -126,15 +133,16 @@ def _counts(points: FloatArray, scene: Scene) -> BoolArray:
     return kept
 
 
-def _bridged(frames: IntArray, last: BoolArray) -> tuple[IntArray, FloatArray, BoolArray]:
-    """For each frame from the first to the last of each track, the row before, the share of the way, if filled in."""
+def _bridged(frames: IntArray, new: BoolArray) -> tuple[IntArray, IntArray, FloatArray]:
+    """Every frame from the first to the last of each track.
+
+    Returns:
+        ``(M,)`` for each frame the last row up to it; ``(G,)`` which of them are in gaps, and the share ``(G,)`` of the
+        way to the next row.
+    """
     steps = np.ones(len(frames), dtype=np.int64)
-    if len(frames):
-        steps[:-1] = np.where(last[:-1], 1, np.diff(frames))
+    steps[:-1] = np.where(new[1:], 1, np.diff(frames))
     rows = np.repeat(np.arange(len(frames)), steps)
     offsets = np.arange(len(rows)) - np.repeat(np.cumsum(steps) - steps, steps)
-    return rows, offsets / steps[rows], offsets > 0
-
-
-def _steps(frames: IntArray, rows: IntArray, after: IntArray) -> IntArray:
-    return np.maximum(frames[after] - frames[rows], 0)
+    gaps = np.flatnonzero(offsets)
+    return rows, gaps, offsets[gaps] / steps[rows[gaps]]
