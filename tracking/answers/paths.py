@@ -84,7 +84,7 @@ def paths_of(tracks: Iterable[Track], scene: Scene, settings: CountSettings) -> 
 
     points, observed, new = bridged(points), observed[rows], new[rows]
     observed[gaps] = new[gaps] = False
-    kept = np.isfinite(points).all(axis=1) & _counts(points, scene)
+    kept = np.isfinite(points).all(axis=1) & counted(points, scene)
     new[1:] |= ~kept[:-1]
     keep = slice(None) if kept.all() else kept
     return Paths(
@@ -125,7 +125,7 @@ def anchored(
     return np.column_stack([middle, level]), heights, metres
 
 
-def _counts(points: FloatArray, scene: Scene) -> BoolArray:
+def counted(points: FloatArray, scene: Scene) -> BoolArray:
     """``(N,)`` which points lie where people count."""
     kept = np.ones(len(points), dtype=np.bool_) if scene.region is None else inside(points, scene.region)
     for corners in scene.ignored:

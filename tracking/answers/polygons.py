@@ -46,7 +46,7 @@ def distance_to_border(points: FloatArray, corners: FloatArray) -> FloatArray:
         edge, x, y = b - a, points[:, 0] - a[0], points[:, 1] - a[1]
         share = np.clip((x * edge[0] + y * edge[1]) / (edge @ edge), 0, 1)
         np.minimum(least, (x - share * edge[0]) ** 2 + (y - share * edge[1]) ** 2, out=least)
-    return np.sqrt(least)
+    return np.asarray(np.sqrt(least))
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

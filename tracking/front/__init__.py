@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.animals.settings import SkeletonSettings as SkeletonSettings
     from tsuiseki.tracking.answers.counting import Answers as Answers
     from tsuiseki.tracking.answers.counting import count as count
+    from tsuiseki.tracking.answers.online import Counter as Counter
     from tsuiseki.tracking.answers.scene import Scene as Scene
     from tsuiseki.tracking.answers.scene import read_scene as read_scene
     from tsuiseki.tracking.answers.settings import CountSettings as CountSettings
