@@ -4,7 +4,7 @@ Understood are arrays ``(N, 4)`` of boxes, ``(N, 5)`` with a score and ``(N, 6)`
 sequences of the same, objects with ``xyxy`` and ``confidence`` (supervision) or ``conf`` (ultralytics, whose results
 hold them under ``boxes``), and dictionaries with ``boxes`` and ``scores`` (torchvision). Tensors of any library that
 NumPy can read are arrays here, and an empty array of any shape is no detection. Boxes are ``x1, y1, x2, y2`` in pixels.
-What has no score gets 1.
+What has no score gets 1. Classes, and their names where the objects tell them, stay with the boxes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import Detections, FloatArray
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 
 
 class BoxesWithConfidence(Protocol):
@@ -55,17 +55,31 @@ def as_detections(found: DetectionsLike | Any, classes: Collection[int] | None =
     >>> len(as_detections([]))
     0
     """
-    if isinstance(found, Detections):
-        if classes is not None:
-            raise RequestError("expected detections that have classes, got Detections, which have none")
+    if not isinstance(found, Detections):
+        boxes, scores, labels = _parts(found)
+        known = None if labels is None else np.nan_to_num(labels, nan=-1).astype(np.int64)
+        if classes is not None and known is not None:
+            # What nobody asks for may have broken boxes.
+            rows = np.flatnonzero(np.isin(known, list(classes)))
+            return _checked(boxes[rows], scores[rows], known[rows], rows, _names(found))
+        found = _checked(boxes, scores, known, None, _names(found))
+    if classes is None or not len(found):
         return found
-    boxes, scores, labels = _parts(found)
-    if classes is not None:
-        if labels is None:
-            raise RequestError("expected detections that have classes, got none; leave the argument classes out")
-        kept = np.isin(labels, list(classes))
-        boxes, scores = boxes[kept], scores[kept]
-    return _checked(boxes, scores)
+    if found.classes is None:
+        raise RequestError("expected detections that have classes, got none; leave the argument classes out")
+    return found.select(np.isin(found.classes, list(classes)))
+
+
+def _names(found: Any) -> dict[int, str]:
+    """Names of classes by number, where results of Ultralytics (all) or supervision (of the boxes there) tell them."""
+    found = found[0] if isinstance(found, list | tuple) and len(found) == 1 else found
+    names = getattr(found, "names", None)
+    if isinstance(names, Mapping):
+        return {int(number): str(name) for number, name in names.items()}
+    data, numbers = getattr(found, "data", None), getattr(found, "class_id", None)
+    if isinstance(data, Mapping) and "class_name" in data and numbers is not None:
+        return {int(number): str(name) for number, name in zip(numbers, data["class_name"], strict=True)}
+    return {}
 
 
 def _parts(found: Any) -> tuple[FloatArray, FloatArray, FloatArray | None]:
@@ -125,7 +139,9 @@ def _array(values: Any) -> FloatArray:
         raise RequestError(f"{EXPECTED}; got {type(values).__name__}") from error
 
 
-def _checked(boxes: FloatArray, scores: FloatArray) -> Detections:
+def _checked(
+    boxes: FloatArray, scores: FloatArray, classes: IntArray | None, rows: IntArray | None, names: dict[int, str]
+) -> Detections:
     bad = ~np.isfinite(boxes).all(axis=1) | (boxes[:, 2:] <= boxes[:, :2]).any(axis=1)
     if bad.any():
         row = int(bad.argmax())
@@ -136,4 +152,4 @@ def _checked(boxes: FloatArray, scores: FloatArray) -> Detections:
         )
     if np.isinf(scores).any():
         raise RequestError("expected finite scores, got infinity")
-    return Detections(boxes, scores)
+    return Detections(boxes, scores, classes=classes, sources=rows, names=names)

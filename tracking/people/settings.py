@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
+from tsuiseki.tracking.class_choice import ClassChoice
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
@@ -82,6 +83,11 @@ class FindingOptions(Detecting):
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
 
     @property
+    def chosen(self) -> ClassChoice | None:
+        """The classes that are looked for; None for people."""
+        return None
+
+    @property
     def how(self) -> Mapping[str, str]:
         """How the detector looks, where that is not the usual way: plain values that tell its results apart."""
         usual = (self.detector_options, self.view) == (DetectorOptions(), "1")
@@ -104,14 +110,28 @@ class PeopleFinding(FindingOptions):
         appearance: appearance network as ONNX for deepsort and flow; by default the shipped appearance_people.onnx;
             none does without. One of other projects may be anything from crops to features.
         appearance_options: what the file of another project's appearance network does not tell.
-        classes: track the rows of --detections of these classes (column 8), each class apart, such as 1,3; tracks.txt
-            then has the class in column 8. By default all rows, as one class.
+        classes: track these classes, by number or name, such as person,car or 1,3; tracks.txt then has the class in
+            column 8. By default people, and of --detections (column 8) and functions all, as one class.
+        across_classes: with --classes, one track may go through several of them; by default each is tracked apart.
     """
 
     view: str = "auto"
     ground: Ground = "auto"
     appearance_options: AppearanceOptions = field(default_factory=AppearanceOptions)
-    classes: list[int] | None = None
+    classes: list[str] | None = None
+    across_classes: bool = False
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        super().check()
+        if self.across_classes and self.classes is None:
+            raise RequestError("expected `across_classes` with `classes`, got it alone")
+        _ = self.chosen
+
+    @property
+    def chosen(self) -> ClassChoice | None:
+        """See `FindingOptions`."""
+        return None if self.classes is None else ClassChoice(self.classes, self.across_classes)
 
 
 @dataclass(frozen=True)
