@@ -98,6 +98,11 @@ def called(one: int | str, names: Mapping[int, str]) -> list[int]:
     return [one] if isinstance(one, int) else [number for number, name in names.items() if _plain(name) == one]
 
 
+def only_people(wanted: Mapping[int, str]) -> bool:
+    """Whether a detector looks for nobody but people: one class of such a name, or the usual one without."""
+    return all(_plain(name) in PERSON_NAMES for name in wanted.values())
+
+
 def _plain(one: int | str) -> int | str:
     text = str(one).strip().lower()
     return int(text) if text.removeprefix("-").isdecimal() else text

@@ -4,18 +4,20 @@ Understood are arrays ``(N, 4)`` of boxes, ``(N, 5)`` with a score and ``(N, 6)`
 sequences of the same, objects with ``xyxy`` and ``confidence`` (supervision) or ``conf`` (ultralytics, whose results
 hold them under ``boxes``), and dictionaries with ``boxes`` and ``scores`` (torchvision). Tensors of any library that
 NumPy can read are arrays here, and an empty array of any shape is no detection. Boxes are ``x1, y1, x2, y2`` in pixels.
-What has no score gets 1. Classes, and their names where the objects tell them, stay with the boxes.
+What has no score gets 1. Classes, and names of them where objects have some, stay with their boxes.
 """
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 
 
@@ -33,22 +35,29 @@ class BoxesWithConfidence(Protocol):
 
 DetectionsLike: TypeAlias = Detections | BoxesWithConfidence | Mapping[str, Any] | ArrayLike
 
+# Bad boxes of a video that may be all it has so far.
+FEWEST_BAD = 5
+
 EXPECTED = (
     "expected detections as an array (N, 4), (N, 5) or (N, 6) of x1, y1, x2, y2, score, class, as an object with xyxy "
     "and confidence, or as a dictionary with boxes and scores"
 )
 
 
-def as_detections(found: DetectionsLike | Any, classes: Collection[int] | None = None) -> Detections:
+def as_detections(
+    found: DetectionsLike | Any, classes: Collection[int] | None = None, counted: BadBoxes | None = None
+) -> Detections:
     """``found`` as `Detections`.
 
     Args:
         found: see the module.
         classes: keep detections of these classes only; by default all.
+        counted: over the frames of a video, the boxes that are none: those are left out, which is reported once, as
+            long as most of all are good. Without it those of this frame count.
 
     Raises:
-        RequestError: it is nothing that the module names, a box has no area or is not finite, scores and boxes differ
-            in number, or ``classes`` are asked for and there are none.
+        RequestError: it is nothing that the module names, most boxes have no area or are not finite, scores and boxes
+            differ in number, or ``classes`` are asked for and there are none.
 
     >>> as_detections([[10, 20, 30, 80, 0.9]]).scores
     array([0.9])
@@ -58,11 +67,7 @@ def as_detections(found: DetectionsLike | Any, classes: Collection[int] | None =
     if not isinstance(found, Detections):
         boxes, scores, labels = _parts(found)
         known = None if labels is None else np.nan_to_num(labels, nan=-1).astype(np.int64)
-        if classes is not None and known is not None:
-            # What nobody asks for may have broken boxes.
-            rows = np.flatnonzero(np.isin(known, list(classes)))
-            return _checked(boxes[rows], scores[rows], known[rows], rows, _names(found))
-        found = _checked(boxes, scores, known, None, _names(found))
+        found = _checked(boxes, scores, known, _names(found), counted)
     if classes is None or not len(found):
         return found
     if found.classes is None:
@@ -139,17 +144,44 @@ def _array(values: Any) -> FloatArray:
         raise RequestError(f"{EXPECTED}; got {type(values).__name__}") from error
 
 
+@dataclass
+class BadBoxes:
+    """Counts the boxes that are none, over the frames of a video.
+
+    Attributes:
+        given: boxes so far.
+        bad: of them without an area, or not finite, or of an infinite score; they are left out.
+    """
+
+    given: int = 0
+    bad: int = 0
+
+
 def _checked(
-    boxes: FloatArray, scores: FloatArray, classes: IntArray | None, rows: IntArray | None, names: dict[int, str]
+    boxes: FloatArray, scores: FloatArray, classes: IntArray | None, names: dict[int, str], counted: BadBoxes | None
 ) -> Detections:
-    bad = ~np.isfinite(boxes).all(axis=1) | (boxes[:, 2:] <= boxes[:, :2]).any(axis=1)
-    if bad.any():
-        row = int(bad.argmax())
+    bad = ~np.isfinite(boxes).all(axis=1) | (boxes[:, 2:] <= boxes[:, :2]).any(axis=1) | np.isinf(scores)
+    if not bad.any():
+        if counted is not None:
+            counted.given += len(bad)
+        return Detections(boxes, scores, classes=classes, names=names)
+    row, counted = int(bad.argmax()), counted or BadBoxes()
+    told, fewest = counted.bad > 0, FEWEST_BAD if counted.given else 1
+    counted.given, counted.bad = counted.given + len(bad), counted.bad + int(bad.sum())
+    if counted.bad >= fewest and 2 * counted.bad > counted.given:
         shown = ", ".join(f"{value:g}" for value in boxes[row])
         raise RequestError(
-            f"expected boxes x1, y1, x2, y2 with x1 < x2 and y1 < y2, got {shown} in row {row}; "
+            f"expected finite boxes x1, y1, x2, y2 with x1 < x2 and y1 < y2, got {shown} in row {row}; "
             "are they x, y, width, height?"
         )
-    if np.isinf(scores).any():
-        raise RequestError("expected finite scores, got infinity")
-    return Detections(boxes, scores, classes=classes, sources=rows, names=names)
+    if not told:
+        shown = ", ".join(f"{value:g}" for value in (*boxes[row], scores[row]))
+        warnings.warn(
+            f"a box without an area, or not finite, is left out: {shown}; so are more of them. Expected x1, y1, x2, "
+            "y2, not x, y, width, height",
+            InputWarning,
+            stacklevel=3,
+        )
+    rows = np.flatnonzero(~bad)
+    kept = None if classes is None else classes[rows]
+    return Detections(boxes[rows], scores[rows], classes=kept, sources=rows, names=names)

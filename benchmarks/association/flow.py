@@ -27,11 +27,11 @@ from benchmarks.machine import machine, peak_memory
 from benchmarks.walkers import walking_people
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.flow_window import FlowWindow
+from tsuiseki.tracking.association.looks import Looks
 from tsuiseki.tracking.association.network_flow import FlowGraph, scaled
 from tsuiseki.tracking.association.sliding_flow import solve_in_windows
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
-from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, FloatArray
 

@@ -15,7 +15,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment
+from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, FrameTruth, Moment, ground_truth
 from tsuiseki.datamodules.scenes.render.solids import overlap
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -141,16 +141,11 @@ def _plan(settings: BlobSceneSettings, rng: np.random.Generator) -> BlobPaths:
 
 def as_ground_truth(boxes: FloatArray) -> GroundTruth:
     """Labels of boxes ``(T, K, 4)``; visibility is the share that later objects leave uncovered."""
-    frames, ids = np.nonzero(np.isfinite(boxes[..., 0]))
-    everything = np.ones(len(frames), dtype=np.bool_)
-    return GroundTruth(
-        frames.astype(np.int64),
-        ids.astype(np.int64) + 1,
-        boxes[frames, ids],
-        everything,
-        ~everything,
-        np.array([_visible(boxes[frame], int(k)) for frame, k in zip(frames, ids, strict=True)]),
-    )
+    truths = []
+    for now in boxes:
+        there = np.flatnonzero(np.isfinite(now[:, 0]))
+        truths.append(FrameTruth(there + 1, now[there], np.array([_visible(now, k) for k in there.tolist()])))
+    return ground_truth(truths)
 
 
 def _visible(boxes: FloatArray, k: int) -> float:

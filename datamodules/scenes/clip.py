@@ -181,16 +181,10 @@ def people_in_view(
 
 def ground_truth(frames: Sequence[FrameTruth]) -> GroundTruth:
     """The labels of all frames of a clip. Every row is evaluated, and ids stay as they are."""
-    ids = np.concatenate([labels.ids for labels in frames]).astype(np.int64)
-    everyone = np.ones(len(ids), dtype=np.bool_)
-    return GroundTruth(
-        frames=np.repeat(np.arange(len(frames), dtype=np.int64), [len(labels.ids) for labels in frames]),
-        ids=ids,
-        boxes=np.concatenate([labels.boxes for labels in frames]),
-        evaluated=everyone,
-        ignored=~everyone,
-        visibility=np.concatenate([labels.visibility for labels in frames]),
-    )
+    numbers = np.repeat(np.arange(len(frames), dtype=np.int64), [len(labels.ids) for labels in frames])
+    every = np.ones(len(numbers), dtype=np.bool_)
+    ids, boxes, shown = (np.concatenate([getattr(f, of) for f in frames]) for of in ("ids", "boxes", "visibility"))
+    return GroundTruth(numbers, ids.astype(np.int64), boxes, every, ~every, shown)
 
 
 def by_appearance(ids: IntArray) -> IntArray:

@@ -50,9 +50,9 @@ BLUR, NOISE = 0.6, 3.0
 # Most copies of a frame that motion blur averages.
 LONGEST_SMEAR = 24
 Layout = Literal["mot", "okutama"]
-OKUTAMA_NAME = "1.1.1"
-OKUTAMA_FRAMES = f"Drone1/Morning/Extracted-Frames-1280x720/{OKUTAMA_NAME}/{{frame}}.jpg"
-OKUTAMA_LABELS = f"Labels/SingleActionTrackingLabels/3840x2160/{OKUTAMA_NAME}.txt"
+# Clips of several seeds may lie in one folder, as those of the data set do.
+OKUTAMA_FRAMES = "Drone1/Morning/Extracted-Frames-1280x720/1.1.{seed}/{{frame}}.jpg"
+OKUTAMA_LABELS = "Labels/SingleActionTrackingLabels/3840x2160/1.1.{seed}.txt"
 # Somebody of whom less than this share shows is labelled as occluded.
 OCCLUDED = 0.4
 Strength = Literal["still", "calm", "violent"]
@@ -156,7 +156,7 @@ class DroneClip:
     @property
     def views(self) -> tuple[str, ...]:
         """See `clip.Clip`."""
-        return (IMAGES if self.settings.layout == "mot" else OKUTAMA_FRAMES,)
+        return (IMAGES if self.settings.layout == "mot" else OKUTAMA_FRAMES.format(seed=self.seed),)
 
     def frames(self) -> Iterator[Moment[FrameTruth]]:
         """See `clip.Clip`."""
@@ -191,7 +191,8 @@ class DroneClip:
         actions = actions_of([names for t in truths for names in t.actions])
         labels = ActionLabels(rows.frames, rows.ids, rows.boxes, none, hidden, none, actions, OKUTAMA_ACTIONS)
         mot = settings.layout == "mot"
-        write_okutama(folder / (ACTIONS_FILE if mot else OKUTAMA_LABELS), labels, (settings.width, settings.height))
+        place = ACTIONS_FILE if mot else OKUTAMA_LABELS.format(seed=self.seed)
+        write_okutama(folder / place, labels, (settings.width, settings.height))
         if mot:
             settings.write_info(folder, name, rows)
 

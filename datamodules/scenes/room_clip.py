@@ -153,7 +153,9 @@ class RoomClip:
                 for number, (x, y) in zip(truth.ids.tolist(), truth.places.tolist(), strict=True)
             ]
             (home / PLACES_FILE).write_text("frame,id,x,y\n" + "".join(rows), encoding="utf-8")
-        write_cameras(folder / CAMERAS_FILE, cameras_of(self))
+        named, rate = enumerate(self.cameras, 1), self.settings.frame_rate
+        cameras = [CameraOverFloor(f"camera{k}", camera, rate, floor=self.floor) for k, camera in named]
+        write_cameras(folder / CAMERAS_FILE, cameras)
 
 
 def ceiling_lens(lens: OmnidirectionalLens | None, width: int, height: int) -> OmnidirectionalLens:
@@ -221,19 +223,15 @@ def _with_people(view: RoomView, things: list[Thing], light: Light) -> tuple[Ima
     sun, under = both_shadows(things, camera, light, 2.0)
 
     def below(rows: slice, columns: slice) -> Picture:
-        part = _part_of(view.empty, rows, columns)
+        n = view.empty.samples
+        fine = slice(rows.start * n, rows.stop * n), slice(columns.start * n, columns.stop * n)
+        part = Picture(view.empty.colour[rows, columns], view.empty.distance[fine], n)
         darker = view.direct[rows, columns] * sun[rows, columns, None]
         darker += part.colour * (OCCLUSION * part.open_ground * under[rows, columns])[:, :, None]
         return replace(part, colour=part.colour - darker)
 
     rects = np.array([_rectangle(thing, camera) for thing in things]).reshape(-1, 4)
     return image, draw_clusters(image, things, rects, camera, light, below, view.exposure)
-
-
-def _part_of(picture: Picture, rows: slice, columns: slice) -> Picture:
-    n = picture.samples
-    fine = slice(rows.start * n, rows.stop * n), slice(columns.start * n, columns.stop * n)
-    return Picture(picture.colour[rows, columns], picture.distance[fine], n)
 
 
 def _rectangle(thing: Thing, camera: RayCamera) -> FloatArray:
@@ -245,9 +243,3 @@ def _rectangle(thing: Thing, camera: RayCamera) -> FloatArray:
     low, high = rects[:, :2].min(axis=0), rects[:, 2:].max(axis=0)
     margin = 0.15 * (high - low).max() + 4
     return np.concatenate([low - margin, high + margin])
-
-
-def cameras_of(clip: RoomClip) -> list[CameraOverFloor]:
-    """The clip's cameras as `cameras.yaml` has them."""
-    rate = clip.settings.frame_rate
-    return [CameraOverFloor(f"camera{k + 1}", camera, rate, floor=clip.floor) for k, camera in enumerate(clip.cameras)]

@@ -51,6 +51,9 @@ class SingleClipSettings(ClipSettings):
     obstacles: int = 3
 
 
+USUAL = SingleClipSettings()
+
+
 @dataclass(frozen=True)
 class SingleClip:
     """A clip.
@@ -134,9 +137,8 @@ def _obstacles(
     return things
 
 
-def draw_single_clip(rng: np.random.Generator, settings: SingleClipSettings | None = None) -> SingleClip:
+def draw_single_clip(rng: np.random.Generator, settings: SingleClipSettings = USUAL) -> SingleClip:
     """A random clip; the same generator state gives the same clip."""
-    settings = SingleClipSettings() if settings is None else settings
     walkers = _walkers(rng, settings)
     corners = np.round(_camera(rng, walkers[0].path, settings)).astype(int)
     height = walkers[0].sprites[0].shape[0]

@@ -165,7 +165,7 @@ SETTINGS_OF_SCENE: dict[str, Callable[[np.random.Generator, int, int], TrainingS
 
 
 def random_training_scene(
-    rng: np.random.Generator, settings: TrainingSettings | None = None, stock: Stock = NOTHING
+    rng: np.random.Generator, settings: TrainingSettings, stock: Stock = NOTHING
 ) -> tuple[ImageArray, FloatArray, FloatArray]:
     """One random picture with people.
 
@@ -181,7 +181,6 @@ def random_training_scene(
     Raises:
         RequestError: things are wanted, and there are no photographs of any.
     """
-    settings = TrainingSettings() if settings is None else settings
     camera, spots = _camera_with_spots(rng, settings)
     # Generators of their own: the rest of a picture depends neither on what there is in stock nor on the sun.
     of_people, of_photographs, of_town, of_things, of_sun = rng.spawn(5)

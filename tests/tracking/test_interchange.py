@@ -108,8 +108,8 @@ def test_classes_are_chosen(form: str) -> None:
         ({"bbox": BOXES}, "a dictionary with bbox"),
         ({"boxes": BOXES, "scores": [1.0]}, "2 scores, one a box, got 1"),
         ([[50, 60, 20, 40, 0.9]], "row 0; are they x, y, width, height"),
-        ([[1, 1, 2, 2, 0.5], [0, 0, np.nan, 5, 0.9]], "row 1"),
-        ([[1, 1, 2, 2, np.inf]], "finite scores"),
+        ([[1, 1, 2, 2, 0.5], [0, 0, np.nan, 5, 0.9], [0, 0, 0, 5, 0.9]], "row 1"),
+        ([[1, 1, 2, 2, np.inf]], "finite"),
         (SimpleNamespace(pred=3), "got SimpleNamespace"),
     ],
 )

@@ -28,9 +28,11 @@ from tsuiseki.tracking.association.nearby import (
     Pairs,
     Strips,
     centres,
+    dense_reach,
     gaps,
     joined,
     near_places,
+    nearest,
     sizes,
 )
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
@@ -115,15 +117,19 @@ def candidates(
     furthest = _reach(table, tails, side[tails], np.array([longest]), cost)[:, 0].max()
     strips = Strips.of(table.frames, x, heads, tails, float(furthest))
     log_height = table.measured.places[:, 3].copy()
+    dense = dense_reach(table.frames[heads], table.boxes[heads])
     pairs: list[Pairs] = []
     count = len(tails)
     for start in range(0, count * (longest - shortest + 1), BOXES_AT_ONCE):
         which = np.arange(start, min(start + BOXES_AT_ONCE, count * (longest - shortest + 1)))
         tail, gap = tails[which % count], shortest + which // count
         reach = _reach(table, tail, side[tail], gap, cost)
+        if dense is not None:
+            reach = np.minimum(reach, dense)
         i, j = near_places(strips, x, y, tail, table.frames[tail] + gap, reach[:, 0], reach[:, 1])
         alike = np.flatnonzero(np.abs(log_height[j] - log_height[i]) < cost.size)
-        pairs.append((i[alike], j[alike]))
+        i, j = i[alike], j[alike]
+        pairs.append((i, j) if dense is None else nearest(i, j, table.frames, x, y))
     return joined(pairs)
 
 
@@ -248,7 +254,8 @@ def _fresh_candidates(
 def _without(pairs: Pairs, tails: IntArray, heads: IntArray, count: int) -> Pairs:
     """The pairs that are not among others of ``count`` detections."""
     asked = _mask(pairs[0], count)[tails] & _mask(pairs[1], count)[heads]
-    new = ~np.isin(pairs[0] * count + pairs[1], tails[asked] * count + heads[asked])
+    # No pair stands twice among either.
+    new = ~np.isin(pairs[0] * count + pairs[1], tails[asked] * count + heads[asked], assume_unique=True)
     return pairs[0][new], pairs[1][new]
 
 

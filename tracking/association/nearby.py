@@ -180,6 +180,41 @@ def joined(pairs: list[Pairs]) -> Pairs:
     return np.concatenate([none, *(i for i, _ in pairs)]), np.concatenate([none, *(j for _, j in pairs)])
 
 
+# Boxes of a frame beyond which it is dense; of each as many others of a frame are looked at there, and so many kept.
+DENSE, AROUND, NEAREST = 400, 64, 8
+
+
+def dense_reach(frames: IntArray, boxes: FloatArray) -> float | None:
+    """Half the side of a square that holds `AROUND` boxes where frames are dense, pixels; None where none is.
+
+    Args:
+        frames: ``(N,)``.
+        boxes: ``(N, 4)`` pixels.
+    """
+    most = int(np.bincount(frames - frames.min()).max()) if len(frames) else 0
+    if most <= DENSE:
+        return None
+    middle = centres(boxes)
+    return float(np.sqrt(AROUND * (middle.max(axis=0) - middle.min(axis=0)).prod() / (4 * most)))
+
+
+def nearest(i: IntArray, j: IntArray, frames: IntArray, x: FloatArray, y: FloatArray) -> Pairs:
+    """Of the pairs of a box with those of a frame, those with the `NEAREST`.
+
+    Args:
+        i: ``(P,)`` indices of the earlier boxes; pairs of one with others of one frame lie together.
+        j: ``(P,)`` of the later ones.
+        frames: ``(N,)``.
+        x: ``(N,)`` of the centres.
+        y: ``(N,)`` likewise.
+    """
+    first = np.flatnonzero(np.append(True, (np.diff(i) != 0) | (np.diff(frames[j]) != 0))[: len(i)])
+    group = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(i))))
+    order = np.lexsort((np.square(x[j] - x[i]) + np.square(y[j] - y[i]), group))
+    kept = np.sort(order[np.arange(len(i)) - first[group] < NEAREST])
+    return i[kept], j[kept]
+
+
 # As many as the processor holds close by.
 PAIRS_AT_ONCE = 8192
 

@@ -26,7 +26,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
-from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
+from tsuiseki.tracking.association.nearby import centres, dense_reach, near_pairs, nearest, sizes
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
@@ -83,7 +83,10 @@ def found_again(
     gap = interval_frames(frame_rate, stride)
     side = size.max(axis=1)
     reach = np.repeat((REACH + SPEED * gap / frame_rate) * side[:, None], 2, axis=1)
-    i, j = near_pairs(frames, centre, reach, gap, every, every)
+    dense = dense_reach(frames, boxes)
+    i, j = near_pairs(frames, centre, reach if dense is None else np.minimum(reach, dense), gap, every, every)
+    if dense is not None:
+        i, j = nearest(i, j, frames, *centre.T)
     alike = (np.abs(np.log(size[j] / size[i])) < CHANGE).all(axis=1)
     before, middle, after = _triples(i[alike], j[alike], len(frames))
     share, span = np.full((len(middle), 1), 0.5), np.full(len(middle), 2.0 * gap)

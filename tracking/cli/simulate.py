@@ -14,10 +14,12 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
 
 if TYPE_CHECKING:
-    from tsuiseki.datamodules.scenes.clip import Clip
+    pass
 
 T = TypeVar("T")
 LARGEST, LONGEST = 16_384, 1_000_000
+# Of what is in a clip; more would be planned for hours.
+MOST = {"people": 100, "objects": 200, "occluders": 200, "clutter": 1000, "frame_rate": 240, "radius": 0.5}
 
 
 @dataclass(frozen=True)
@@ -263,8 +265,11 @@ def sprites(
     return _fill(output, told, write)
 
 
-def _make(output: SeededOutput, length: Length, plan: Callable[[], Clip[Any]], more: str = "") -> int:
-    """Plan a clip and let it fill the output folder; ``more`` is said of it."""
+def _make(output: SeededOutput, length: Length, plan: partial[Any], more: str = "") -> int:
+    """Plan a clip of the settings that ``plan`` holds and let it fill the output folder; ``more`` is said of it."""
+    for name, most in MOST.items():
+        if (value := getattr(plan.args[0], name, 0)) > most:
+            raise RequestError(f"`{name}`: expected at most {most:g}, got {value:g}")
     from tsuiseki.datamodules.scenes.clip import write_clip
 
     def write(folder: Path) -> object:

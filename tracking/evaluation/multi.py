@@ -1,7 +1,8 @@
 """Scores of several people tracked at once: HOTA, CLEAR MOT and identity scores.
 
 Sequences are prepared as MOTChallenge does it: results matched to a labelled box on which they are neither right nor
-wrong are taken out, then only the pedestrians that count are scored. Boxes match from an overlap of 0.5 on; HOTA
+wrong are taken out, then only the pedestrians that count are scored. Where only every n-th frame was labelled, results
+in the others are taken out, too. Boxes match from an overlap of 0.5 on; HOTA
 averages over the overlaps 0.05, 0.10, … 0.95. The metrics are in `identity_metrics`.
 """
 
@@ -9,13 +10,15 @@ from __future__ import annotations
 
 import functools
 import operator
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.association.looks import looked_at, stride_of
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.identity_metrics import Clear, Hota, Identity, LabelledSequence, clear, hota, identity
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
@@ -184,6 +187,7 @@ def _prepare(pair: SequencePair) -> LabelledSequence:
         raise RequestError(f"{pair.name}: expected a labelled box that counts, got none; is this the right file?")
     labels = _Rows(truth.frames, truth.ids, truth.boxes)
     _check_length(pair, labels, result)
+    result = _where_labelled(pair, labels, result)
     # Frames in which there is nothing change no score, and a file may have many of them.
     filled = np.unique(np.concatenate([labels.frames, result.frames]))
     labels = replace(labels, frames=np.searchsorted(filled, labels.frames))
@@ -217,6 +221,22 @@ def _rows(tracks: list[Track]) -> _Rows:
     ids = np.concatenate([np.full(len(track), track.id, dtype=np.int64) for track in tracks])
     order = np.lexsort([ids, frames])
     return _Rows(frames[order], ids[order], np.concatenate([track.boxes for track in tracks])[order])
+
+
+def _where_labelled(pair: SequencePair, labels: _Rows, result: _Rows) -> _Rows:
+    """The result in the frames that somebody labelled, as `looked_at` has it."""
+    last = int(max(labels.frames[-1], result.frames.max(initial=0), (pair.length or 1) - 1))
+    labelled = looked_at(np.bincount(labels.frames, minlength=last + 1))
+    if labelled is None or labelled[result.frames].all():
+        return result
+    warnings.warn(
+        f"{pair.name}: there are labels in {len(np.unique(labels.frames))} of {last + 1} frames, about every "
+        f"{stride_of(labelled):.3g}th one; the others are taken as not labelled, and results in them are not scored",
+        InputWarning,
+        stacklevel=2,
+    )
+    kept = labelled[result.frames]
+    return _Rows(result.frames[kept], result.ids[kept], result.boxes[kept])
 
 
 def _check_length(pair: SequencePair, labels: _Rows, result: _Rows) -> None:

@@ -10,14 +10,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tsuiseki.tracking.class_choice import ClassChoice
+from tsuiseki.tracking.class_choice import ClassChoice, only_people
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.chosen_classes import ChosenClasses
@@ -25,9 +25,9 @@ from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.geometry import clip_boxes, set_apart, straddling, suppress
-from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import MissingCardError, OnnxModel
-from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
+from tsuiseki.tracking.preprocessing import check_images, crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.tracking.weights.catalogue import find_model
@@ -84,6 +84,7 @@ class Detector:
     Attributes:
         wanted: names by number of the classes that are looked for; empty where they are not told apart.
         across: boxes of different classes suppress each other.
+        people_only: nothing else is looked for.
 
     Raises:
         RequestError: the file is no detector (see `OnnxModel`), or lacks a class.
@@ -110,7 +111,10 @@ class Detector:
             )
         names = dict(enumerate(card.class_names, start=1))
         self.across = classes is None or classes.across
-        self.wanted = {} if classes is None else {n: names[n] for n in classes.numbers(names, names, path)}
+        self.wanted: Mapping[int, str] = (
+            {} if classes is None else {n: names[n] for n in classes.numbers(names, names, path)}
+        )
+        self.people_only = only_people(self.wanted)
 
     @property
     def input_size(self) -> tuple[int, int]:
@@ -128,7 +132,7 @@ class Detector:
 
     def detect_at_anchors(self, images: Sequence[ImageArray]) -> list[tuple[Detections, IntArray]]:
         """As `detect`, with the ``(N,)`` anchors that the detections of each image come from."""
-        if not images:
+        if not check_images(images):
             return []
         card = self.model.card
         inputs, scales = zip(*(fit_image(image, card) for image in images), strict=True)
@@ -332,10 +336,14 @@ def as_describer(
 
 
 class FunctionDetector:
-    """A detector that is a function."""
+    """A detector that is a function.
+
+    Attributes:
+        bad: boxes that are none, and left out.
+    """
 
     def __init__(self, function: Callable[[ImageArray], DetectionsLike]) -> None:
-        self.function = function
+        self.function, self.bad = function, BadBoxes()
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """One `Detections` an image; see `Detect`.
@@ -347,7 +355,7 @@ class FunctionDetector:
         for image in images:
             result = self.function(image)
             try:
-                found.append(as_detections(result))
+                found.append(as_detections(result, counted=self.bad))
             except RequestError as error:
                 raise RequestError(f"what the detector {_name(self.function)} returned: {error}") from error
         return found

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.class_choice import ClassChoice
+from tsuiseki.tracking.class_choice import ClassChoice, only_people
 from tsuiseki.tracking.devices import Device, device_of
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.features.box_check import BoxCheck
 from tsuiseki.tracking.features.coco_names import COCO, coco_names
 from tsuiseki.tracking.features.detector_layouts import LAYOUTS, TENSORFLOW, TURNED, Size, paired, with_probabilities
 from tsuiseki.tracking.features.foreign_options import DetectorOptions, ImageInput, LayoutName, ScoreKind
@@ -30,6 +31,7 @@ from tsuiseki.tracking.features.layout_recognition import (
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, as_detections, half_turned
 from tsuiseki.tracking.geometry import about_rotated, clip_boxes, set_apart, suppress, suppress_rotated
 from tsuiseki.tracking.onnx import byte_image_input, image_input, open_session, run_session
+from tsuiseki.tracking.preprocessing import check_images
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 
 _MOST_CANDIDATES = 400
@@ -61,8 +63,10 @@ class ForeignDetector:
         layout: that was recognised.
         wanted: names by number, as the outputs count it, of the classes that are looked for; empty where not known.
         across: boxes of different classes suppress each other.
+        people_only: nothing else is looked for, as far as names tell.
         scores: what the class values are; None for layouts in which they can be but one thing.
         input: what becomes of a picture.
+        check: compares its boxes with the pictures.
 
     Raises:
         RequestError: the file is no such detector, several layouts fit it, or it lacks a class, or which one is people
@@ -102,7 +106,9 @@ class ForeignDetector:
             raise RequestError(f"{path}: turned boxes want pictures of one scale; leave `detector_options.resize` out")
         self.across, self._told = classes is None or classes.across, classes is not None
         self.wanted = self._choose_classes(list(trial.values()), options, classes)
+        self.people_only = classes is None or only_people(self.wanted)
         self._gave: set[bool] = set()
+        self.check = BoxCheck(f"{self.path}, read as layout {self.layout}")
 
     def __str__(self) -> str:
         """How the file is read, in words."""
@@ -141,7 +147,7 @@ class ForeignDetector:
             RunError: the network gives NaN or infinity, or nothing but zeros where every place has
                 a row.
         """
-        if not images:
+        if not check_images(images):
             return []
         fitted = [self.input.fit(image, self.size or image.shape[:2]) for image in images]
         outputs = self._run([image for image, _ in fitted])
@@ -161,6 +167,8 @@ class ForeignDetector:
         good = np.flatnonzero((scores >= self.score_threshold) & (scores > 0))
         good = good[np.argsort(-scores[good], kind="stable")][:_MOST_CANDIDATES]
         boxes, scores, classes = boxes[good], scores[good].clip(0, 1), classes[good]
+        self.check.size = fitted[1], fitted[0]
+        self.check.add(boxes[:, :4])
         if self.layout in TURNED:
             return self._turned(boxes / (*scale, *scale, 1), scores, classes, size)
         boxes = clip_boxes(boxes / np.tile(scale, 2), size[1], size[0])

@@ -157,9 +157,7 @@ def _shown_sizes(view: TileView, wanted: tuple[int, int] | None) -> IntArray:
     return sizes
 
 
-def merge(
-    found: Sequence[Detections], tiles: IntArray, iou_threshold: float = 0.5, across: bool = True
-) -> Detections:
+def merge(found: Sequence[Detections], tiles: IntArray, iou_threshold: float = 0.5, across: bool = True) -> Detections:
     """The detections of a frame's tiles as those of the frame.
 
     A box that a seam cuts off goes where another tile saw more of the same person; the rest is suppressed as usual.

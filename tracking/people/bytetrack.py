@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -50,9 +51,9 @@ class ByteTrackSettings:
 
     def __post_init__(self) -> None:
         if not (0 < self.min_iou <= 1 and 0 < self.min_iou_low <= 1):
-            raise ValueError(f"expected min_iou and min_iou_low in (0, 1], got {self.min_iou} and {self.min_iou_low}")
+            raise RequestError(f"expected min_iou and min_iou_low in (0, 1], got {self.min_iou} and {self.min_iou_low}")
         if self.low_score > self.high_score:
-            raise ValueError(f"expected low_score up to high_score, got {self.low_score} and {self.high_score}")
+            raise RequestError(f"expected low_score up to high_score, got {self.low_score} and {self.high_score}")
 
 
 class ByteTrack(LifecycleTracker):
@@ -76,7 +77,7 @@ class ByteTrack(LifecycleTracker):
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score counts as sure."""
-        found = as_detections(detections)
+        found = as_detections(detections, counted=self.bad)
         high = ~(found.scores < self.settings.high_score)
         low = ~high & (found.scores >= self.settings.low_score)
         predicted = self._lifecycle.predict(time)

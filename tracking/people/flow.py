@@ -10,14 +10,15 @@ import numpy as np
 from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.learnt_costs import CostChanges, ProjectsAppearance
+from tsuiseki.tracking.association.looks import Looks
 from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
 from tsuiseki.tracking.features.standing_camera import StandingCamera
-from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
+from tsuiseki.tracking.options import refuse_nan
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
-from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
-from tsuiseki.tracking.people.looks import Looks
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, refuse_heaps
 from tsuiseki.tracking.people.whole_flow import WholeFlow
 from tsuiseki.tracking.types import FloatArray, Targets, Track
 
@@ -75,11 +76,13 @@ class FlowTracker:
         drop_straddling: bool = False,
         stride: float = 1.0,
     ) -> None:
-        if not (0 < frame_rate < np.inf and 1 <= stride < np.inf):
-            raise ValueError(f"expected a frame rate above 0 and a stride from 1, got {frame_rate} and {stride}")
+        numbers = isinstance(frame_rate, int | float) and isinstance(stride, int | float)
+        if not (numbers and 0 < frame_rate < np.inf and 1 <= stride < np.inf):
+            raise RequestError(f"expected a frame rate above 0 and a stride from 1, got {frame_rate} and {stride}")
         if delay is not None and not 0 <= delay < np.inf:
-            raise ValueError(f"expected a delay of 0 seconds or more, got {delay}")
+            raise RequestError(f"expected a delay of 0 seconds or more, got {delay}")
         settings = settings or FlowSettings()
+        refuse_nan(settings)
         if delay is not None or changes is not None:
             settings = settings.alike()
         self.settings = settings
@@ -98,6 +101,7 @@ class FlowTracker:
             self._flow = DelayedFlow(settings, given, window, round(delay * frame_rate))
         self._ended = self._flow
         self._given = self._used = 0
+        self.bad = BadBoxes()
 
     @property
     def exact(self) -> bool:
@@ -158,9 +162,10 @@ class FlowTracker:
             RequestError: the learnt changes project appearance, and the detections have none, or of another length; or
                 see `Clock.now`.
         """
-        found = as_detections(detections)
+        found = as_detections(detections, counted=self.bad)
         if isinstance(self._changes, ProjectsAppearance):
             found = self._changes.projected(found)
+        refuse_heaps(found)
         looks = self._flow.input.looks
         self._flow.input.meet(time)
         self._given += len(found)

@@ -14,14 +14,15 @@ from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.association.detection_tables import DetectionRows, DetectionTable, Measurements, rows_of
 from tsuiseki.tracking.association.flow_rounds import FirstPrices
 from tsuiseki.tracking.association.flow_window import FlowCosts, FlowWindow
-from tsuiseki.tracking.association.nearby import centres, hidden_parts, near_pairs, sizes
+from tsuiseki.tracking.association.looks import Looks
+from tsuiseki.tracking.association.nearby import DENSE, centres, hidden_parts, near_pairs, sizes
 from tsuiseki.tracking.association.smoothing import SmoothingSettings, fit_smoothing
 from tsuiseki.tracking.association.video_evidence import DetectionCost, VideoEvidence
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 
 # Deviation of the place of a box where the camera stands still and nothing says otherwise, heights.
@@ -36,6 +37,8 @@ SETTLE = 0.7
 LOST = 3.0
 # Of two boxes of a frame that overlap by more (intersection over union), the one of the lower score is left out.
 DUPLICATE = 0.95
+# How often the boxes of a dense frame may cover their place.
+MOST_TIMES = 5.0
 
 
 @dataclass(frozen=True)
@@ -299,6 +302,23 @@ def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, round
     window.solve(observation[free] + change[:, 0], change[:, 1], change[:, 2], rounds, first_prices)
 
 
+def refuse_heaps(found: Detections) -> None:
+    """Refuse boxes of a frame that lie on each other many times over, which no links tell apart.
+
+    Raises:
+        RequestError: they do.
+    """
+    if len(found) <= DENSE:
+        return
+    low, high = found.boxes[:, :2].min(axis=0), found.boxes[:, 2:].max(axis=0)
+    times = float(sizes(found.boxes).prod(axis=1).sum() / (high - low).prod())
+    if times > MOST_TIMES:
+        raise RequestError(
+            f"{len(found)} boxes of a frame cover their place {times:.0f} times over, as a detector's do before it "
+            "suppresses those that overlap; suppress them, or leave low scores out"
+        )
+
+
 def duplicates(frames: IntArray, boxes: FloatArray, scores: FloatArray) -> BoolArray:
     """``(N,)`` boxes that lie on another one of their frame that scores more, or as much and comes first.
 
@@ -348,11 +368,11 @@ class FlowSettings:
 
     def __post_init__(self) -> None:
         if self.decide_every is not None and self.decide_every <= 0:
-            raise ValueError(f"expected decide_every above 0 seconds, got {self.decide_every}")
+            raise RequestError(f"expected decide_every above 0 seconds, got {self.decide_every}")
         if min(self.min_detections, self.min_time, self.fill) < 0:
-            raise ValueError("expected min_detections, min_time and fill from 0")
+            raise RequestError("expected min_detections, min_time and fill from 0")
         if self.most_undecided is not None and self.most_undecided <= self.costs.rounds.window + SETTLE:
-            raise ValueError(f"expected most_undecided above window + {SETTLE:g} s, got {self.most_undecided}")
+            raise RequestError(f"expected most_undecided above window + {SETTLE:g} s, got {self.most_undecided}")
 
     def alike(self) -> FlowSettings:
         """These settings with entry and exit costs that take all places alike."""

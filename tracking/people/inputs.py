@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -12,9 +13,11 @@ from typing import TypeAlias, get_args
 
 import numpy as np
 
-from tsuiseki.tracking.class_choice import PERSON_NAMES
+from tsuiseki.tracking.association.looks import given_looks, looked_at, stride_of
+from tsuiseki.tracking.class_choice import ClassChoice
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.features.box_check import BoxCheck
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import (
     Appearance,
@@ -35,16 +38,17 @@ from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detecto
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections
-from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
-from tsuiseki.tracking.people.looks import given_looks, looked_at, stride_of
+from tsuiseki.tracking.people.score_choice import ScoreChoice
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
 from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped
 
-GivenDetections: TypeAlias = str | Path | Sequence[DetectionsLike]
+GivenDetections: TypeAlias = str | Path | Iterable[DetectionsLike]
+DETECTOR = "the detector"
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,7 @@ class PeopleInputs:
             sources are never read ahead.
         ground: weighs what was found, in the order of the video.
         looked: ``(F,)`` by frame number, where a detector was run; None for everywhere.
+        choice: of the threshold of a network whose scores are not known; None where it is given.
     """
 
     source: Source
@@ -72,6 +77,7 @@ class PeopleInputs:
     threads: int = 1
     ground: GroundPlane | None = None
     looked: BoolArray | None = None
+    choice: ScoreChoice | None = None
 
     @property
     def workers(self) -> int:
@@ -114,12 +120,15 @@ class PeopleInputs:
     ) -> Iterator[tuple[Frame, Detections]]:
         """The frames themselves with who was found there; see `found`."""
         times, last = times or StageTimes(), -1
-        images = self.source.frames() if frames is None else frames
-        for frame, found in stream(images, self.detect, self.describe, self.batch_size, times, self.workers):
+        images, check = self.source.frames() if frames is None else frames, self._box_check()
+        for frame, found in self._streamed(images, times):
             if last < 0 and self.workers > 1:
                 # Trackers use it late; loaded while networks look at the next frames it takes no time.
                 Thread(target=_load_parts, name="tsuiseki-load").start()
             last = frame.index
+            if check is not None and check.what == DETECTOR:
+                check.size = frame.image.shape[1], frame.image.shape[0]
+                check.add(found.boxes)
             if self.ground is not None:
                 with times.measure("ground"):
                     found = self.ground.weighed(found, frame.image.shape[0])
@@ -127,7 +136,26 @@ class PeopleInputs:
                 with times.measure("camera"):
                     self._show_camera(frame.image, found.boxes)
             yield frame, found
+        if check is not None:
+            check.tell()
         self._check_all_used(last)
+
+    def _streamed(self, images: Iterable[Frame], times: StageTimes) -> Iterator[tuple[Frame, Detections]]:
+        how = (self.describe, self.batch_size, times, self.workers)
+        if self.choice is None:
+            yield from stream(images, self.detect, *how)
+            return
+        known, frames = self.choice.look(self.source, self.batch_size, self.workers, times), iter(images)
+        first = [known.get(number, Detections.empty()) for number in range(max(known, default=-1) + 1)]
+        yield from stream(itertools.islice(frames, len(known)), first, *how)
+        yield from stream(frames, self.detect, *how)
+
+    def _box_check(self) -> BoxCheck | None:
+        """What compares boxes with pictures, where a function or somebody else's network finds them."""
+        network = inner_detector(self.detect)
+        if isinstance(network, ForeignDetector):
+            return network.check
+        return None if isinstance(network, Detector | Sequence) else BoxCheck(DETECTOR)
 
     def _show_camera(self, image: ImageArray, boxes: FloatArray) -> None:
         if isinstance(self.camera, CameraPath):
@@ -159,13 +187,21 @@ def threads_of_a_call(source: Source, threads: int) -> int:
     return threads if source.live else 1
 
 
-def given_detections(given: GivenDetections, source: Source, finding: FindingOptions) -> list[Detections]:
+def given_detections(
+    given: GivenDetections,
+    source: Source,
+    score_range: tuple[float, float] | None = None,
+    choice: ClassChoice | None = None,
+    names: Sequence[str] | None = None,
+) -> list[Detections]:
     """Detections that are there already, up to the end of the video as far as it is known.
 
     Args:
         given: a file (MOTChallenge ``det.txt``), or one entry a frame.
         source: the video.
-        finding: the range of a file's scores, the classes that are wanted, and names of classes that tell none.
+        score_range: smallest and largest score that the rows of a file may have; by default any.
+        choice: the classes that are wanted; by default all.
+        names: of the classes in order, from 0, where the detections do not tell them.
 
     Raises:
         RequestError: see `read_detections`, `as_detections` and `ClassChoice`; or the video is shorter.
@@ -174,17 +210,21 @@ def given_detections(given: GivenDetections, source: Source, finding: FindingOpt
     what = given if isinstance(given, str | Path) else "`detections`"
     if isinstance(given, str | Path):
         # The header of a video file only estimates its length: what is too much shows when the video has ended.
-        found = read_detections(given, source.length, finding.score_range)
+        found = read_detections(given, source.length, score_range)
     else:
+        if not isinstance(given, Iterable) or isinstance(given, Mapping):
+            raise RequestError(f"`detections`: expected a file, or boxes of each frame, got {type(given).__name__}")
+        given = list(given)
         if source.length is not None and len(given) > source.length:
             raise RequestError(
                 f"expected detections for {source.length} frames, one entry a frame, got {len(given)}; are these the "
                 "detections of another video?"
             )
-        found = [as_detections(entry) for entry in given]
+        counted = BadBoxes()
+        found = [as_detections(entry, counted=counted) for entry in given]
     compare_with_picture(what, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), image_size(source))
     there = {int(number) for each in found if each.classes is not None for number in np.unique(each.classes)} - {-1}
-    if finding.chosen is None:
+    if choice is None:
         if file and len(there) > 1:
             warnings.warn(
                 f"{given}: detections of the classes {','.join(map(str, sorted(there)))} are tracked as one; give "
@@ -193,14 +233,12 @@ def given_detections(given: GivenDetections, source: Source, finding: FindingOpt
                 stacklevel=2,
             )
         return found
-    names = {number: name for each in found for number, name in each.names.items()}
-    known = there if file else there | names.keys()
-    names = names or dict(enumerate(finding.detector_options.classes or ()))
-    numbers = finding.chosen.numbers(names, known, what)
-    return [
-        each if each.classes is None else replace(each.select(np.isin(each.classes, numbers)), names=names)
-        for each in found
-    ]
+    if any(each.classes is None and len(each) for each in found):
+        raise RequestError(f"`classes`: expected classes with the boxes of {what}, got boxes without; leave it out")
+    told = {number: name for each in found for number, name in each.names.items()}
+    known, told = there | told.keys(), told or dict(enumerate(names or ()))
+    numbers = choice.numbers(told, known, what)
+    return [replace(each.select(np.isin(each.origin[:, 1], numbers)), names=told) for each in found]
 
 
 def looks_of(
@@ -254,17 +292,18 @@ def people_detect(
     Raises:
         RequestError: both are given, or the source has no images to find people in.
     """
-    wanted = parse_view(finding.view)
+    wanted = parse_view(str(finding.view))
     if finding.detections is not None:
         if finding.detector is not None:
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
-        return given_detections(finding.detections, source, finding)
+        more = finding.score_range, finding.chosen, finding.detector_options.classes
+        return given_detections(finding.detections, source, *more)
     if not source.has_images:
         raise RequestError(f"{source.name} has no images to find people in; give `detections`")
     detector = shipped(default) if finding.detector is None else finding.detector
     threads = finding.threads if threads is None else threads
-    more = finding.detector_options, finding.device
-    found = as_detector(detector, finding.score_threshold, threads, *more, classes=finding.chosen)
+    options, chosen = finding.detector_options, finding.chosen
+    found = as_detector(detector, finding.threshold, threads, options, finding.device, classes=chosen)
     if wanted == (1, None) or not isinstance(found, Detector | ForeignDetector):
         return found
     return ViewedDetector(found, wanted, frame_rate=source.frame_rate)
@@ -284,9 +323,7 @@ def ground_of(detect: Detect | Sequence[Detections], wanted: Ground, source: Sou
     if wanted not in get_args(Ground):
         raise RequestError(f"`ground`: expected {' or '.join(get_args(Ground))}, got {wanted!r}")
     network = inner_detector(detect)
-    if wanted == "off" or not isinstance(network, Detector | ForeignDetector):
-        return None
-    if any(name.strip().lower() not in PERSON_NAMES for name in network.wanted.values() if name or len(network.wanted) > 1):
+    if wanted == "off" or not isinstance(network, Detector | ForeignDetector) or not network.people_only:
         return None
     return GroundPlane(source.frame_rate, score_threshold=network.score_threshold)
 

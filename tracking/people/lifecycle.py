@@ -7,6 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from tsuiseki.tracking.association.looks import Intervals
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
     BoxMotion,
@@ -17,7 +19,8 @@ from tsuiseki.tracking.filters.kalman import (
     start_boxes,
     update_boxes,
 )
-from tsuiseki.tracking.people.looks import Intervals
+from tsuiseki.tracking.interchange import BadBoxes
+from tsuiseki.tracking.options import refuse_nan
 from tsuiseki.tracking.people.votes import Votes
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
 
@@ -42,7 +45,7 @@ class LifecycleSettings:
 
     def __post_init__(self) -> None:
         if self.min_hits < 1 or self.max_age < 0:
-            raise ValueError(f"expected min_hits >= 1 and max_age >= 0, got {self.min_hits} and {self.max_age}")
+            raise RequestError(f"expected min_hits >= 1 and max_age >= 0, got {self.min_hits} and {self.max_age}")
 
 
 @dataclass(frozen=True)
@@ -243,10 +246,15 @@ class LifecycleTracker:
     Args:
         settings: when tracks are confirmed and deleted.
         motion: noise of the Kalman filter.
+
+    Attributes:
+        bad: boxes that are none, and left out.
     """
 
     def __init__(self, settings: LifecycleSettings, motion: BoxMotion) -> None:
+        refuse_nan(getattr(self, "settings", settings))
         self._lifecycle = Lifecycle(settings, motion)
+        self.bad = BadBoxes()
 
     def tracks(self) -> list[Track]:
         """The confirmed tracks of all frames so far, by id."""

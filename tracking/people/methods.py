@@ -151,9 +151,9 @@ def people_affinity(
         learnt_on_tracks = kind_of(affinity) == "association"
         affinity = CostNetwork(affinity, threads) if learnt_on_tracks else Affinity(affinity, threads)
     if "action" in affinity.card.class_names:
+        remedy = "use track drone" if isinstance(affinity, CostNetwork) else "fit them without actions"
         raise RequestError(
-            "expected `affinity` without actions, which nothing recognises here, got costs that ask for them; use "
-            "track_drone"
+            f"expected `affinity` without actions, which nothing recognises here, got costs that ask for them; {remedy}"
         )
     return affinity
 

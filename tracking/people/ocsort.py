@@ -27,6 +27,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
     BoxMotion,
@@ -65,9 +66,9 @@ class OcSortSettings:
 
     def __post_init__(self) -> None:
         if not 0 < self.min_iou <= 1:
-            raise ValueError(f"expected min_iou in (0, 1], got {self.min_iou}")
+            raise RequestError(f"expected min_iou in (0, 1], got {self.min_iou}")
         if self.direction_weight < 0 or self.direction_span < 1:
-            raise ValueError(
+            raise RequestError(
                 "expected direction_weight >= 0 and direction_span >= 1, got "
                 f"{self.direction_weight} and {self.direction_span}"
             )
@@ -95,7 +96,7 @@ class OcSort(LifecycleTracker):
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score takes part."""
-        found = as_detections(detections)
+        found = as_detections(detections, counted=self.bad)
         sure = found.select(~(found.scores < self.settings.min_score))
         predicted, misses = self._lifecycle.predict(time), self._lifecycle.misses
         if self._lifecycle.longer != 1:

@@ -9,12 +9,16 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from copy import deepcopy
+from dataclasses import dataclass, fields, replace
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
+from tsuiseki.tracking.association.looks import stride_of
+from tsuiseki.tracking.class_choice import called
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
@@ -25,14 +29,12 @@ from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.inputs import (
     GivenDetections,
     PeopleInputs,
-    classed_detections,
     ground_of,
     looks_of,
     people_describer,
     people_detect,
     threads_of_a_call,
 )
-from tsuiseki.tracking.people.looks import stride_of
 from tsuiseki.tracking.people.methods import (
     ByClass,
     LearntCosts,
@@ -44,11 +46,12 @@ from tsuiseki.tracking.people.methods import (
     people_tracker,
     straddles,
 )
+from tsuiseki.tracking.people.score_choice import above_floor, score_choice
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers, skipped
 from tsuiseki.tracking.people.unused import FirstDetections
 from tsuiseki.tracking.result import Result, StageTimes
-from tsuiseki.tracking.types import Detections, Frame, IntArray, Targets, Track
+from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.video.source import Source, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
@@ -79,6 +82,9 @@ class PeopleKeywords(TypedDict, total=False):
             `follow_people` each frame comes so much later.
         ground: ``auto`` lowers the scores of a network's boxes that are not as high as people on one ground are in
             their row, see `GroundPlane`; ``off`` leaves them as they are, like those of ``detections`` and functions.
+        classes: track these, numbers or names, such as ``["person", "car"]``; by default people, and all that
+            ``detections`` and functions give. Each track has its ``class_id``, and each target its ``detection``.
+        across_classes: one track may go through several of them; by default each class is tracked apart.
     """
 
     detections: GivenDetections | None
@@ -93,6 +99,8 @@ class PeopleKeywords(TypedDict, total=False):
     seed: int
     delay: float | None
     ground: Ground
+    classes: Sequence[int | str] | None
+    across_classes: bool
 
 
 def track_people(
@@ -164,12 +172,12 @@ class OpenedPeople:
     Attributes:
         inputs: where frames and detections come from.
         tracker: a fresh one.
-        class_of: the class of each track id, -1 where classes are not tracked apart.
+        floor: score under which given detections were left out, see `above_floor`; None for none.
     """
 
     inputs: PeopleInputs
     tracker: PeopleTracker
-    class_of: Callable[[int], int] = lambda _: -1
+    floor: float | None = None
 
 
 def open_people(
@@ -190,23 +198,21 @@ def open_people(
     if linking.moving_camera and not source.has_images:
         raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
     threads = threads_of_a_call(source, finding.threads)
-    kinds: Sequence[IntArray] = []
-    if finding.classes is None:
-        detect = people_detect(source, finding, PEOPLE_DETECTOR, threads)
-    else:
-        detect, kinds = classed_detections(source, finding)
+    floor: float | None = None
+    detect, chosen = people_detect(source, finding, PEOPLE_DETECTOR, threads), finding.chosen
+    if isinstance(detect, list) and linking.method == "flow" and finding.score_range is None and chosen is None:
+        detect, floor = above_floor(detect, source.frame_rate)
     compared = compares_appearance(linking.method)
     given, more = finding.appearance, finding.appearance_options
     describe = people_describer(source, compared, given, threads, more, finding.device)
     camera = camera_for(linking.method, moving=linking.moving_camera)
     ground = ground_of(detect, finding.ground, source)
     looks = looks_of(detect, source, looked)
-    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks)
+    unknown = finding.score_threshold is None and not source.live
+    choice = score_choice(detect, ground) if unknown else None
+    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks, choice)
     make = _tracker_maker(inputs, linking, seed)
-    if finding.classes is None:
-        return OpenedPeople(inputs, make())
-    by_class = ByClass(make, kinds[source.frames_wanted.first :], finding.classes)
-    return OpenedPeople(inputs, by_class, by_class.class_of)
+    return OpenedPeople(inputs, make() if chosen is None or chosen.across else ByClass(make, chosen.plain), floor)
 
 
 def _tracker_maker(inputs: PeopleInputs, linking: Linking, seed: int) -> Callable[[], PeopleTracker]:
@@ -221,15 +227,17 @@ def _tracker_maker(inputs: PeopleInputs, linking: Linking, seed: int) -> Callabl
         return lambda: people_tracker(
             method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
         )
-    if not (hasattr(method, "update") and hasattr(method, "tracks")):
+    if isinstance(method, type) or not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     for name in ("affinity", "delay"):
         if getattr(linking, name) is not None:
             raise RequestError(
                 f"expected `{name}` with the method's name, got it beside a tracker; give it to the tracker"
             )
-    tracker = MotionCompensated(method, inputs.camera) if isinstance(inputs.camera, CameraPath) else method
-    return lambda: tracker
+    path = inputs.camera
+    # The user's own, and for each class more a copy, made before any of them has seen a frame.
+    trackers = chain([method], map(deepcopy, repeat(method)))
+    return lambda: MotionCompensated(next(trackers), path) if isinstance(path, CameraPath) else next(trackers)
 
 
 def _opened(
@@ -246,8 +254,13 @@ def _opened(
 ) -> OpenedPeople:
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
     linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
-    video = open_source(str(source), parse_frames(frames))
-    return open_people(video, PeopleFinding(**finding), linking, seed, frames_looked_at)
+    video = open_source(source, parse_frames(frames))
+    known = [one.name for one in fields(PeopleFinding)]
+    if unknown := [name for name in finding if name not in known]:
+        raise RequestError(f"expected the keywords of `PeopleKeywords`, got {unknown[0]!r}")
+    wanted = PeopleFinding(**finding)
+    wanted.check()
+    return open_people(video, wanted, linking, seed, frames_looked_at)
 
 
 def people_result(
@@ -279,7 +292,7 @@ def people_result(
         seconds=times.seconds,
         frames=log.columns(tracks),
         files={
-            "tracks.txt": lambda path, _: write_tracks(path, tracks, opened.class_of),
+            "tracks.txt": lambda path, _: write_tracks(path, tracks),
             "report.html": lambda path, folder: path.write_text(people_page(result, folder), encoding="utf-8"),
         },
         painter=Overlay(tracks, video.frame_rate).draw,
@@ -310,6 +323,14 @@ def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any],
         cost = "" if timed else f", about {milliseconds:.0f} ms a frame"
         facts["view"] = f"{inputs.detect.summary}{cost}"
         lines.append(f"looked at {facts['view']}; --view says in how many tiles")
+    if opened.floor is not None:
+        facts["score_threshold"] = opened.floor
+        lines.append(
+            f"detections that score under {opened.floor:.2f} left out, by what moves; --score-range says others"
+        )
+    if inputs.choice is not None:
+        facts["score_threshold"] = inputs.choice.threshold
+        lines.append(str(inputs.choice))
     if inputs.ground is not None and inputs.ground.frames:
         facts["ground"] = inputs.ground.facts()
         if inputs.ground.used:
@@ -332,13 +353,13 @@ def _lines_on_flow(tracker: FlowTracker) -> list[str]:
 def _lines_on_unused(opened: OpenedPeople, first: FirstDetections, tracks: Sequence[Track]) -> list[str]:
     """Why most detections, of each class, belong to no track."""
     tracker, lines = _inner(opened.tracker), []
-    groups = {-1: (first, tracker)}
+    groups: dict[int | str, tuple[FirstDetections, PeopleTracker]] = {-1: (first, tracker)}
     if isinstance(tracker, ByClass):
         groups = {number: (tracker.first[number], _inner(one)) for number, one in tracker.trackers.items()}
     for number, (given, one) in groups.items():
-        ours = [track for track in tracks if opened.class_of(track.id) == number]
+        ours = [track for track in tracks if number == -1 or track.class_id in called(number, track.names)]
         line = given.line(sum(int(t.observed.sum()) for t in ours), len(ours), getattr(one, "settings", None))
-        lines += [] if line is None else [line if number < 0 else f"class {number}: {line}"]
+        lines += [] if line is None else [line if number == -1 else f"class {number}: {line}"]
     return lines
 
 
@@ -378,7 +399,9 @@ def _followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Fr
 def expected(targets: Targets, frame: int) -> Targets:
     """The same people in a frame that nothing is known of."""
     here = targets.select(targets.status != "lost")
-    return replace(here, frame=frame, scores=np.zeros(len(here)), status=np.full(len(here), "searching"))
+    nothing = np.column_stack([np.full(len(here), -1), here.classes])
+    status = np.full(len(here), "searching")
+    return replace(here, frame=frame, scores=np.zeros(len(here)), status=status, origin=nothing)
 
 
 def targets_at(tracks: Iterable[Track], frame: int, number: int | None = None) -> Targets:
@@ -390,4 +413,6 @@ def targets_at(tracks: Iterable[Track], frame: int, number: int | None = None) -
         np.array([track.boxes[row] for track, row in rows]).reshape(-1, 4),
         np.array([track.scores[row] if track.observed[row] else 0.0 for track, row in rows], dtype=np.float64),
         np.array(["tracking" if track.observed[row] else "searching" for track, row in rows], dtype="U9"),
+        np.array([(track.detection[row], track.class_id) for track, row in rows], dtype=np.int64).reshape(-1, 2),
+        rows[0][0].names if rows else {},
     )

@@ -294,7 +294,7 @@ def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
     with output.run() as run:
         seen: Iterable[Any] = run.frames(source, record=video.overlay) if measured is None else measured
         steps = run.steps(seen, total=frames_expected(source) if measured is None else len(measured))
-        result = blob_result(source, tracker, steps, run.times, output.given.settings)
+        result = blob_result(source, tracker, steps, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
         summary = f"{count(len(result), 'object', 'objects')} in {run.count} frames: {output.out / 'tracks.txt'}"
         run.done("\n".join([summary, *said_of_counts(result.frames.get("expected_count"), choice.preset)]))
@@ -449,7 +449,7 @@ def points(
     tracker = MeasurementTracker(with_region(chosen, scans), method, particles, output.seed, lag)
     with output.run() as run:
         steps = run.steps(scans, total=len(scans))
-        result = sensed_result(tracker, steps, shortest, run.times, output.given.settings)
+        result = sensed_result(tracker, steps, shortest, run.times, output.settings)
         run.save(result)
         run.done(f"{count(len(result), 'target', 'targets')} in {run.count} scans: {output.out / 'tracks.csv'}")
     return run.status

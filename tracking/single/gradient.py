@@ -156,6 +156,10 @@ def _flow(old: NDArray[Any], new: NDArray[Any], points: NDArray[np.float32]) -> 
     return np.asarray(moved), np.asarray(found)
 
 
+# Pixels of a box in which OpenCV finds features.
+_MIL_AREA = 36
+
+
 class Mil:
     """OpenCV's tracker by multiple instance learning, Babenko et al., CVPR 2009. It gives no score, so it is 1.
 
@@ -171,8 +175,15 @@ class Mil:
         _seed_opencv(self._rng)
         self._tracker = cv2.TrackerMIL.create()
         self._box = np.asarray(box, dtype=np.float64)
+        window = _whole_window(self._box, image)
+        if window[2] * window[3] < _MIL_AREA:
+            # OpenCV looks for features that fit into the box until it has found some.
+            raise RequestError(
+                f"`box`: expected at least {_MIL_AREA} pixels of it in the image, which MIL needs, got "
+                f"{window[2]} x {window[3]}; choose another method"
+            )
         try:
-            self._tracker.init(np.ascontiguousarray(image[..., ::-1]), _whole_window(self._box, image))
+            self._tracker.init(np.ascontiguousarray(image[..., ::-1]), window)
         except cv2.error as error:
             raise RequestError(
                 f"`box`: expected a box with room around it, which MIL needs in an image of {image.shape[1]}x"
@@ -182,7 +193,10 @@ class Mil:
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         _seed_opencv(self._rng)
-        found, (x, y, w, h) = self._tracker.update(np.ascontiguousarray(image[..., ::-1]))
+        try:
+            found, (x, y, w, h) = self._tracker.update(np.ascontiguousarray(image[..., ::-1]))
+        except cv2.error:  # no window of the size of the box near where it was
+            return TargetState(self._box, 0.0, "lost")
         if found and w > 0 and h > 0:
             self._box = np.array([x, y, x + w, y + h], dtype=np.float64)
         return TargetState(self._box, float(found), "tracking" if found else "lost")

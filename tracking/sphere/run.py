@@ -304,7 +304,7 @@ def sphere(
             return run.steps(seen if chosen.length else run.unending(seen), total=chosen.length)
 
         log = chosen.run(rng, run.times, watched)
-        result = sphere_result(chosen, log, run.times, output.given.settings, true_path)
+        result = sphere_result(chosen, log, run.times, output.settings, true_path)
         run.save(result, partial(_draw, run, drawing, chosen, log))
         run.done(_summary(result, true_path, output.out / "track3d.csv"))
     return run.status

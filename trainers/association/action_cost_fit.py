@@ -23,6 +23,7 @@ from scipy.special import expit
 
 from tsuiseki.tracking.association.costs import ActionCost, action_distances
 from tsuiseki.tracking.association.flow_window import FlowWindow
+from tsuiseki.tracking.association.looks import Looks
 from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.errors import RequestError
@@ -35,7 +36,6 @@ from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences
 from tsuiseki.tracking.output import check_output_file, output_file
 from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
-from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file

@@ -17,10 +17,10 @@ from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, JOIN_FEAT
 from tsuiseki.tracking.association.flow_rounds import AVERAGED, mean_features
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
+from tsuiseki.tracking.association.looks import Looks
 from tsuiseki.tracking.association.tracklets import MISS_OF_JOIN, MOST_FOR_JOIN, Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, owners_of
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
-from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin
 from tsuiseki.trainers.association.labelled_flow import ALWAYS, labelled, short_runs, taken_out, without

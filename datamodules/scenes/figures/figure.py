@@ -8,19 +8,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.figures.assets import BONES, Assets, BaseBody, Garment
-from tsuiseki.datamodules.scenes.figures.mesh import (
-    EXTRA,
-    HAIR,
-    LOWER,
-    SHOES,
-    SKIN,
-    UPPER,
-    Mesh,
-    compact,
-    ellipsoid,
-    triangles_of_quads,
-    vertex_normals,
-)
+from tsuiseki.datamodules.scenes.figures.mesh import Mesh, Worn, compact, ellipsoid, triangles_of_quads, vertex_normals
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 SUITS = {
@@ -70,8 +58,8 @@ def random_figure(rng: np.random.Generator, assets: Assets) -> Figure:
     body = assets.body
     worn = _clothes(rng, assets, shape, sex)
     names = [*_hair(rng, sex), ("clothes", str(rng.choice(SHOE_PAIRS)))]
-    garments = [(assets.garment(*name), {"hair": HAIR}.get(name[0], EXTRA)) for name in names]
-    garments = [(g, SHOES if g.name in SHOE_PAIRS else label) for g, label in garments]
+    garments = [(assets.garment(*name), {"hair": Worn.HAIR}.get(name[0], Worn.EXTRA)) for name in names]
+    garments = [(g, Worn.SHOES if g.name in SHOE_PAIRS else label) for g, label in garments]
     fitted = [_fitted(body, shape, garment, label) for garment, label in garments]
     hidden = [garment.hidden for garment, _ in garments]
     for mesh, covered in worn:
@@ -84,12 +72,8 @@ def random_figure(rng: np.random.Generator, assets: Assets) -> Figure:
     meshes += _carried(rng, joints, height)
     if rng.random() < 0.12:
         meshes.append(_cap(rng, shape, body, joints))
-    return Figure(
-        [compact(mesh) for mesh in meshes],
-        joints,
-        {bone: shape[at].mean(axis=0) for bone, at in body.tips.items()},
-        height,
-    )
+    tips = {bone: shape[at].mean(axis=0) for bone, at in body.tips.items()}
+    return Figure([compact(mesh) for mesh in meshes], joints, tips, height)
 
 
 def _shape(rng: np.random.Generator, assets: Assets, sex: str, age: str) -> tuple[FloatArray, float]:
@@ -124,17 +108,17 @@ def _skin(body: BaseBody, shape: FloatArray, hidden: IntArray, texture: ImageArr
     seen = ~covered[body.quads].all(axis=1)
     triangles = triangles_of_quads(body.quads[seen])
     uv = body.uv[seen][:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2)
-    return Mesh(shape, triangles, uv, body.weights, np.full(len(triangles), SKIN, np.uint8), texture)
+    return Mesh(shape, triangles, uv, body.weights, np.full(len(triangles), Worn.SKIN, np.uint8), texture)
 
 
 def _fitted(body: BaseBody, shape: FloatArray, garment: Garment, label: int) -> Mesh:
-    """A garment put on; a suit's label 0 stands for `UPPER` and `LOWER`, by the bones that move it."""
+    """A garment put on; a suit's label 0 stands for `Worn.UPPER` and `Worn.LOWER`, by the bones that move it."""
     scale = (shape[:, 2].max() - shape[:, 2].min()) / (body.vertices[:, 2].max() - body.vertices[:, 2].min())
     vertices = np.einsum("nk,nkd->nd", garment.shares, shape[garment.anchors]) + scale * garment.offsets
     weights = np.clip(np.einsum("nk,nkb->nb", garment.shares, body.weights[garment.anchors]), 0, None)
     weights /= weights.sum(axis=1, keepdims=True)
     low = weights[garment.triangles][:, :, [0, *_LEGS]].sum(axis=2).mean(axis=1) > 0.5
-    labels = np.where(low, LOWER, UPPER) if label == 0 else np.full(len(low), label)
+    labels = np.where(low, Worn.LOWER, Worn.UPPER) if label == 0 else np.full(len(low), label)
     return Mesh(vertices, garment.triangles, garment.uv, weights, labels.astype(np.uint8), garment.texture, True)
 
 
@@ -193,7 +177,7 @@ def _sewn(rng: np.random.Generator, body: BaseBody, shape: FloatArray, part: str
     across = np.arctan2(corner[..., 1] - corner[..., 1].mean(), corner[..., 0]) / (2 * np.pi)
     across = np.where(np.ptp(across, axis=1, keepdims=True) > 0.5, across % 1.0, across)
     uv = np.stack([2 * across, corner[..., 2] / 0.6], axis=-1)
-    labels = np.full(len(triangles), UPPER if part == "upper" else LOWER, np.uint8)
+    labels = np.full(len(triangles), Worn.UPPER if part == "upper" else Worn.LOWER, np.uint8)
     return Mesh(vertices, triangles[kept], uv[kept], body.weights, labels[kept], fabric(rng))
 
 
@@ -204,7 +188,7 @@ def _rigid(rng: np.random.Generator, shell: tuple[FloatArray, IntArray], bone: s
     weights[:, BONES.index(bone)] = 1
     spread = vertices[triangles] / 0.3
     uv = np.stack([spread[..., 0] + spread[..., 1], spread[..., 2]], axis=-1)
-    return Mesh(vertices, triangles, uv, weights, np.full(len(triangles), EXTRA, np.uint8), fabric(rng))
+    return Mesh(vertices, triangles, uv, weights, np.full(len(triangles), Worn.EXTRA, np.uint8), fabric(rng))
 
 
 def _carried(rng: np.random.Generator, joints: FloatArray, height: float) -> list[Mesh]:
@@ -219,11 +203,9 @@ def _carried(rng: np.random.Generator, joints: FloatArray, height: float) -> lis
         # In the body's rest the arms point aside; what hangs from the hand then hangs along the arm.
         along = hand - joints[BONES.index(f"lowerarm.{side}")]
         along /= np.linalg.norm(along)
-        vertices, triangles = ellipsoid(
-            np.zeros(3), size * np.array([0.085, 0.03, 0.07]), float(rng.uniform(0.45, 0.8))
-        )
-        down, left = along, np.cross(along, [1.0, 0.0, 0.0])
-        axes = np.stack([[1.0, 0.0, 0.0], left / np.linalg.norm(left), -down], axis=1)
+        radii, left = size * np.array([0.085, 0.03, 0.07]), np.cross(along, [1.0, 0.0, 0.0])
+        vertices, triangles = ellipsoid(np.zeros(3), radii, float(rng.uniform(0.45, 0.8)))
+        axes = np.stack([[1.0, 0.0, 0.0], left / np.linalg.norm(left), -along], axis=1)
         return [_rigid(rng, (vertices @ axes.T + hand + along * 0.14 * size, triangles), f"wrist.{side}")]
     if kind < 0.42:
         hip = joints[BONES.index(f"upperleg.{side}")]

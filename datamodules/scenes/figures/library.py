@@ -87,17 +87,11 @@ class SpriteLibrary:
         normals = cv2.imread(f"{name}.normal.png", cv2.IMREAD_COLOR)
         if colours is None or normals is None or colours.shape[2:] != (4,):
             raise RequestError(f"expected pictures {name}.png and {name}.normal.png, got none; make the folder anew")
-        values = [float(row[c]) for c in _COLUMNS[1:]]
-        return Sprite(
-            np.ascontiguousarray(colours[..., 2::-1]),
-            (normals[..., ::-1].astype(np.int16) - 128).astype(np.int8),
-            np.asarray(colours[..., 3] // 32, np.uint8),
-            np.array(values[:2]),
-            np.array(values[2:4]),
-            values[4],
-            values[5],
-            np.array(values[6:8]),
-        )
+        feet_x, feet_y, head_x, head_y, height, tilt, *sides = (float(row[c]) for c in _COLUMNS[1:])
+        albedo, label = np.ascontiguousarray(colours[..., 2::-1], np.uint8), np.asarray(colours[..., 3] // 32, np.uint8)
+        normal = (normals[..., ::-1].astype(np.int16) - 128).astype(np.int8)
+        feet, head = np.array([feet_x, feet_y]), np.array([head_x, head_y])
+        return Sprite(albedo, normal, label, feet, head, height, tilt, np.array(sides))
 
     def near(self, rng: np.random.Generator, tilt: float) -> Sprite:
         """A random one of those seen from about so high, ``tilt`` in radians: of the nearest twentieth."""
@@ -131,9 +125,8 @@ def write_sprites(
     Assets(assets)
     with output_folder(folder, overwrite) as work:
         draw = partial(_person, work, Path(assets), settings, seed)
-        rows = [
-            row for some in watch(on_all_cores(draw, range(settings.people), 4, settings.processes)) for row in some
-        ]
+        people = watch(on_all_cores(draw, range(settings.people), 4, settings.processes))
+        rows = [row for views in people for row in views]
         with (work / _INDEX).open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(_COLUMNS)
@@ -154,10 +147,8 @@ def _opened(folder: Path) -> Assets:
 
 def _person(work: Path, assets: Path, settings: SpriteSettings, seed: int, person: int) -> list[FloatArray]:
     rng = np.random.default_rng([seed, person])
-    rows = []
-    for view, sprite in enumerate(
-        random_sprites(rng, _opened(assets), settings.views, settings.height, settings.tilts)
-    ):
+    rows, sprites = [], random_sprites(rng, _opened(assets), settings.views, settings.height, settings.tilts)
+    for view, sprite in enumerate(sprites):
         name = str(work / _name(person, view))
         # The label lies where a picture viewer expects opacity, so that the files can be looked at.
         opacity = np.where(sprite.label > 0, sprite.label * np.uint8(32) + np.uint8(31), 0).astype(np.uint8)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
-SKIN, HAIR, UPPER, LOWER, SHOES, EXTRA = 1, 2, 3, 4, 5, 6
+Worn = IntEnum("Worn", "SKIN HAIR UPPER LOWER SHOES EXTRA")
+"""What a triangle belongs to; EXTRA is carried, or a hat."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +23,7 @@ class Mesh:
         triangles: ``(T, 3)`` indices of vertices.
         uv: ``(T, 3, 2)`` texture coordinates of the corners, in [0, 1], from the lower left.
         weights: ``(N, B)`` how much each bone moves each vertex; rows sum to 1.
-        labels: ``(T,)`` what a triangle belongs to: `SKIN`, `HAIR`, `UPPER`, `LOWER`, `SHOES` or `EXTRA`.
+        labels: ``(T,)`` a `Worn` each.
         texture: ``(h, w, 4)`` uint8 RGBA.
         cutout: the texture's alpha says where there is something.
     """

@@ -91,7 +91,7 @@ class Sprite:
     Attributes:
         albedo: ``(h, w, 3)`` uint8 sRGB, black where there is nobody.
         normal: ``(h, w, 3)`` int8, 127 times the unit normal: away from the camera, left, up.
-        label: ``(h, w)`` uint8 `mesh.SKIN` to `mesh.EXTRA`, 0 where there is nobody.
+        label: ``(h, w)`` uint8 a `mesh.Worn`, 0 where there is nobody.
         feet: ``(2,)`` pixels of the place on the ground where the person stands.
         head: ``(2,)`` pixels of the point ``height`` above it.
         height: metres.

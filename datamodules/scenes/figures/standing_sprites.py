@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.figures.mesh import EXTRA, HAIR, LOWER, SHOES, SKIN, UPPER
+from tsuiseki.datamodules.scenes.figures.mesh import Worn
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite, smaller
 from tsuiseki.datamodules.scenes.people.look import MIDDLE, random_look
 from tsuiseki.datamodules.scenes.render.photographs import OPAQUE, Photographs
@@ -92,8 +92,8 @@ def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
     """The sprite in other colours, and mirrored every other time."""
     look = random_look(rng)
     albedo = sprite.albedo.copy()
-    colours = {HAIR: look.hair, UPPER: look.upper, LOWER: look.lower, SHOES: look.shoes, EXTRA: look.bag_colour}
-    for label, colour in colours.items():
+    colours = (look.hair, look.upper, look.lower, look.shoes, look.bag_colour)
+    for label, colour in zip(list(Worn)[1:], colours, strict=True):
         at = sprite.label == label
         if not at.any():
             continue
@@ -105,7 +105,7 @@ def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
         bright = own.mean(axis=1, keepdims=True)
         relative = np.clip(bright / max(float(bright.mean()), 1.0), 0, 2.5) ** np.float32(rng.uniform(0.5, 1.1))
         albedo[at] = np.clip(relative * np.array(colour, dtype=np.float32) * 255, 0, 255).astype(np.uint8)
-    at = sprite.label == SKIN
+    at = sprite.label == Worn.SKIN
     albedo[at] = np.clip(albedo[at] * np.float32(np.exp(rng.normal(0, 0.12))), 0, 255).astype(np.uint8)
     if rng.random() < 0.5:
         return replace(sprite, albedo=albedo)
@@ -152,19 +152,13 @@ def pictured_things(
     largest: float,
 ) -> list[Thing]:  # fmt: skip
     """Up to ``count`` photographed things, clear of the places ``taken`` ``(N, 2)``; see `clutter_around`."""
-    made: list[tuple[Solids, Sprite]] = []
 
-    def upright(rng: np.random.Generator, spot: FloatArray) -> Solids:
+    def upright(rng: np.random.Generator, spot: FloatArray) -> Thing:
         sprite = _as_sprite(rng, photographs.thing(rng))
-        made.append((_board(sprite, spot, camera), sprite))
-        return made[-1][0]
+        board = _board(sprite, spot, camera)
+        return Thing(board, cutout=Standing(sprite, board.start[0, :2].astype(np.float64)))
 
-    placed = clutter_around(rng, camera, count, taken, largest, upright)
-    sprites = {id(solids): sprite for solids, sprite in made}
-    return [
-        Thing(thing.solids, cutout=Standing(sprites[id(thing.solids)], thing.solids.start[0, :2].astype(np.float64)))
-        for thing in placed
-    ]
+    return clutter_around(rng, camera, count, taken, largest, upright)
 
 
 def _as_sprite(rng: np.random.Generator, picture: ImageArray) -> Sprite:
@@ -175,7 +169,7 @@ def _as_sprite(rng: np.random.Generator, picture: ImageArray) -> Sprite:
     tall = min(rows, _TALL)
     wide = max(round(columns * tall / rows * float(np.exp(rng.normal(0, 0.2)))), 2)
     small = np.asarray(cv2.resize(picture, (wide, tall), interpolation=cv2.INTER_AREA))
-    label = np.where(small[..., 3] >= OPAQUE, EXTRA, 0).astype(np.uint8)
+    label = np.where(small[..., 3] >= OPAQUE, Worn.EXTRA, 0).astype(np.uint8)
     gain = np.exp(rng.normal(0, 0.25)) * np.exp(rng.normal(0, 0.08, 3))
     albedo = np.where(label[..., None] > 0, np.clip(small[..., :3] * gain, 0, 255), 0).astype(np.uint8)
     normal = np.broadcast_to(np.array(_FACING, np.int8), albedo.shape)

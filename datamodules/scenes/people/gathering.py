@@ -200,8 +200,8 @@ class _Stage:
             actor.pace *= 0.85
         actor.target = self.somewhere()
 
-    def _free(self, index: int) -> bool:
-        actor = self.actors[index]
+    @staticmethod
+    def _free(actor: Actor) -> bool:
         fetched = actor.prop is not None and actor.prop.kind in AHEAD
         return actor.errand is None and actor.activity.act is None and actor.seat is None and not fetched
 
@@ -209,10 +209,9 @@ class _Stage:
         """Arrange a meeting with the nearest free person; at once it begins there and then."""
         assert activity.act is not None
         actor = self.actors[index]
-        others = [i for i in range(len(self.actors)) if i != index and self._free(i)]
+        others = [i for i, a in enumerate(self.actors) if a is not actor and self._free(a) and activity != a.activity]
         if at_once:
             others = [i for i in others if self.actors[i].until == 0]
-        others = [i for i in others if activity != self.actors[i].activity]
         if not others:
             return False
         other = min(others, key=lambda i: float(np.linalg.norm(self.actors[i].position - actor.position)))
@@ -221,10 +220,8 @@ class _Stage:
         angle = math.atan2(*(partner.position - actor.position)[::-1])
         half = 0.5 * APART[activity.act] * np.array([math.cos(angle), math.sin(angle)])
         deadline = frame + int(PATIENCE * self.rate)
-        for i, spot, heading, with_whom in (
-            (index, middle - half, angle, other),
-            (other, middle + half, angle + math.pi, index),
-        ):
+        places = (index, middle - half, angle, other), (other, middle + half, angle + math.pi, index)
+        for i, spot, heading, with_whom in places:
             if at_once:
                 self.actors[i].position, self.actors[i].heading = spot.copy(), heading
             else:

@@ -25,11 +25,9 @@ from tsuiseki.datamodules.scenes.people.posture import (
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.shading import NOISE, NOISE_SIZE, Light, random_light, shade
 from tsuiseki.datamodules.scenes.render.solids import (
-    HEAD,
-    PELVIS,
-    TRUNK,
     UP,
     Colour,
+    Detail,
     Float32,
     Layer,
     Parts,
@@ -108,13 +106,13 @@ def _trunk(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
     upper = (look.upper, look.upper_second, look.upper_pattern, look.period)
     wide = 0.5 * (build.shoulders + g)
     chest = s.chest - up * 0.075 * h
-    flesh.add(waist, chest, (0.078 * g, 0.094 * wide), front, 0.68, *upper, relief=0.16, detail=TRUNK)
+    flesh.add(waist, chest, (0.078 * g, 0.094 * wide), front, 0.68, *upper, relief=0.16, detail=Detail.TRUNK)
     covered = look.lower_style == "coat" or look.thickness > 1.15
     half = s.pelvis_axes[:, 1] * 0.026 * h * build.hips
     hips = s.pelvis + s.pelvis_axes[:, 2] * (0.022 if covered else 0.03) * h
     thick = (0.070 if covered else 0.064) * g
     cloth = upper if covered else _lower(look)
-    flesh.add(hips + half, hips - half, (thick, thick), s.pelvis_axes[:, 0], 0.9, *cloth, detail=PELVIS)
+    flesh.add(hips + half, hips - half, (thick, thick), s.pelvis_axes[:, 0], 0.9, *cloth, detail=Detail.PELVIS)
     tone = (look.shoulders, look.upper_second, look.upper_pattern, look.period)
     for k in (0, 1):
         flesh.add(s.chest - up * 0.012 * h, s.shoulder[k] - up * 0.006 * h, (0.05 * g, 0.034 * g), front, 0.9, *tone)
@@ -134,7 +132,7 @@ def _head(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
     # The hairline sits in the period of the head's surface: the height where hair begins at the temples.
     hairline = (0.016 if style == "hat" else 0.030) * h
     radius = (0.037 * size, 0.044 * size)
-    flesh.add(low, high, radius, front, 1.2, look.skin, period=hairline, relief=0.06, detail=HEAD)
+    flesh.add(low, high, radius, front, 1.2, look.skin, period=hairline, relief=0.06, detail=Detail.HEAD)
     back = s.head - front * 0.02 * h
     if style == "long":
         end = s.chest - front * 0.035 * h - s.trunk_axes[:, 2] * 0.02 * h

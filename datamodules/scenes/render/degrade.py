@@ -70,19 +70,6 @@ def degrade(linear: Float32, how: Degradation, rng: np.random.Generator) -> Imag
     factors = np.float32(how.exposure) * np.array(how.cast, dtype=np.float32)
     image = np.sqrt(np.clip(linear * factors, 0, 1))
     image = np.ascontiguousarray(cv2.transform(image, 255 * _tone(how)), dtype=np.float32)
-    return _finished(image, how, rng)
-
-
-def _tone(how: Degradation) -> FloatArray:
-    """``(3, 4)`` affine map of colours in [0, 1] that is saturation, contrast and haze."""
-    mixing = how.saturation * np.eye(3) + (1 - how.saturation) / 3
-    gain = how.contrast * (1 - how.haze)
-    offset = 0.45 * (1 - how.haze) + 0.75 * how.haze - 0.45 * gain
-    return np.concatenate([gain * mixing, np.full((3, 1), offset)], axis=1)
-
-
-def _finished(image: Float32, how: Degradation, rng: np.random.Generator) -> ImageArray:
-    """The optical and digital part: ``(H, W, 3)`` in [0, 255] blurred, resampled, sharpened, with noise and JPEG."""
     height, width = image.shape[:2]
     if how.blur > 0.2:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), how.blur), dtype=np.float32)
@@ -99,7 +86,15 @@ def _finished(image: Float32, how: Degradation, rng: np.random.Generator) -> Ima
         # The order of the colours matters to JPEG, which keeps less of the blue.
         data = cv2.imencode(".jpg", result[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, how.jpeg])[1]
         result = np.ascontiguousarray(np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)[:, :, ::-1])
-    return result
+    return np.asarray(result, dtype=np.uint8)
+
+
+def _tone(how: Degradation) -> FloatArray:
+    """``(3, 4)`` affine map of colours in [0, 1] that is saturation, contrast and haze."""
+    mixing = how.saturation * np.eye(3) + (1 - how.saturation) / 3
+    gain = how.contrast * (1 - how.haze)
+    offset = 0.45 * (1 - how.haze) + 0.75 * how.haze - 0.45 * gain
+    return np.concatenate([gain * mixing, np.full((3, 1), offset)], axis=1)
 
 
 def sensor_noise(rng: np.random.Generator, height: int, width: int) -> Float32:

@@ -9,10 +9,8 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.people.look import Outfit
 from tsuiseki.datamodules.scenes.render.solids import (
-    HEAD,
-    PELVIS,
-    TRUNK,
     Colour,
+    Detail,
     Float32,
     Int32,
     Layer,
@@ -140,7 +138,7 @@ def paint(local: Float32, which: Int32, solids: Solids, look: Outfit | None) -> 
             mix = pattern_value(int(code), u[at], v[at], period[at], phase[at])
             colour[:, at] += mix * (second[:, at] - colour[:, at])
     if look is not None:
-        head, trunk, pelvis = (np.flatnonzero(solids.detail[which] == code) for code in (HEAD, TRUNK, PELVIS))
+        head, trunk, pelvis = (np.flatnonzero(solids.detail[which] == code) for code in list(Detail)[1:])
         _paint_head(colour, head, look, metres[:, head], solids.period[which[head]])
         _paint_trunk(colour, trunk, look, metres[:, trunk])
         if look.phase % 3 < 1:

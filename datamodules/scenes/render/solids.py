@@ -6,6 +6,8 @@ or the cube has unit size, keeps the distance along the ray, so one closed form 
 
 from __future__ import annotations
 
+import itertools
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
@@ -20,12 +22,13 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 
-NO_DETAIL, HEAD, TRUNK, PELVIS = range(4)
 UP, FORWARD = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 Pattern = IntEnum("Pattern", "PLAIN ACROSS ALONG CHECKS SPECKLE CLOUDS BRICKS WINDOWS LEAVES", start=0)
 """What a surface shows of its second colour; ACROSS and ALONG are stripes."""
+Detail = IntEnum("Detail", "NONE HEAD TRUNK PELVIS", start=0)
+"""What `shading.paint` adds to the pattern."""
 Colour: TypeAlias = tuple[float, float, float]
 
 
@@ -51,7 +54,7 @@ class Solids:
         pattern: ``(K,)`` a `Pattern`
         period: ``(K,)`` of the pattern, metres.
         relief: ``(K,)`` strength of the random variation of brightness.
-        detail: ``(K,)`` NO_DETAIL, or what `paint` adds to the pattern.
+        detail: ``(K,)`` a `Detail`.
         phase: ``(K,)`` shifts pattern and variation.
     """
 
@@ -96,16 +99,18 @@ class Surface(NamedTuple):
     pattern: int = Pattern.PLAIN
     period: float = 0.1
     relief: float = 0.1
-    detail: int = NO_DETAIL
+    detail: int = Detail.NONE
     phase: float = 0.0
 
 
-def _arrays(surfaces: Sequence[Surface]) -> tuple[NDArray[Any], ...]:
-    """Surfaces as `Solids` wants them, colours in linear light (gamma 2, whose inverse is a square root)."""
+def _solids(shape: tuple[FloatArray, ...], box: bool, scale: FloatArray, surfaces: Sequence[Surface]) -> Solids:
+    """The solids of a ``shape``: start, to_local, length, radius. Light has a gamma of 2, whose inverse is a root."""
     columns = zip(*(s if s.second else s._replace(second=s.colour) for s in surfaces), strict=True)
     kinds = (np.float32, np.float32, np.int32, np.float32, np.float32, np.int32, np.float32)
-    arrays = [np.array(column, dtype=kind) for column, kind in zip(columns, kinds, strict=True)]
-    return np.square(arrays[0].reshape(-1, 3)), np.square(arrays[1].reshape(-1, 3)), *arrays[2:]
+    colour, second, *others = (np.array(column, dtype=kind) for column, kind in zip(columns, kinds, strict=True))
+    colours = [np.square(each.reshape(-1, 3)) for each in (colour, second)]
+    geometry = [each.astype(np.float32) for each in shape]
+    return Solids(*[*geometry, np.full(len(scale), box), scale.astype(np.float32), *colours, *others])
 
 
 def cone_spheres(
@@ -132,15 +137,8 @@ def cone_spheres(
     x = np.cross(y, z)
     scale = np.ones((len(start), 3))
     scale[:, 1] = flat
-    return Solids(
-        centre.astype(np.float32),
-        np.stack([x, y / flat[:, None], z], axis=1).astype(np.float32),
-        np.where(inside, 0.0, length).astype(np.float32),
-        radius.astype(np.float32),
-        np.zeros(len(start), dtype=np.bool_),
-        scale.astype(np.float32),
-        *_arrays(surfaces),
-    )
+    to_local = np.stack([x, y / flat[:, None], z], axis=1)
+    return _solids((centre, to_local, np.where(inside, 0.0, length), radius), False, scale, surfaces)
 
 
 def boxes(centre: FloatArray, half: FloatArray, yaw: FloatArray, surfaces: Sequence[Surface]) -> Solids:
@@ -148,56 +146,41 @@ def boxes(centre: FloatArray, half: FloatArray, yaw: FloatArray, surfaces: Seque
     count, cos, sin = len(centre), np.cos(yaw), np.sin(yaw)
     axes = np.tile(np.eye(3), (count, 1, 1))
     axes[:, :2, :2] = np.stack([np.stack([cos, sin], -1), np.stack([-sin, cos], -1)], 1)
-    return Solids(
-        centre.astype(np.float32),
-        (axes / half[:, :, None]).astype(np.float32),
-        np.zeros(count, dtype=np.float32),
-        np.ones((count, 2), dtype=np.float32),
-        np.ones(count, dtype=np.bool_),
-        half.astype(np.float32),
-        *_arrays(surfaces),
-    )
+    return _solids((centre, axes / half[:, :, None], np.zeros(count), np.ones((count, 2))), True, half, surfaces)
 
 
 class Parts:
     """Solids that are put together one after another."""
 
     def __init__(self) -> None:
-        self._groups: list[Solids] = []
-        self._cones: list[tuple[Any, ...]] = []
-        self._boxes: list[tuple[Any, ...]] = []
+        # What makes solids of rows, and one row; without a maker the row is solids.
+        self._rows: list[tuple[Callable[..., Solids] | None, Any]] = []
 
     def cone(
         self, start: FloatArray, end: FloatArray, radii: tuple[float, float], surface: Surface, flat: float = 1.0,
         front: FloatArray = FORWARD,
     ) -> None:  # fmt: skip
         """Add what lies between two spheres; see `cone_spheres`."""
-        self._close(self._boxes)
-        self._cones.append((start, end, radii, front, flat, surface))
+        self._rows.append((cone_spheres, (start, end, radii, front, flat, surface)))
 
     def box(self, centre: FloatArray, half: Sequence[float] | FloatArray, yaw: float, surface: Surface) -> None:
         """Add an upright box; see `boxes`."""
-        self._close(self._cones)
-        self._boxes.append((centre, half, yaw, surface))
+        self._rows.append((boxes, (centre, half, yaw, surface)))
 
     def add(self, solids: Solids) -> None:
         """Add solids as they are."""
-        self._close(self._cones, self._boxes)
-        self._groups.append(solids)
+        self._rows.append((None, solids))
 
     def solids(self) -> Solids:
         """All of them, in the order in which they were added."""
-        self._close(self._cones, self._boxes)
-        return join(self._groups) if len(self._groups) > 1 else self._groups[0]
-
-    def _close(self, *ends: list[Any]) -> None:
-        """End the rows of ``ends``, which make solids together."""
-        for rows in ends:
-            if rows:
-                *columns, surfaces = zip(*rows, strict=True)
-                make: Callable[..., Solids] = cone_spheres if rows is self._cones else boxes
-                self._groups.append(make(*(np.array(column, dtype=np.float64) for column in columns), surfaces))
-                rows.clear()
+        groups: list[Solids] = []
+        for make, rows in itertools.groupby(self._rows, key=operator.itemgetter(0)):
+            if make is None:
+                groups += [solids for _, solids in rows]
+            else:
+                *columns, surfaces = zip(*(row for _, row in rows), strict=True)
+                groups.append(make(*(np.array(column, dtype=np.float64) for column in columns), surfaces))
+        return join(groups) if len(groups) > 1 else groups[0]
 
 
 def along(yaw: float) -> FloatArray:

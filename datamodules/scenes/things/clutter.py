@@ -172,10 +172,10 @@ SMALL = (pole, crate, bench, car, bush, column, tripod)
 SHARES = (0.26, 0.16, 0.07, 0.13, 0.14, 0.16, 0.08)
 
 
-def random_clutter(rng: np.random.Generator, position: FloatArray) -> Solids:
+def random_clutter(rng: np.random.Generator, position: FloatArray) -> Thing:
     """One thing that is nobody, standing at ``position`` ``(2,)``."""
     make = SMALL[int(rng.choice(len(SMALL), p=SHARES))]
-    return make(rng, position, float(rng.uniform(0, 2 * np.pi)))
+    return Thing(make(rng, position, float(rng.uniform(0, 2 * np.pi))))
 
 
 def apparent_heights(camera: PinholeCamera, spots: FloatArray) -> FloatArray:
@@ -222,7 +222,7 @@ def clutter_around(
     count: int,
     taken: FloatArray,
     largest: float,
-    make: Callable[[np.random.Generator, FloatArray], Solids] = random_clutter,
+    make: Callable[[np.random.Generator, FloatArray], Thing] = random_clutter,
 ) -> list[Thing]:
     """Up to ``count`` things that are nobody at random places in view.
 
@@ -236,10 +236,10 @@ def clutter_around(
     for spot in spots:
         if len(things) == count:
             break
-        solids = make(rng, spot)
-        clear = len(taken) == 0 or np.linalg.norm(taken - spot, axis=1).min() > 0.4 + reach_of(solids, spot)
-        if clear and covered_share(solids, camera) < largest:
-            things.append(Thing(solids))
+        thing = make(rng, spot)
+        clear = len(taken) == 0 or np.linalg.norm(taken - spot, axis=1).min() > 0.4 + reach_of(thing.solids, spot)
+        if clear and covered_share(thing.solids, camera) < largest:
+            things.append(thing)
     return things
 
 

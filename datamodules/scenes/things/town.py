@@ -10,6 +10,7 @@ import itertools
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE, any_colour, colour_of
+from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Parts, Pattern, Solids, Surface, above, across, along
 from tsuiseki.tracking.types import FloatArray
 
@@ -222,10 +223,10 @@ THINGS = (traffic_light, road_sign, bollards, meter, bin_, bicycle, parasol, tor
 SHARES = (0.18, 0.18, 0.08, 0.1, 0.08, 0.09, 0.07, 0.05, 0.1, 0.07)
 
 
-def random_town_thing(rng: np.random.Generator, position: FloatArray) -> Solids:
+def random_town_thing(rng: np.random.Generator, position: FloatArray) -> Thing:
     """One thing of a town that is nobody, standing at ``position`` ``(2,)``."""
     make = THINGS[int(rng.choice(len(THINGS), p=SHARES))]
-    return make(rng, position, float(rng.uniform(0, 2 * np.pi)))
+    return Thing(make(rng, position, float(rng.uniform(0, 2 * np.pi))))
 
 
 def front(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:

@@ -20,9 +20,9 @@ from tsuiseki.tracking.association.evidence import (
 )
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
+from tsuiseki.tracking.association.looks import Looks
 from tsuiseki.tracking.association.tracklets import Ends, join_parts
 from tsuiseki.tracking.people.flow_input import FlowInput, InputSettings
-from tsuiseki.tracking.people.looks import Looks
 from tsuiseki.tracking.types import Detections, FloatArray
 
 COST = LinkCost()

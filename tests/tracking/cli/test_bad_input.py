@@ -69,9 +69,10 @@ def header_only(folder: Path, inputs: Any) -> Path:
 def truncated(folder: Path, _: Any) -> Path:
     path = folder / "cut.webm"
     rng = np.random.default_rng(0)
-    with VideoWriter(path, 10) as writer:
-        for _number in range(12):
-            writer.write(rng.integers(0, 256, (48, 64, 3), dtype=np.uint8))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"VP80"), 10, (64, 48))
+    for _number in range(12):
+        writer.write(rng.integers(0, 256, (48, 64, 3), dtype=np.uint8))
+    writer.release()
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     return path
 

@@ -11,7 +11,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.features.action import STREAMS
-from tsuiseki.trainers.experiments import drone
+from tsuiseki.trainers.experiments import drone_actions as drone
 
 
 def words(models: Path, folder: Path, out: str, *more: str) -> list[str]:

@@ -260,7 +260,7 @@ def test_files_that_are_no_options(
         ("people CLIP --seed -1 --out OUT", "--seed: expected a whole number from 0, got -1"),
         ("people CLIP --out -", "--out: expected the name of a folder, got -"),
         ("single CLIP --method mil --box 0,0,128,96 --out OUT", "--box: expected a box with room around it"),
-        ("blobs CLIP --colour red --size 100000,100000 --out OUT", "--size: expected at most the 128x96 pixels"),
+        ("blobs CLIP --colour red --size 20000,20000 --out OUT", "--size: expected at most the 128x96 pixels"),
     ],
 )
 def test_requests_that_cannot_be_met(
@@ -298,6 +298,7 @@ def test_pictures_of_one_pixel_have_an_overlay(name: str, clip: Path, drone_mode
     for number in range(3):
         cv2.imwrite(str(folder / f"{number}.png"), np.full((1, 1, 3), 60 * number, np.uint8))
     words = commands(clip, drone_models)[name][0]
+    (clip.parent / "det.txt").write_text("".join(f"{n},-1,1,1,1,2,0.9\n" for n in (1, 2, 3)))
     given = [*words[:2], str(folder), *words[3:]]
     assert main([*given, "--frames", "1-3", "--overlay", "--out", str(tmp_path / "o")]) == 0
     assert len(list(open_source(tmp_path / "o" / "overlay.webm").frames())) == 3

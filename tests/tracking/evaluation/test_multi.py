@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.multi import (
     PeopleScores,
     SequencePair,
@@ -45,6 +45,27 @@ def test_truth_scored_against_itself_is_perfect() -> None:
     people = [walk(3, range(10), 0), walk(7, range(5, 20), 100)]
     scores = evaluate_sequence(labels(*people), people, 20)
     assert scores == PeopleScores(1, 1, 1, 1, 1, 1, 0, 0, 0, 1, 1, 25)
+
+
+@pytest.mark.parametrize("frames", [np.arange(0, 200, 10), np.arange(5, 200, 10), np.arange(0, 200, 2),
+                                    np.cumsum(np.tile([9, 11, 10], 6))])  # fmt: skip
+def test_frames_that_nobody_labelled_are_not_scored(frames: np.ndarray) -> None:
+    people = [walk(3, range(200), 0), walk(7, range(40, 200), 0, 100)]
+    truth = labels(*people)
+    truth = truth.select(np.isin(truth.frames, frames))
+    with pytest.warns(InputWarning, match=rf"labels in {len(frames)} of 200 frames, .* are not scored"):
+        scores = evaluate_sequence(truth, people, 200)
+    assert (scores.mota, scores.hota, scores.false_positives, scores.labelled) == (1, 1, 0, len(truth))
+    wrong = walk(9, range(200), 0, 300)
+    with pytest.warns(InputWarning):
+        scores = evaluate_sequence(truth, [*people, wrong], 200)
+    assert scores.false_positives == pytest.approx(len(frames), abs=1)
+
+
+def test_an_empty_end_is_labelled(recwarn: pytest.WarningsRecorder) -> None:
+    scores = evaluate_sequence(labels(walk(1, range(20), 0)), [walk(1, range(40), 0)], 40)
+    assert (scores.false_positives, scores.labelled) == (20, 20)
+    assert not recwarn.list
 
 
 def test_no_track_at_all_misses_everything() -> None:

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.association.looks import given_looks, looked_at
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion, per_longer_frame, predict_boxes, start_boxes, update_boxes
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.people.bytetrack import ByteTrack
 from tsuiseki.tracking.people.deepsort import DeepSort
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.looks import given_looks, looked_at
 from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracking import follow_people, track_people

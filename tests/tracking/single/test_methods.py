@@ -1,5 +1,8 @@
 """Every tracker of one target on clips with known motion, and what they do when there is nothing to see."""
 
+import faulthandler
+from contextlib import nullcontext
+
 import cv2
 import numpy as np
 import pytest
@@ -101,3 +104,15 @@ def test_a_video_that_changes_its_size_is_refused():
     frames = [Frame(t, 0.0, rng.integers(0, 256, shape, dtype=np.uint8)) for t, shape in enumerate(shapes)]
     with pytest.raises(RunError, match="frame 2: expected 80x60 pixels as before, got 90x60"):
         list(follow_target(frames, np.array([5, 5, 30, 30.0]), make_tracker("kcf")))
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("box", [(40, 30, 42, 32), (0, 0, 4, 4), (-4, 30, 2, 36), (90, 30, 130, 32), (60, 40, 62, 70)])
+def test_every_box_that_may_start_ends_in_bounded_time(method, box):
+    """OpenCV's MIL looked for features in boxes of a few pixels for ever; a hang ends the test run with a traceback."""
+    images, _ = clip(walk(4))
+    faulthandler.dump_traceback_later(60, exit=True)
+    small = (box[2] - max(box[0], 0)) * (box[3] - max(box[1], 0)) < 36
+    with pytest.raises(RequestError, match="36 pixels") if method == "mil" and small else nullcontext():
+        assert all(np.isfinite(s.box).all() for s in run(make_tracker(method), images, np.array(box, dtype=np.float64)))
+    faulthandler.cancel_dump_traceback_later()

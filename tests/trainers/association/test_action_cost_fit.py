@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.cli import main
@@ -15,8 +16,11 @@ from tsuiseki.tracking.drone.observations import Observation
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import CameraStep
+from tsuiseki.tracking.formats.mot import write_ground_truth
+from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.trainers.association import action_cost_fit
 from tsuiseki.trainers.association.action_cost_fit import LinkSamples, fit_action_cost, link_samples
 
 SIZE = np.array([10.0, 22.0])
@@ -82,6 +86,19 @@ def test_no_cost_of_actions_prices_the_tracks_that_it_is_fitted_to() -> None:
     )
     for name in ("cost", "single", "means", "same"):
         np.testing.assert_array_equal(getattr(plain, name), getattr(priced, name))
+
+
+def test_the_command_writes_the_cost_of_actions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    observations, truth = row_of_people(0)
+    clip = tmp_path / "fit" / "one"
+    write_ground_truth(clip / "gt" / "gt.txt", truth)
+    write_sequence_info(clip, "one", 30.0, 40, 320, 240)
+    monkeypatch.setattr(action_cost_fit, "video_observations", lambda *_: iter(observations))
+    out = tmp_path / "drone.yaml"
+    assert main(["train", "affinity-drone", "--folders", str(tmp_path / "fit"), "--out", str(out)]) == 0
+    fitted = fit_action_cost([link_samples(observations, truth, 30.0, (320, 240))])
+    term = yaml.safe_load(out.read_text())["drone"]["flow"]["costs"]["link"]["action"]
+    np.testing.assert_allclose(term["weight"], fitted.weight, rtol=0.05)
 
 
 def test_a_clip_that_is_to_be_scored_is_not_fitted_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

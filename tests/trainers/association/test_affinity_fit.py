@@ -12,6 +12,7 @@ from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_d
 from tsuiseki.tracking.association.costs import PairFeatures
 from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, Affinity
 from tsuiseki.tracking.association.pairwise_flow import GateSettings
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.evaluation.coverage import NOBODY
 from tsuiseki.tracking.formats.mot import write_ground_truth
@@ -172,7 +173,9 @@ def test_fits_from_labels_alone(sequence: Path, tmp_path: Path) -> None:
     faults = DetectorFaults(false_alarms=1.0)
     video, settings = AffinityVideo([sequence], detections="simulated", faults=faults), AffinitySettings(trees=QUICK)
     out = fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), settings)
-    again = fit_affinity(video, OutputFile(out=tmp_path / "b.onnx"), settings)
+    again = tmp_path / "b.onnx"
+    words = ["--folders", str(sequence), "--detections", "simulated", "--faults.false-alarms", "1", "--out", str(again)]
+    assert main(["train", "affinity", *words, "--trees", str(QUICK)]) == 0
     assert out.read_bytes() == again.read_bytes(), "the same seed gives the same file"
     affinity = Affinity(out)
     assert affinity.card.class_names == FEATURE_SETS["extended"]

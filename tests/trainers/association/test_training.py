@@ -64,7 +64,7 @@ def options(walk: Path, out: Path, *more: str) -> list[str]:
 @pytest.fixture(scope="module")
 def trained(walk: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("association") / "out"
-    fit_association(options(walk, out, "--model.optimisation.warmup_steps=1"))
+    assert main(["train", "association", *options(walk, out, "--model.optimisation.warmup_steps=1")]) == 0
     return out
 
 
@@ -202,7 +202,8 @@ def test_an_unfinished_training_is_exported_only_where_asked(
     trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     best, out = trained / "checkpoints" / "best.ckpt", tmp_path / "part.onnx"
-    export_trained(best, tmp_path / "whole.onnx")
+    whole = ["export", "association", "--checkpoint", str(best), "--out", str(tmp_path / "whole.onnx")]
+    assert main(whole) == 0
     assert "--ckpt_path" not in capsys.readouterr().out
     held = torch.load(best, weights_only=True)
     assert held[PLANNED] >= 2

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments import fisheye_rows
+from tsuiseki.trainers.experiments import fisheye, fisheye_rows
 from tsuiseki.trainers.experiments.fisheye import SIDE, _strip, first_switch, named, reproduce, tables
 from tsuiseki.trainers.experiments.fisheye_rooms import STAGES, CeilingClip, CeilingModels, Observed, observe
 from tsuiseki.trainers.experiments.fisheye_rows import (
@@ -139,6 +140,27 @@ def test_impossible_sizes_are_named(tmp_path, argument, value):
 
 def test_detections_below_the_lowest_score_are_left_out():
     assert sum(map(len, observed().described("upright", 0.9))) == 0
+
+
+def three_people(clip: CeilingClip, models: CeilingModels) -> Observed:
+    """Stands for `observe`: what `observed` makes up."""
+    del models
+    return replace(observed(clip.seconds, clip.seed + clip.camera), seconds=dict.fromkeys(STAGES, 1.0))
+
+
+MIDDLES = {name: (choices := list(row.choices()))[len(choices) // 2] for name, row in ROWS.items()}
+
+
+def test_the_command_goes_to_the_end(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(fisheye, "observe", three_people)
+    # The middle of each grid alone, on one room: choosing well is for other tests.
+    monkeypatch.setattr(fisheye_rows.FloorRow, "choices", lambda row: iter([MIDDLES[row.name]]))
+    monkeypatch.setattr(fisheye, "VALIDATION_SEEDS", fisheye.VALIDATION_SEEDS[:1])
+    words = ["--seeds", "1", "--seconds", "6", "--fast-seeds", "0"]
+    out = ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
+    assert main(["reproduce", "omnidirectional", *words, *out]) == 0
+    assert "world" in capsys.readouterr().out
+    assert {"results.json", "tables.md", "run.json"} <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
 def test_only_frames_with_a_truth_are_scored():

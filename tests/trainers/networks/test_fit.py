@@ -18,8 +18,6 @@ import yaml
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.exporting.export import ModelFile
-from tsuiseki.trainers.exporting.export_networks import export_detector
 from tsuiseki.trainers.networks.detector_network import detector_card
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 from tsuiseki.trainers.networks.fit import DETECTOR, EpochLines, TaskCLI, fit_detector
@@ -66,7 +64,9 @@ def test_a_training_that_began_from_an_exported_file_goes_on_with_its_own_normal
     config: Path, tmp_path: Path
 ) -> None:
     exported = tmp_path / "start.onnx"
-    export_detector(ModelFile(out=exported), fit_detector(["--config", str(config)]))
+    assert main(["train", "detector", "--config", str(config)]) == 0
+    (best,) = config.parent.rglob("best.ckpt")
+    assert main(["export", "detector", "--checkpoint", str(best), "--out", str(exported)]) == 0
     out = tmp_path / "on"
     words = [
         "--config",

@@ -14,6 +14,7 @@ from torch import nn
 
 from tsuiseki.models import appearance
 from tsuiseki.models.backbones import Trunk
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Appearance, crop_boxes
 from tsuiseki.trainers.exporting.export import ModelFile, load_module
@@ -54,7 +55,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("appearance")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(appearance, "build_trunk", three_convolutions)
-        fit_appearance(options(folder, f"--out={folder / 'out'}"))
+        assert main(["train", "appearance", *options(folder, f"--out={folder / 'out'}")]) == 0
         yield folder
 
 
@@ -77,7 +78,8 @@ def test_training_learns_and_logs(trained: Path) -> None:
 def test_exported_network_describes_as_the_trained_one(trained: Path, tmp_path: Path) -> None:
     checkpoint = trained / "out" / "checkpoints" / "best.ckpt"
     path = tmp_path / "a.onnx"
-    export_appearance(ModelFile(out=path, training_data="rendered people"), checkpoint)
+    words = ["--checkpoint", str(checkpoint), "--out", str(path), "--training-data", "rendered people"]
+    assert main(["export", "appearance", *words]) == 0
     exported = Appearance(path, threads=1)
     card = exported.model.card
     assert (card.input_height, card.input_width, card.feature_length) == (64, 32, 32)

@@ -13,7 +13,7 @@ from tsuiseki.datamodules.footage import TrainingSource
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.figures.figure import random_figure
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary, SpriteSettings, write_sprites
-from tsuiseki.datamodules.scenes.figures.mesh import SKIN, UPPER
+from tsuiseki.datamodules.scenes.figures.mesh import Worn
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite, random_sprites, render_figure, smaller, steady_sides
 from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dressed, tilt_of
 from tsuiseki.datamodules.scenes.people.person import view_from
@@ -37,7 +37,7 @@ def block(height: int = 40, width: int = 16) -> Sprite:
     return Sprite(
         np.full((height, width, 3), 128, np.uint8),
         normal,
-        np.full((height, width), UPPER, np.uint8),
+        np.full((height, width), Worn.UPPER, np.uint8),
         np.array([width / 2, height]),
         np.array([width / 2, 0.0]),
         1.75,
@@ -66,7 +66,7 @@ def test_a_rendered_person_is_as_tall_as_asked_and_faces_the_camera(assets: Asse
         # Seen surfaces look at the camera, up to the change of its direction over the person.
         towards = np.array([-np.cos(sprite.tilt), 0.0, np.sin(sprite.tilt)])
         assert (sprite.normal[there] @ towards > -0.35 * 127).all()
-        assert {SKIN} < set(np.unique(sprite.label[there]))
+        assert {Worn.SKIN} < set(np.unique(sprite.label[there]))
 
 
 def test_a_steady_box_is_the_mean_of_a_walk(assets: Assets) -> None:
@@ -130,7 +130,7 @@ def test_a_library_without_steady_sides_is_refused(library: Path, tmp_path: Path
 def test_smaller_keeps_colour_and_shape() -> None:
     half = smaller(block(), 0.5)
     assert half.label.shape == (20, 8)
-    assert (half.label == UPPER).all()
+    assert (half.label == Worn.UPPER).all()
     assert np.abs(half.albedo.astype(int) - 128).max() <= 1
     np.testing.assert_allclose(half.feet, [4, 20])
 
@@ -164,7 +164,7 @@ def test_light_falls_on_the_side_it_comes_from() -> None:
 
 def test_clothes_change_and_shapes_do_not(assets: Assets) -> None:
     people = (random_sprites(np.random.default_rng(n), assets, 1, 80, TILTS)[0] for n in range(5, 30))
-    sprite = next(sprite for sprite in people if (sprite.label == UPPER).any())
+    sprite = next(sprite for sprite in people if (sprite.label == Worn.UPPER).any())
     looks = [dressed(np.random.default_rng(n), sprite) for n in range(12)]
     for other in looks:
         straight = np.array_equal(other.label, sprite.label)
@@ -174,7 +174,7 @@ def test_clothes_change_and_shapes_do_not(assets: Assets) -> None:
             np.testing.assert_array_equal(other.normal[:, ::-1, 1], -sprite.normal[..., 1])
             assert other.feet[0] == pytest.approx(sprite.label.shape[1] - sprite.feet[0])
             np.testing.assert_allclose(other.steady, sprite.label.shape[1] - sprite.steady[::-1])
-    assert len({tuple(o.albedo[o.label == UPPER].mean(axis=0).round()) for o in looks}) > 6
+    assert len({tuple(o.albedo[o.label == Worn.UPPER].mean(axis=0).round()) for o in looks}) > 6
 
 
 def test_a_library_comes_back_as_it_was_rendered(assets_folder: Path, library: Path, tmp_path: Path) -> None:

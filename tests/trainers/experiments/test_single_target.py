@@ -18,9 +18,8 @@ from tsuiseki.tracking.single.constants import PRINTED, CombinedSettings, Regula
 from tsuiseki.tracking.single.kcf import KcfSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments import single
+from tsuiseki.trainers.experiments import single_target as single
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.single import SWEEPS, by_seed, leave_one_out, scored
 from tsuiseki.trainers.experiments.single_passes import (
     CSRT,
     Csrt,
@@ -32,6 +31,7 @@ from tsuiseki.trainers.experiments.single_passes import (
     follow_with_csrt,
     searches,
 )
+from tsuiseki.trainers.experiments.single_target import SWEEPS, by_seed, leave_one_out, scored
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import Bench
 

@@ -3,7 +3,7 @@
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.experiments.drone import scored_plans, second_plans
+from tsuiseki.trainers.experiments.drone_actions import scored_plans, second_plans
 
 
 @pytest.mark.parametrize("size", [(3, 2, 300), (5, 10, 600)])
