@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from tsuiseki.tracking.class_choice import ClassChoice
 from tsuiseki.tracking.types import Detections, ImageArray
+from tsuiseki.tracking.types.class_choice import ClassChoice
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.features.exported import Detect

@@ -17,7 +17,6 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tsuiseki.tracking.class_choice import ClassChoice, only_people
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.chosen_classes import ChosenClasses
@@ -29,6 +28,7 @@ from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detection
 from tsuiseki.tracking.onnx import MissingCardError, OnnxModel
 from tsuiseki.tracking.preprocessing import check_images, crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types.class_choice import ClassChoice, only_people
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.tracking.weights.catalogue import find_model
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.class_choice import ClassChoice, only_people
 from tsuiseki.tracking.devices import Device, device_of
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.box_check import BoxCheck
@@ -33,6 +32,7 @@ from tsuiseki.tracking.geometry import about_rotated, clip_boxes, set_apart, sup
 from tsuiseki.tracking.onnx import byte_image_input, image_input, open_session, run_session
 from tsuiseki.tracking.preprocessing import check_images
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types.class_choice import ClassChoice, only_people
 
 _MOST_CANDIDATES = 400
 # A picture side for recognising networks that take any size.

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.class_choice import PERSON_NAMES
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.coco_names import COCO
 from tsuiseki.tracking.features.detector_layouts import (
@@ -39,6 +38,7 @@ from tsuiseki.tracking.features.detector_layouts import (
     paired,
 )
 from tsuiseki.tracking.features.foreign_options import LayoutName, ScoreKind
+from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 
 # Rows of a detector that drops doubles itself; more are never asked for.
 _MOST_ROWS = 1000

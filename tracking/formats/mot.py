@@ -90,8 +90,8 @@ def read_detections(
     Scores of two scales are taken as they are, and told.
 
     Args:
-        path: rows ``frame, -1, x, y, width, height, score, class, …``; a score that is left out, empty or nan is not known,
-            NaN; an empty file is a video in which nothing was detected, which is said.
+        path: rows ``frame, -1, x, y, width, height, score, class, …``; a score that is left out, empty or nan is not
+            known, NaN; an empty file is a video in which nothing was detected, which is said.
         length: number of frames of the video; by default up to the last frame that has a detection.
         score_range: smallest and largest score to expect; by default any finite number.
 
@@ -118,11 +118,12 @@ def read_detections(
     classes = _classes(rows)
     last = int(frames[-1]) + 1 if len(frames) else 0
     starts = np.searchsorted(frames, np.arange((last if length is None else length) + 1))
-    spans, nothing = list(itertools.pairwise(starts)), Detections.empty()
-    parts = [{"sources": sources[a:b], "classes": None if classes is None else classes[a:b]} for a, b in spans]
+    nothing = Detections.empty()
     return [
-        Detections(boxes[a:b], scores[a:b], **part) if b > a else nothing
-        for (a, b), part in zip(spans, parts, strict=True)
+        Detections(boxes[a:b], scores[a:b], None, None, None, None if classes is None else classes[a:b], sources[a:b])
+        if b > a
+        else nothing
+        for a, b in itertools.pairwise(starts)
     ]
 
 

@@ -273,8 +273,10 @@ def answers_of(tracks: list[Track], votes: list[int], first: int, before: int) -
     order = np.lexsort((ids, frames))
     cuts = np.searchsorted(frames[order], np.arange(first, before + 1))
     rows = [order[a:b] for a, b in itertools.pairwise(cuts.tolist())]
-    columns = ids, boxes, scores, observed, origin, classes
-    return [Answer(first + k, *(column[row] for column in columns)) for k, row in enumerate(rows)]
+    return [
+        Answer(first + k, ids[row], boxes[row], scores[row], observed[row], origin[row], classes[row])
+        for k, row in enumerate(rows)
+    ]
 
 
 def tracks_of(answers: list[Answer], names: Mapping[int, str]) -> list[Track]:
@@ -282,10 +284,10 @@ def tracks_of(answers: list[Answer], names: Mapping[int, str]) -> list[Track]:
     if not answers:
         return []
     frames = np.repeat([answer.frame for answer in answers], [len(answer.ids) for answer in answers])
-    ids, *columns = (
+    ids, boxes, scores, observed, origin = (
         np.concatenate([getattr(answer, name) for answer in answers])
         for name in ("ids", "boxes", "scores", "observed", "origin")
     )
     order = np.lexsort((frames, ids))
     pieces = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1) if len(order) else []
-    return [Track(int(ids[p[0]]), frames[p], *(column[p] for column in columns), names) for p in pieces]
+    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p], observed[p], origin[p], names) for p in pieces]

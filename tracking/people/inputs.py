@@ -14,7 +14,6 @@ from typing import TypeAlias, get_args
 import numpy as np
 
 from tsuiseki.tracking.association.looks import given_looks, looked_at, stride_of
-from tsuiseki.tracking.class_choice import ClassChoice
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.box_check import BoxCheck
@@ -44,6 +43,7 @@ from tsuiseki.tracking.people.score_choice import ScoreChoice
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground
 from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
+from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped
 

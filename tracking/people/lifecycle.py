@@ -226,7 +226,8 @@ class Lifecycle:
     ) -> Targets:
         """The confirmed live tracks, then those deleted in this frame."""
         confirmed = np.flatnonzero(self._hits >= self._settings.min_hits)
-        numbers, boxes, scores, origin = (rows[confirmed] for rows in (self._numbers, boxes, scores, origin))
+        numbers, boxes, scores = self._numbers[confirmed], boxes[confirmed], scores[confirmed]
+        origin = origin[confirmed]
         searched = (self._misses[confirmed] > 0) | skipped
         status = _STATUSES[searched.astype(np.intp)]
         if len(lost):

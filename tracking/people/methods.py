@@ -11,7 +11,6 @@ import numpy as np
 
 from tsuiseki.tracking.association.costs import ProbabilityCost, ScoreCost
 from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
-from tsuiseki.tracking.class_choice import called
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import undone
 from tsuiseki.tracking.features.camera_path import CameraPath, moved_boxes
@@ -30,6 +29,7 @@ from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracker import PeopleTracker, skipped, updated
 from tsuiseki.tracking.people.unused import FirstDetections
 from tsuiseki.tracking.types import FloatArray, Targets, Track
+from tsuiseki.tracking.types.class_choice import called
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE
 from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped
@@ -199,6 +199,11 @@ class MotionCompensated:
         return np.concatenate(back)
 
 
+def inner_tracker(tracker: PeopleTracker) -> PeopleTracker:
+    """What links, also where the movement of the camera is taken out before."""
+    return tracker.tracker if isinstance(tracker, MotionCompensated) else tracker
+
+
 class ByClass:
     """A tracker of its own for every class; ids are unique over all of them.
 
@@ -241,10 +246,12 @@ class ByClass:
         known = [answer for answer in answers if answer is not None]
         if len(known) < len(answers) or len({answer.frame for answer in known}) != 1:
             return None
-        columns = ("ids", "boxes", "scores", "status", "origin")
         names = {number: name for answer in known for number, name in answer.names.items()}
-        joined = (np.concatenate([getattr(answer, name) for answer in known]) for name in columns)
-        return Targets(known[0].frame, *joined, names)
+        ids, boxes, scores, status, origin = (
+            np.concatenate([getattr(answer, name) for answer in known])
+            for name in ("ids", "boxes", "scores", "status", "origin")
+        )
+        return Targets(known[0].frame, ids, boxes, scores, status, origin, names)
 
     def tracks(self) -> list[Track]:
         """The tracks of all classes, by id."""
@@ -254,6 +261,11 @@ class ByClass:
             for track in tracker.tracks()
         ]
         return sorted(found, key=lambda track: track.id)
+
+    def forget(self) -> None:
+        """See `OnlineTracker`."""
+        for tracker in self.trackers.values():
+            inner_tracker(tracker).forget()  # type: ignore[attr-defined]
 
     def _renumbered(self, number: int | str, targets: Targets | None) -> Targets | None:
         if targets is None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
-from tsuiseki.tracking.class_choice import ClassChoice
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
@@ -17,6 +16,7 @@ from tsuiseki.tracking.people.deepsort import DeepSortSettings
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.ocsort import OcSortSettings
 from tsuiseki.tracking.people.sort import SortSettings
+from tsuiseki.tracking.types.class_choice import ClassChoice
 
 PeopleMethod = Literal["flow", "deepsort", "sort", "bytetrack", "ocsort"]
 METHODS: tuple[PeopleMethod, ...] = get_args(PeopleMethod)
@@ -124,7 +124,7 @@ class PeopleFinding(FindingOptions):
     view: str = "auto"
     ground: Ground = "auto"
     appearance_options: AppearanceOptions = field(default_factory=AppearanceOptions)
-    classes: list[str] | None = None
+    classes: list[int | str] | None = None
     across_classes: bool = False
 
     def check(self) -> None:

@@ -18,7 +18,6 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 
 from tsuiseki.tracking.association.looks import stride_of
-from tsuiseki.tracking.class_choice import called
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
@@ -42,6 +41,7 @@ from tsuiseki.tracking.people.methods import (
     camera_for,
     compares_appearance,
     cost_of_scores,
+    inner_tracker,
     people_affinity,
     people_tracker,
     straddles,
@@ -52,6 +52,7 @@ from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers, skippe
 from tsuiseki.tracking.people.unused import FirstDetections
 from tsuiseki.tracking.result import Result, StageTimes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
+from tsuiseki.tracking.types.class_choice import called
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.video.source import Source, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
@@ -352,10 +353,10 @@ def _lines_on_flow(tracker: FlowTracker) -> list[str]:
 
 def _lines_on_unused(opened: OpenedPeople, first: FirstDetections, tracks: Sequence[Track]) -> list[str]:
     """Why most detections, of each class, belong to no track."""
-    tracker, lines = _inner(opened.tracker), []
+    tracker, lines = inner_tracker(opened.tracker), []
     groups: dict[int | str, tuple[FirstDetections, PeopleTracker]] = {-1: (first, tracker)}
     if isinstance(tracker, ByClass):
-        groups = {number: (tracker.first[number], _inner(one)) for number, one in tracker.trackers.items()}
+        groups = {number: (tracker.first[number], inner_tracker(one)) for number, one in tracker.trackers.items()}
     for number, (given, one) in groups.items():
         ours = [track for track in tracks if number == -1 or track.class_id in called(number, track.names)]
         line = given.line(sum(int(t.observed.sum()) for t in ours), len(ours), getattr(one, "settings", None))
@@ -365,16 +366,14 @@ def _lines_on_unused(opened: OpenedPeople, first: FirstDetections, tracks: Seque
 
 def _answers_while_it_runs(tracker: PeopleTracker) -> bool:
     """One that may have a delay has one, or else it can forget; see `people.tracker`."""
-    inner = _inner(tracker)
+    inner = inner_tracker(tracker)
+    if isinstance(inner, ByClass):
+        return all(map(_answers_while_it_runs, inner.trackers.values()))
     return inner.delay is not None if hasattr(inner, "delay") else hasattr(inner, "forget")
 
 
-def _inner(tracker: PeopleTracker) -> PeopleTracker:
-    return tracker.tracker if isinstance(tracker, MotionCompensated) else tracker
-
-
 def _followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Frame, Targets]]:
-    forget = getattr(_inner(tracker), "forget", None)
+    forget = getattr(inner_tracker(tracker), "forget", None)
     waiting: deque[Frame] = deque()
     first, looked = 0, inputs.looked
     last = Targets.empty(0)

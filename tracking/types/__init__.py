@@ -123,9 +123,12 @@ class Detections(ComparedByValue):
 
     def select(self, which: BoolArray | IntArray) -> Detections:
         """The detections at a mask or at indices."""
-        rows = {name: getattr(self, name) for name in ("boxes", "scores", "features", "actions", "angles", "classes")}
-        chosen = {name: None if row is None else row[which] for name, row in rows.items()}
-        return replace(self, **chosen, sources=self.origin[which, 0])
+        features = None if self.features is None else self.features[which]
+        actions = None if self.actions is None else self.actions[which]
+        angles = None if self.angles is None else self.angles[which]
+        classes = None if self.classes is None else self.classes[which]
+        boxes, scores, sources = self.boxes[which], self.scores[which], self.origin[which, 0]
+        return Detections(boxes, scores, features, actions, angles, classes, sources, self.names)
 
     @property
     def origin(self) -> IntArray:
@@ -215,8 +218,8 @@ class Targets(ComparedByValue):
 
     def select(self, which: BoolArray | IntArray) -> Targets:
         """The targets at a mask or at indices."""
-        rows = (getattr(self, name)[which] for name in ("ids", "boxes", "scores", "status", "origin"))
-        return Targets(self.frame, *rows, self.names)
+        ids, boxes, scores, status = self.ids[which], self.boxes[which], self.scores[which], self.status[which]
+        return Targets(self.frame, ids, boxes, scores, status, self.origin[which], self.names)
 
 
 @dataclass(frozen=True, eq=False)
