@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group, Tree
+from tsuiseki.tracking.cli.deadline import DEADLINE
 from tsuiseki.tracking.cli.ending import DONE, WRONG_REQUEST, ended
 from tsuiseki.tracking.errors import RequestError
 
@@ -44,6 +45,8 @@ def _run(command: Command, typed: list[str], words: list[str]) -> int:
     # OpenCV and FFmpeg write lines of their own to stderr; errors are worded here.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    # Training writes its last checkpoint.
+    DEADLINE.keeps = command.forwarded
     function = command.load(typed)
     from tsuiseki.tracking.cli.parser import call
 

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
+from tsuiseki.tracking.cli.deadline import DEADLINE
 from tsuiseki.tracking.errors import InputWarning, Interrupted, RequestError, RunError, explained, signal_of
 
 DONE, FAILED, WRONG_REQUEST = 0, 1, 2
@@ -26,7 +27,7 @@ NOTES: list[str] = []
 def ended(command: Callable[[], int | None]) -> int:
     """The exit status of ``command``, whatever ends it; what went wrong is said in a line."""
     try:
-        with on_signals(_interrupt), _warnings_in_a_line():
+        with DEADLINE.held(ENDING), on_signals(_interrupt), _warnings_in_a_line():
             return int(command() or DONE)
     except SystemExit as done:
         return int(done.code or DONE)
@@ -68,6 +69,7 @@ def on_signals(handler: Callable[[int, FrameType | None], object]) -> Iterator[N
 
 
 def _interrupt(number: int, _: FrameType | None) -> None:
+    DEADLINE.answered = True
     raise Interrupted(number)
 
 

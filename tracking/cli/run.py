@@ -32,6 +32,7 @@ from pathlib import Path, PurePath
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from tsuiseki.tracking.cli.deadline import DEADLINE
 from tsuiseki.tracking.cli.ending import DONE, FAILED, LATE, NOTES, complain, on_signals, said_of
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import Interrupted, RunError, signal_of
@@ -88,7 +89,9 @@ class Run:
 
     def _ask(self, number: int, _: FrameType | None = None) -> None:
         """The first interrupt waits for the end of a step, where there are steps."""
+        DEADLINE.answered = True
         if self.asked or not self._patient:
+            DEADLINE.keeps = self._written or self._live
             raise Interrupted(number)
         self.asked = number
 
@@ -151,6 +154,7 @@ class Run:
             while not self.asked and (item := next(watched, end)) is not end:
                 yield item  # type: ignore[misc]
                 self.count += 1
+                DEADLINE.keeps = True
         except LATE as error:
             if self.count == before:
                 raise

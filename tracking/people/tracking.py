@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
-from itertools import chain, repeat
+from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -212,22 +212,21 @@ def open_people(
     unknown = finding.score_threshold is None and not source.live
     choice = score_choice(detect, ground) if unknown else None
     inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks, choice)
-    make = _tracker_maker(inputs, linking, seed)
-    return OpenedPeople(inputs, make() if chosen is None or chosen.across else ByClass(make, chosen.plain), floor)
-
-
-def _tracker_maker(inputs: PeopleInputs, linking: Linking, seed: int) -> Callable[[], PeopleTracker]:
-    """What makes a tracker for the detections of ``inputs``."""
-    method: PeopleMethod | PeopleTracker = linking.method
-    if isinstance(method, str):
+    apart = chosen is not None and not chosen.across
+    fresh: Callable[[], PeopleTracker]
+    if isinstance(linking.method, str):
         # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
-        known = knows_scores(inputs.detect)
-        learnt = people_affinity(method, linking.affinity, inputs.threads, known_scores=known)
-        scores, drop = cost_of_scores(inputs.detect), straddles(inputs.detect)
-        stride = 1.0 if inputs.looked is None else stride_of(inputs.looked)
-        return lambda: people_tracker(
-            method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
-        )
+        known = knows_scores(detect)
+        learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=known)
+        fresh = partial(_fresh_tracker, inputs, linking, learnt, seed)
+    else:
+        fresh = partial(_own_tracker, inputs, linking, apart)
+    return OpenedPeople(inputs, ByClass(fresh, chosen.plain) if chosen is not None and apart else fresh(), floor)
+
+
+def _own_tracker(inputs: PeopleInputs, linking: Linking, copied: bool) -> PeopleTracker:
+    """The tracker that a call has given in place of a method's name; a copy of it where each class has one."""
+    method: Any = deepcopy(linking.method) if copied else linking.method
     if isinstance(method, type) or not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     for name in ("affinity", "delay"):
@@ -235,10 +234,16 @@ def _tracker_maker(inputs: PeopleInputs, linking: Linking, seed: int) -> Callabl
             raise RequestError(
                 f"expected `{name}` with the method's name, got it beside a tracker; give it to the tracker"
             )
-    path = inputs.camera
-    # The user's own, and for each class more a copy, made before any of them has seen a frame.
-    trackers = chain([method], map(deepcopy, repeat(method)))
-    return lambda: MotionCompensated(next(trackers), path) if isinstance(path, CameraPath) else next(trackers)
+    return MotionCompensated(method, inputs.camera) if isinstance(inputs.camera, CameraPath) else method
+
+
+def _fresh_tracker(inputs: PeopleInputs, linking: Linking, learnt: LearntCosts | None, seed: int) -> PeopleTracker:
+    """A tracker by the method's name, for the detections of ``inputs``."""
+    scores, drop = cost_of_scores(inputs.detect), straddles(inputs.detect)
+    stride = 1.0 if inputs.looked is None else stride_of(inputs.looked)
+    return people_tracker(
+        linking.method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
+    )
 
 
 def _opened(

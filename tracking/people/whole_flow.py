@@ -120,7 +120,7 @@ class WholeFlow:
         tracks: list[Track] = []
         images: list[FloatArray] = []
         # A video of fast targets bears nothing out, so its own calibration judges no track.
-        least = -np.inf if self.input.observation is None else settings.least
+        least = settings.least_logit(self.input.observation)
         logit = self.input.logits(self._scores[every.numbers])
         fewest = max(min(settings.fewest(rate), self._frame), 1)
         for piece in long_tracks(labels, fewest):
