@@ -38,7 +38,7 @@ from tsuiseki.tracking.cli.ending import DONE, FAILED, complain, notes, on_signa
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, signal_of
 from tsuiseki.tracking.output import RunRecord, output_folder
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.weights.catalogue import records_of
 
@@ -65,6 +65,7 @@ class Run:
         times: seconds of each stage.
         columns: what happened in each frame, for ``run.json``: one list a column.
         facts: what the run found out about its input, or chose by itself; likewise.
+        results: what is known of each result, by its folder; likewise.
         sources: videos that it read.
         count: finished steps.
         status: exit status, known after the ``with`` block.
@@ -75,6 +76,7 @@ class Run:
         self.times = StageTimes()
         self.columns: Mapping[str, Sequence[Any]] = {}
         self.facts: dict[str, Any] = {}
+        self.results: dict[str, Any] = {}
         self.sources: list[Source] = []
         self.count = 0
         self._before = 0
@@ -258,6 +260,7 @@ class Run:
         """
         self.columns = result.frames
         self.facts |= result.facts
+        self.results[folder or "."] = result.known()
         pages = [name for name in result.files if name.endswith(".html")]
         for name in [name for name in result.files if name not in pages]:
             self._save(result.files[name], PurePath(folder, name))
@@ -328,7 +331,7 @@ class Run:
             facts |= {name: found} if found else {}
         record = RunRecord(given.command, given.settings, self.output.random_seed, self.times.seconds, self.columns)
         record.partial, record.reason = bool(self._reason), self._reason
-        record.facts = facts
+        record.facts, record.results = facts, self.results
         record.write(self.work)
 
     def _facts_of_sources(self) -> dict[str, Any]:
@@ -340,10 +343,6 @@ class Run:
             facts = {} if source.live else uneven(list(source.times.noted.values()))
             gaps = getattr(source, "gaps", [])
             found[source.name] = {"timed_by": source.timed_by, **facts, **({"gaps": gaps} if gaps else {})}
-            if facts and len(self.sources) == 1 and "frame" in self.columns and "time" not in self.columns:
-                numbers = [number - 1 for number in self.columns["frame"]]
-                at = source.times.at(numbers, source.frame_rate).round(4).tolist()
-                self.columns = {**self.columns, "time": at}
         return {"frame_times": found} if found else {}
 
     def _report(self) -> None:
@@ -358,7 +357,7 @@ class Run:
     def _place(self) -> str:
         """How far the run came, for people."""
         numbers = self.columns.get("frame")
-        return f"frame {numbers[-1]}" if numbers else f"{self.count} steps"
+        return f"frame {numbers[-1] + 1}" if numbers else f"{self.count} steps"
 
 
 def frames_expected(source: Source) -> int | None:

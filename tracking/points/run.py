@@ -32,7 +32,8 @@ from tsuiseki.tracking.points.settings import (
     SetMethod,
 )
 from tsuiseki.tracking.points.tracker import BlobTracker, MeasurementTracker, PointTracker, SingleBlobTracker
-from tsuiseki.tracking.result import Result, StageTimes, Writer
+from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
 from tsuiseki.tracking.video.source import Source
@@ -214,7 +215,7 @@ def blob_result(
     for count, step in enumerate(steps, start=1):  # noqa: B007
         with times.measure("track"):
             update(step)
-    columns: dict[str, list[Any]] = {"frame": list(range(first + 1, first + count + 1))}
+    columns: dict[str, list[Any]] = {"frame": list(range(first, first + count))}
     if isinstance(tracker, SingleBlobTracker):
         # It counts frames as the video does.
         columns |= {"score": [e.score for e in tracker.estimates], "status": [e.status for e in tracker.estimates]}
@@ -402,7 +403,7 @@ def sensed_result(
         facts={"region": [list(pair) for pair in model.region]},
         seconds=times.seconds,
         frames={
-            "frame": list(range(1, len(done) + 1)),
+            "frame": list(range(len(done))),
             "time": [scan.time for scan in done],
             "measurements": [len(scan.measurements) for scan in done],
             "targets": [numbers[scan] for scan in range(len(done))],
