@@ -45,13 +45,20 @@ ADVICE = (
 )
 
 
-def explained(error: ImportError) -> RunError | None:
-    """The failure to load OpenCV as an error that says what to do; None where it was something else.
+TRAIN_PACKAGES = ("torch", "torchvision", "lightning", "onnx", "onnxscript", "sklearn", "skl2onnx", "tensorboard")
+
+
+def explained(error: ImportError) -> RunError | RequestError | None:
+    """The failure to load OpenCV or what trains as an error that says what to do; None where it was something else.
 
     >>> str(explained(ImportError("libGL.so.1: cannot open shared object file"))).split(";")[0]
     'OpenCV does not load, for libGL.so.1 is not there'
     >>> explained(ImportError("No module named 'tsuiseki.flow'"))
     """
+    if (error.name or "").split(".")[0] in TRAIN_PACKAGES:
+        return RequestError(
+            f"training needs {error.name}, which is not installed; install the extra: pip install 'tsuiseki[train]'"
+        )
     if error.name == "cv2":
         return RunError("OpenCV is not installed; give `pip install opencv-python-headless`")
     library = re.match(r"(lib[\w.+-]+\.so[\w.]*): cannot open shared object file", str(error))

@@ -30,6 +30,8 @@ RUN_FILE = "run.json"
 UNFINISHED = ".unfinished"
 # Columns of ``run.json`` that number frames: from 0 in Python, from 1 in the file.
 SHIFTED = ("frame", "frame_of_each_video")
+WORKING: set[Path] = set()
+"""Folders that this process fills at the moment; they vanish with it."""
 VERSIONED_PACKAGES = ("tsuiseki", "numpy", "scipy", "opencv-python-headless", "onnxruntime", "onnxruntime-gpu")
 
 
@@ -56,7 +58,7 @@ def output_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
         for left in _unfinished(folder, folder.name):
             shutil.rmtree(left, ignore_errors=True)
         work = _working_folder(folder.name, folder)
-        stack.callback(shutil.rmtree, work, ignore_errors=True)
+        stack.callback(_clear, work)
         yield work
         _publish(work, folder)
 
@@ -89,7 +91,7 @@ def output_file(path: Path, overwrite: bool) -> Iterator[Path]:
                 _lock(left, path, probe)
                 shutil.rmtree(left, ignore_errors=True)
         work = _working_folder(path.name, parent)
-        stack.callback(shutil.rmtree, work, ignore_errors=True)
+        stack.callback(_clear, work)
         _lock(work, path, stack)
         yield work / path.name
         (work / path.name).replace(path)
@@ -249,7 +251,13 @@ def _working_folder(name: str, parent: Path) -> Path:
         work.chmod(0o777 & ~_umask())
     except OSError as error:
         raise RequestError(f"cannot write to {parent}: {error.strerror}; choose another place") from error
+    WORKING.add(work)
     return work
+
+
+def _clear(work: Path) -> None:
+    shutil.rmtree(work, ignore_errors=True)
+    WORKING.discard(work)
 
 
 def _umask() -> int:

@@ -2,18 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 # Pixels around an image that the crop of a box may span: what detectors say of real people needs far fewer.
 MOST_PIXELS = 2**24
 FARTHEST = 2.0**40
+
+
+def check_images(images: Sequence[ImageArray]) -> int:
+    """How many images there are.
+
+    Raises:
+        RequestError: they are no images ``(H, W, 3)`` uint8, or one of them alone.
+    """
+    for image in images:
+        if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+            shown = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+            raise RequestError(f"expected a list of images (H, W, 3) uint8, got one entry of {shown}; is it one image?")
+    return len(images)
 
 
 def fit_image(image: ImageArray, card: ModelCard) -> tuple[ImageArray, tuple[float, float]]:

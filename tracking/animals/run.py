@@ -260,7 +260,7 @@ def animals(
         in_millimetres([], scale, source)
     with output.run() as run:
         steps = run.steps(run.frames(source, record=video.overlay), total=frames_expected(source))
-        made = output.given.settings
+        made = output.settings
         result = animal_result(source, steps, skeleton, table, contrast, threshold, animals, run.times, made, scale)
         run.save(result, lambda: video.draw(run, source, result))
         hint = "; nothing stands out, give `threshold` or another `contrast`"

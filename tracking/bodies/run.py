@@ -210,7 +210,7 @@ def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
     tracker = body_tracker(choice, source, output.seed)
     with output.run() as run:
         steps = run.steps(run.frames(source, record=video.overlay), total=frames_expected(source))
-        result = body_result(source, tracker, steps, run.times, output.given.settings)
+        result = body_result(source, tracker, steps, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
         seen = sum(int(track.tracking.sum()) for track in result)
         bodies, place = count(len(result), "body", "bodies"), output.out / "states.csv"

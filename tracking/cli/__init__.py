@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group, Tree
+from tsuiseki.tracking.cli.deadline import DEADLINE
 from tsuiseki.tracking.cli.ending import DONE, WRONG_REQUEST, ended
 from tsuiseki.tracking.errors import RequestError
 
@@ -44,6 +45,8 @@ def _run(command: Command, typed: list[str], words: list[str]) -> int:
     # OpenCV and FFmpeg write lines of their own to stderr; errors are worded here.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    # Training writes its last checkpoint.
+    DEADLINE.keeps = command.forwarded
     function = command.load(typed)
     from tsuiseki.tracking.cli.parser import call
 
@@ -53,14 +56,10 @@ def _run(command: Command, typed: list[str], words: list[str]) -> int:
 
 def _overview(typed: list[str], tree: Tree) -> str:
     """What follows ``typed``, one line each."""
-    width = max(len(name) for name in tree)
-    group = COMMANDS[typed[0]] if typed else None
-    summary = group.summary if group else "track people and objects in video"
-    before = " ".join([PROGRAM, *typed])
+    width, before = max(map(len, tree)), " ".join([PROGRAM, *typed])
+    summary = COMMANDS[typed[0]].summary if typed else "track people and objects in video"
     lines = [f"usage: {before} {'WHAT' if typed else 'COMMAND'} …", "", f"{summary[:1].upper()}{summary[1:]}.", ""]
     lines += [f"  {name:{width}}  {entry.summary}" for name, entry in tree.items()]
     example = f"{before} {next(iter(tree))}" if typed else "tsuiseki track people"
     lines += ["", f"`{example} --help` lists the options of one."]
-    if not typed:
-        lines += ["To see it all at work: tsuiseki demo"]
-    return "\n".join(lines)
+    return "\n".join(lines if typed else [*lines, "To see it all at work: tsuiseki demo"])

@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsuiseki.tracking.cli.commands import needs_train_extra
 from tsuiseki.tracking.cli.detector_lines import tell_models
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.devices import Device
@@ -80,9 +79,9 @@ def adapt(
         device: what the exported networks run on, as in track people; learning stays on the CPU.
         detector_options: what the file of the teacher does not tell, where that is another project's.
     """
+    from tsuiseki.trainers.adapt.settings import AdaptSettings
+
     parse_frames(frames)
-    with needs_train_extra():
-        from tsuiseki.trainers.adapt.settings import AdaptSettings
     settings = AdaptSettings(
         rounds=rounds, steps=steps, pictures=pictures, score_threshold=score_threshold, sitting=sitting,
         seed=output.seed, threads=threads, device=device,

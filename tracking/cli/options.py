@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -37,9 +36,8 @@ class Drawing(Shared):
         from tsuiseki.tracking.report.overlay import write_drawn
 
         if self.overlay and result.painter is not None:
-            frames, rate = run.replay(source), result.frame_rate
-            write = partial(write_drawn, frames=frames, frame_rate=rate, draw=result.painter)
-            run.draw(str(PurePath(folder, f"overlay.{self.overlay_format}")), write)
+            name, rate, painter = f"overlay.{self.overlay_format}", result.frame_rate, result.painter
+            run.draw(str(PurePath(folder, name)), lambda path: write_drawn(path, run.replay(source), rate, painter))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,35 +91,20 @@ class Video(Drawing):
 
 
 @dataclass(frozen=True)
-class Given:
-    """The request, for ``run.json``.
-
-    Attributes:
-        command: the program's words.
-        settings: every option with its value, as a file for ``--config`` has them.
-    """
-
-    command: Sequence[str] = ("tsuiseki",)
-    settings: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class Output(Shared):
     """Where the result goes.
 
     Attributes:
         out: folder for the results.
         overwrite: replace an earlier result in the folder.
+        command: the program's words, for ``run.json``.
+        settings: every option with its value, as a file for ``--config`` has them; likewise.
     """
 
     out: Path
     overwrite: bool = False
-    given: Given = field(default_factory=Given, metadata=NO_OPTION)
-
-    @property
-    def random_seed(self) -> int:
-        """For ``run.json``."""
-        return int(self.given.settings.get("seed", 0))
+    command: Sequence[str] = field(default=("tsuiseki",), metadata=NO_OPTION)
+    settings: Mapping[str, Any] = field(default_factory=dict, metadata=NO_OPTION)
 
     def check(self) -> None:
         """See `Shared.check`."""

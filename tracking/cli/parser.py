@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import json
 import re
 from argparse import SUPPRESS, Action
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn, TypeGuard, get_type_hints
+from typing import Any, NamedTuple, NoReturn, TypeGuard, get_origin, get_type_hints
 
 from jsonargparse import ArgumentError, ArgumentParser, Namespace
 
 from tsuiseki.tracking.cli.config import config_text
-from tsuiseki.tracking.cli.options import Given, Output
+from tsuiseki.tracking.cli.options import Output
 from tsuiseki.tracking.cli.sensible import check_sensible
-from tsuiseki.tracking.cli.wording import HelpFormatter, friendly, is_several, parts_of, shown_value, with_option
+from tsuiseki.tracking.cli.wording import HelpFormatter, friendly, is_several, shown_value, with_option
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
 
@@ -28,19 +30,10 @@ PRINT_HELP = "print all options as YAML, as a start for --config, and exit"
 
 
 class Parser(ArgumentParser):
-    """A jsonargparse parser that fails with `RequestError` and takes ``--some-option`` for ``some_option``."""
+    """A jsonargparse parser that fails with `RequestError`, also inside of groups of options."""
 
     def error(self, message: str, ex: Exception | None = None) -> NoReturn:
-        raise RequestError(friendly(message, self.option_names())) from ex
-
-    def option_names(self) -> list[str]:
-        """All options as they are shown, ``--seed`` and so on."""
-        return [name for action in self._actions for name in action.option_strings if name.startswith("--")]
-
-    def of_kind(self, matches: Callable[[Any], bool]) -> set[str]:
-        """Options whose type ``matches``, as they are shown."""
-        hinted = [action for action in self._actions if matches(getattr(action, "_typehint", None))]
-        return {name for action in hinted for name in action.option_strings}
+        raise RequestError(friendly(message, _names(self))) from ex
 
 
 def call(prog: str, function: Callable[..., Any], words: Sequence[str]) -> Any:
@@ -66,33 +59,22 @@ def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict
     # jsonargparse also leaves out of --print-config what its help does not show: hide options for --help alone.
     parser = build_parser(prog, function, every_option=not {"-h", "--help"} & set(words))
 
-    def said_of(message: str) -> str:
-        return with_option(friendly(message, parser.option_names()), words)
-
     try:
         found = parser.parse_args(_normalised(words, parser, prog.split()))
-    except ArgumentError as error:
-        raise RequestError(said_of(str(error))) from error
-    for option in options_of(function):
-        if option.grouped and not isinstance(found[option.name], Namespace):
-            raise RequestError(f"{option.name}: expected options of its own below it, got {found[option.name]!r}")
-    try:
+        for name, kind, *_ in options_of(function):
+            if dataclasses.is_dataclass(kind) and not isinstance(found[name], Namespace):
+                raise RequestError(f"{name}: expected options of its own below it, got {found[name]!r}")
         values = parser.instantiate(found)
-    except ValueError as error:  # a settings dataclass refuses a value
-        raise RequestError(said_of(str(error))) from error
+    except (ArgumentError, ValueError) as error:  # such as of a settings dataclass that refuses a value
+        raise RequestError(with_option(friendly(str(error), _names(parser)), words)) from error
     return _arguments(function, values, prog)
 
 
-@dataclasses.dataclass(frozen=True)
-class Option:
-    """A parameter of a command, or a field of a `Shared` one.
+class Option(NamedTuple):
+    """A parameter of a command, or a field of a `Shared` one: its name with underscores, type and text for the help.
 
-    Attributes:
-        name: with underscores.
-        kind: its type.
-        text: for the help.
-        default: `dataclasses.MISSING` where it must be given.
-        by_place: without its name.
+    It has a ``default`` unless it must be given, and is given ``by_place`` or by its name. A dataclass is a group of
+    options below its name; of a list by place, several words may be given.
     """
 
     name: str
@@ -100,21 +82,6 @@ class Option:
     text: str
     default: Any
     by_place: bool
-
-    @property
-    def many(self) -> bool:
-        """Whether several words may be given by place."""
-        return getattr(self.kind, "__origin__", None) is list
-
-    @property
-    def grouped(self) -> bool:
-        """Whether it is a group of options below its name."""
-        return dataclasses.is_dataclass(self.kind)
-
-    @property
-    def required(self) -> bool:
-        """Whether it must be given."""
-        return self.default is dataclasses.MISSING
 
 
 def options_of(function: Callable[..., Any]) -> list[Option]:
@@ -132,7 +99,8 @@ def options_of(function: Callable[..., Any]) -> list[Option]:
         hints = get_type_hints(one.annotation)
         for field in _fields_of(one.annotation):
             text = texts.get(field.name, inherited.get(field.name, ""))
-            value = _default_of(field) if one.default is one.empty else getattr(one.default, field.name)
+            value = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+            value = value if one.default is one.empty else getattr(one.default, field.name)
             by_place = field.metadata.get("positional", False)
             shared.append(Option(field.name, hints[field.name], text, value, by_place))
     return own + shared
@@ -152,10 +120,6 @@ def _fields_of(kind: type[Shared]) -> list[dataclasses.Field[Any]]:
     return [field for field in dataclasses.fields(kind) if field.metadata.get("option", True)]  # type: ignore[arg-type]
 
 
-def _default_of(field: dataclasses.Field[Any]) -> Any:
-    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
-
-
 def _arguments(function: Callable[..., Any], values: Any, prog: str) -> dict[str, Any]:
     """What ``function`` is called with, from the values of all options."""
     settings: dict[str, Any] = {}
@@ -167,26 +131,24 @@ def _arguments(function: Callable[..., Any], values: Any, prog: str) -> dict[str
             settings |= fields
         else:
             arguments[one.name] = settings[one.name] = values[one.name]
-    given = Given(prog.split(), {name: plain(value) for name, value in settings.items()})
+    settings = _plain(settings)
     for name, value in arguments.items():
         if isinstance(value, Shared):
             value.check()
         if isinstance(value, Output):
-            arguments[name] = dataclasses.replace(value, given=given)
+            arguments[name] = dataclasses.replace(value, command=prog.split(), settings=settings)
     for option in options_of(function):
-        check_sensible("" if option.by_place else option.name, given.settings[option.name], plain(option.default))
+        check_sensible("" if option.by_place else option.name, settings[option.name], _plain(option.default))
     return arguments
 
 
-def plain(value: Any) -> Any:
-    """Settings for ``run.json``: dataclasses as mappings, paths as text."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return plain(dataclasses.asdict(value))
-    if isinstance(value, dict):
-        return {name: plain(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return str(value) if isinstance(value, Path) else value
+def _plain(value: Any) -> Any:
+    """As ``run.json`` has it: dataclasses as mappings, paths as text."""
+
+    def simple(part: Any) -> Any:
+        return dataclasses.asdict(part) if dataclasses.is_dataclass(part) else str(part)  # type: ignore[arg-type]
+
+    return json.loads(json.dumps(value, default=simple))
 
 
 def build_parser(prog: str, function: Callable[..., Any], every_option: bool = False) -> Parser:
@@ -203,27 +165,30 @@ def build_parser(prog: str, function: Callable[..., Any], every_option: bool = F
         print_config="--print_config",
         allow_abbrev=False,
     )
-    for option in sorted(options, key=lambda option: not option.by_place):
-        if option.by_place:
-            kind = option.kind.__args__[0] if option.many else option.kind
-            some: dict[str, Any] = {"nargs": "+"} if option.required else {"nargs": "*", "default": []}
-            number = some if option.many else {}
-            parser.add_argument(option.name, type=kind, metavar=option.name.upper(), help=option.text, **number)
-        else:
-            value = {"required": True} if option.required else {"default": option.default}
-            parser.add_argument(f"--{option.name}", type=option.kind, help=option.text, **value)
+    usage = [prog]
+    for name, kind, text, default, _ in (option for option in options if option.by_place):
+        some: dict[str, Any] = {}
+        if get_origin(kind) is list:
+            kind, some = kind.__args__[0], {"nargs": "*", "default": []}
+            some = {"nargs": "+"} if default is dataclasses.MISSING else some
+        parser.add_argument(name, type=kind, metavar=name.upper(), help=text, **some)
+        usage.append(name.upper() + (" …" if some else ""))
+    for name, kind, text, default, _ in (option for option in options if not option.by_place):
+        needed = default is dataclasses.MISSING
+        parser.add_argument(f"--{name}", type=kind, help=text, **{"required": True} if needed else {"default": default})
+        usage += [f"--{name} {shown_value(name, kind, text)}"] if needed else []
     parser.add_argument("--config", action="config", metavar="FILE", help=CONFIG_HELP)
-    if groups := [f"--{option.name}.*" for option in options if option.grouped]:
+    if groups := [f"--{option.name}.*" for option in options if dataclasses.is_dataclass(option.kind)]:
         parser.add_argument("--help_all", action="help", help=f"also show {', '.join(groups)}")
-    _show_as_typed(parser._actions, parser._option_string_actions)
-    if not every_option:
-        for action in parser._actions:
-            action.help = SUPPRESS if "." in action.dest else action.help
-    several = [option.name.upper() + (" …" if option.many else "") for option in options if option.by_place]
-    needed = [option for option in options if option.required and not option.by_place]
-    required = [f"--{option.name} {shown_value(option.name, option.kind, option.text)}" for option in needed]
-    parser.usage = " ".join([prog, *several, *required, "[options]"])
+    _show_as_typed(parser._actions, parser._option_string_actions, every_option)
+    parser.usage = " ".join([*usage, "[options]"])
     return parser
+
+
+def _names(parser: Parser, matches: Callable[[Any], bool] = lambda _: True) -> list[str]:
+    """Options whose type ``matches``, as they are shown: ``--seed`` and so on."""
+    hinted = [action for action in parser._actions if matches(getattr(action, "_typehint", None))]
+    return [name for action in hinted for name in action.option_strings if name.startswith("--")]
 
 
 def _normalised(words: Sequence[str], parser: Parser, command: Sequence[str]) -> list[str]:
@@ -232,12 +197,10 @@ def _normalised(words: Sequence[str], parser: Parser, command: Sequence[str]) ->
     An option for a list of such lists is given once for each of them, ``--init 1,2 --init 3,4``. The contents of files
     of options come first, so that what is given here wins over them wherever it stands.
     """
-    switches, several = parser.of_kind(lambda kind: kind is bool), parser.of_kind(is_several)
-    lists_of_lists = parser.of_kind(lambda kind: is_several(kind) and any(map(is_several, parts_of(kind))))
+    switches, several = _names(parser, lambda kind: kind is bool), _names(parser, is_several)
+    lists_of_lists = _names(parser, partial(is_several, lists=True))
     repeated: dict[str, list[str]] = {}
-    result: list[str] = []
-    configs: list[str] = []
-    rest = list(words)
+    result, configs, rest = list[str](), list[str](), list(words)
     while rest:
         word = rest.pop(0)
         if word == "--":
@@ -263,16 +226,15 @@ def _normalised(words: Sequence[str], parser: Parser, command: Sequence[str]) ->
     return [*configs, *(f"{name}=[{','.join(values)}]" for name, values in repeated.items()), *result]
 
 
-def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action]) -> None:
+def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action], every_option: bool) -> None:
     """Show options with dashes, and leave out what jsonargparse adds on its own."""
     for action in actions:
         if action.dest == "help":
             action.help = "show this help and exit"
-        elif action.dest.endswith(".help") or action.metavar == "CONFIG":
+        elif action.dest.endswith(".help") or action.metavar == "CONFIG" or ("." in action.dest and not every_option):
             action.help = SUPPRESS
         elif "print_config" in action.dest:
-            action.help = PRINT_HELP
-            action.metavar = ""
+            action.help, action.metavar = PRINT_HELP, ""
         names = [name for name in action.option_strings if not name.endswith("+")]
         action.option_strings = ["--" + n[2:].replace("_", "-") if n.startswith("--") else n for n in names]
         if getattr(action, "_typehint", None) is bool:

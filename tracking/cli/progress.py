@@ -19,10 +19,7 @@ def progress(items: Iterable[T], what: str, total: int | None = None) -> Generat
         what: is being done, for the line.
         total: number of items, where it is known.
     """
-    if sys.stderr.isatty():
-        yield from _bar(items, what, total)
-    else:
-        yield from _lines(items, what, total)
+    yield from (_bar if sys.stderr.isatty() else _lines)(items, what, total)
 
 
 def _bar(items: Iterable[T], what: str, total: int | None) -> Generator[T]:
@@ -31,19 +28,13 @@ def _bar(items: Iterable[T], what: str, total: int | None) -> Generator[T]:
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(what, total=total)
-        for item in items:
-            yield item
-            bar.advance(task)
+        yield from bar.track(items, total, description=what)
 
 
 def _lines(items: Iterable[T], what: str, total: int | None) -> Generator[T]:
-    of = f"/{total}" if total else ""
-    last = time.monotonic()
-    done = 0
-    for item in items:
+    of, last, done = f"/{total}" if total else "", time.monotonic(), 0
+    for done, item in enumerate(items, start=1):
         yield item
-        done += 1
         if time.monotonic() - last >= SECONDS_BETWEEN_LINES:
             last = time.monotonic()
             print(f"{what}: {done}{of}", file=sys.stderr, flush=True)

@@ -45,11 +45,10 @@ def reproduction(name: str, experiment: Callable[..., Outcome]) -> Callable[...,
             run.done("\n".join([*tables, *outcome.notes, f"results: {output.out}"]))
         return run.status
 
-    own = [p for p in inspect.signature(experiment, eval_str=True).parameters.values() if p.name != "bench"]
-    output = inspect.Parameter("output", inspect.Parameter.KEYWORD_ONLY, annotation=Reproduction)
-    every = [*(p.replace(kind=p.KEYWORD_ONLY) for p in own), output.replace(default=Reproduction(Path("out") / name))]
+    bench, *own = inspect.signature(experiment, eval_str=True).parameters.values()
+    output = bench.replace(name="output", annotation=Reproduction, default=Reproduction(Path("out") / name))
+    every = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own, output)]
     command.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
-    command.__annotations__ = {p.name: p.annotation for p in every}
     command.__doc__ = inspect.getdoc(experiment)
     return command
 

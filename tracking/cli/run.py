@@ -1,16 +1,13 @@
 """The frame of every command: where the video comes from, and what happens to the result, whatever happens.
 
-A command is a function of typed options in the file of its name. It says what to do with a frame and what to write;
-options that several commands share stand in `options`, once.
+A command is a function of typed options; those that several commands share stand in `options`.
 
     def blobs(video: Video, output: SeededOutput, particles: int = 500) -> int:
         source = video.open()                                   # checked before anything is computed
         tracker = BlobTracker(..., output.seed)
         with output.run() as run:
-            for frame in run.steps(run.frames(source), total=frames_expected(source)):
-                with run.times.measure("track"):
-                    tracker.update(frame)
-            result = blob_result(tracker, ...)                  # what the function for Python returns, too
+            steps = run.steps(run.frames(source), total=frames_expected(source))
+            result = blob_result(tracker, steps, ...)           # what the function for Python returns, too
             run.save(result, lambda: video.draw(run, source, result))
             run.done(f"{len(result)} objects: {output.out / 'tracks.txt'}")
         return run.status
@@ -30,13 +27,15 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path, PurePath
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tsuiseki.tracking.cli.ending import DONE, FAILED, complain, notes, on_signals
+from tsuiseki.tracking.cli.deadline import DEADLINE
+from tsuiseki.tracking.cli.ending import DONE, FAILED, LATE, NOTES, complain, on_signals, said_of
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, signal_of
+from tsuiseki.tracking.errors import Interrupted, RunError, signal_of
 from tsuiseki.tracking.output import RunRecord, output_folder
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
@@ -44,18 +43,12 @@ from tsuiseki.tracking.weights.catalogue import records_of
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.options import Output
-    from tsuiseki.tracking.result import Result, Writer
+    from tsuiseki.tracking.result import Result
     from tsuiseki.tracking.types import Frame
     from tsuiseki.tracking.video.source import Source
 
 T = TypeVar("T")
-# What may end a run late; what was finished before is kept.
-LATE = (RequestError, RunError, OSError, MemoryError)
 PARTS = ".parts"
-
-
-class _NoResultError(Exception):
-    """Tells the output folder that nothing is to be published."""
 
 
 class Run:
@@ -69,6 +62,7 @@ class Run:
         sources: videos that it read.
         count: finished steps.
         status: exit status, known after the ``with`` block.
+        asked: the signal by which the user asked to end, 0 where none came: begin no other part.
     """
 
     def __init__(self, output: Output) -> None:
@@ -78,16 +72,11 @@ class Run:
         self.facts: dict[str, Any] = {}
         self.results: dict[str, Any] = {}
         self.sources: list[Source] = []
-        self.count = 0
-        self._before = 0
-        self.status = DONE
-        self._asked = 0
-        self._patient = False
-        self._written = False
-        self._summary = ""
-        self._reason = ""
+        self.count, self._before = 0, 0
+        self.status, self.asked = DONE, 0
+        self._patient = self._written = False
+        self._summary = self._reason = ""
         self._first: int | None = None
-        self._last = -1
         self._live = False
         self._recording: Path | None = None
         self._stack = ExitStack()
@@ -102,9 +91,11 @@ class Run:
 
     def _ask(self, number: int, _: FrameType | None = None) -> None:
         """The first interrupt waits for the end of a step, where there are steps."""
-        if self._asked or not self._patient:
+        DEADLINE.answered = True
+        if self.asked or not self._patient:
+            DEADLINE.keeps = self._written or self._live
             raise Interrupted(number)
-        self._asked = number
+        self.asked = number
 
     def frames(self, source: Source, record: bool = False) -> Iterator[Frame]:
         """The frames of ``source``, up to where it breaks off.
@@ -121,14 +112,14 @@ class Run:
     def unending(self, items: Iterable[T]) -> Iterator[T]:
         """``items`` of a live source: an interrupt ends them at once, and what came before is kept."""
         self._live, iterator = True, iter(items)
-        while not self._asked:
+        while not self.asked:
             try:
                 with self.waiting():
                     item = next(iterator)
             except StopIteration:
                 return
             except KeyboardInterrupt as error:
-                self._asked = signal_of(error)
+                self.asked = signal_of(error)
                 return
             yield item
 
@@ -140,21 +131,16 @@ class Run:
 
                 self._recording = self.work / PARTS / "recording.webm"
                 writer = stack.enter_context(VideoWriter(self._recording, recorded_rate))
-            while True:
-                try:
-                    frame = next(frames, None)
-                    if frame is not None and writer is not None:
+            try:
+                for frame in frames:
+                    if writer is not None:
                         writer.write(frame.image)
-                except LATE as error:
-                    if self._first is None:
-                        raise
-                    self._fail(error)
-                    return
-                if frame is None:
-                    return
-                self._first = frame.index if self._first is None else self._first
-                self._last = frame.index
-                yield frame
+                    self._first = frame.index if self._first is None else self._first
+                    yield frame
+            except LATE as error:
+                if self._first is None:
+                    raise
+                self._fail(error)
 
     def steps(self, items: Iterable[T], what: str = "tracking", total: int | None = None) -> Iterator[T]:
         """``items``, with progress, up to an interrupt or to where they fail.
@@ -165,22 +151,19 @@ class Run:
         """
         self._patient, before = True, self.count
         self._before = before
-        watched = progress(items, what, total)
-        while not self._asked:
-            try:
-                item = next(watched)
-            except StopIteration:
-                break
-            except LATE as error:
-                if self.count == before:
-                    raise
-                self._fail(error)
-                break
-            yield item
-            self.count += 1
+        watched, end = progress(items, what, total), object()
+        try:
+            while not self.asked and (item := next(watched, end)) is not end:
+                yield item  # type: ignore[misc]
+                self.count += 1
+                DEADLINE.keeps = True
+        except LATE as error:
+            if self.count == before:
+                raise
+            self._fail(error)
         watched.close()
         if self.count == before:
-            raise Interrupted(self._asked) if self._asked else RunError("expected frames, got none")
+            raise Interrupted(self.asked) if self.asked else RunError("expected frames, got none")
 
     @contextmanager
     def waiting(self) -> Iterator[None]:
@@ -197,43 +180,33 @@ class Run:
         Raises:
             KeyboardInterrupt: the user interrupts.
         """
-        return self.watched(self._again(source), "drawing", self.count - self._before)
+        from tsuiseki.tracking.video.source import open_source
+
+        first, length = self._first, self.count - self._before
+        if self._recording is None or first is None:
+            # A video that broke off is not asked for more than it had.
+            return self.watched(islice(source.frames(), None if first is None else length), "drawing", length)
+        recorded = open_source(self._recording, FrameRange(0, length - 1)).frames()
+        return self.watched((replace(frame, index=frame.index + first) for frame in recorded), "drawing", length)
 
     def watched(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
         """``items`` with progress; an interrupt from now on ends them with KeyboardInterrupt."""
-        return self._watched(progress(items, what, total), self._asked)
+        asked = self.asked
 
-    def _watched(self, items: Iterable[T], asked: int) -> Iterator[T]:
-        for item in items:
-            if self._asked != asked:
-                raise Interrupted(self._asked)
-            yield item
+        def each() -> Iterator[T]:
+            for item in progress(items, what, total):
+                if self.asked != asked:
+                    raise Interrupted(self.asked)
+                yield item
 
-    @property
-    def interrupted(self) -> bool:
-        """Whether the user asked to end: begin no other part."""
-        return bool(self._asked)
+        return each()
 
-    def _again(self, source: Source) -> Iterator[Frame]:
-        from tsuiseki.tracking.video.source import open_source
-
-        first, end = self._first or 0, (self._first or 0) + self.count - self._before
-        if self._recording is None:
-            for frame in source.frames():
-                yield frame
-                # A video that broke off is not asked for more than it had.
-                if self._first is not None and frame.index + 1 >= end:
-                    return
-            return
-        for frame in open_source(self._recording, FrameRange(0, end - first - 1)).frames():
-            yield replace(frame, index=frame.index + first)
-
-    def write(self, name: str, write: Callable[[Path], object]) -> Path:
-        """Make the file ``name`` of the result; it is kept from then on."""
+    def write(self, name: str, write: Callable[..., object], *more: object) -> Path:
+        """Make the file ``name`` of the result by ``write(path, *more)``; it is kept from then on."""
         part, whole = self.work / PARTS / name, self.work / name
         part.parent.mkdir(parents=True, exist_ok=True)
         try:
-            write(part)
+            write(part, *more)
         except BaseException:
             part.unlink(missing_ok=True)
             raise
@@ -261,26 +234,23 @@ class Run:
         self.columns = result.frames
         self.facts |= result.facts
         self.results[folder or "."] = result.known()
-        pages = [name for name in result.files if name.endswith(".html")]
-        for name in [name for name in result.files if name not in pages]:
-            self._save(result.files[name], PurePath(folder, name))
-        draw()
-        for name in pages:
-            self._save(result.files[name], PurePath(folder, name))
-
-    def _save(self, write: Writer, place: PurePath) -> None:
-        self.write(str(place), lambda path: write(path, self.work / place.parent))
+        for pages in (False, True):
+            for name, write in result.files.items():
+                if name.endswith(".html") == pages:
+                    self.write(str(PurePath(folder, name)), write, self.work / folder)
+            if not pages:
+                draw()
 
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Likewise, where the result is one without it, too; None where it was not made."""
-        if self._asked and not self._live:
+        if self.asked and not self._live:
             return None
         try:
             with self.times.measure("draw"):
                 return self.write(name, write)
         except KeyboardInterrupt as error:
-            self._asked = signal_of(error)
-            self._say(f"interrupted while {name} was drawn", 128 + self._asked)
+            self.asked = signal_of(error)
+            self._say(f"interrupted while {name} was drawn", 128 + self.asked)
         except LATE as error:
             self._fail(error, f"{name} could not be written: ")
         return None
@@ -290,8 +260,7 @@ class Run:
         self._summary = summary
 
     def _fail(self, error: BaseException, prefix: str = "") -> None:
-        text = f"{error.strerror or error}" if isinstance(error, OSError) else str(error) or "not enough memory"
-        self._say(prefix + text, FAILED)
+        self._say(prefix + said_of(error), FAILED)
 
     def _say(self, reason: str, status: int) -> None:
         if not self._reason:
@@ -302,22 +271,21 @@ class Run:
     ) -> bool:
         with ExitStack() as stack:
             stack.push(self._stack.pop_all().__exit__)
-            if error is not None:
-                if not (self._written and isinstance(error, (KeyboardInterrupt, *LATE))):
-                    # The stack clears away.
-                    stack.pop_all().__exit__(kind, error, trace)
-                    return False
-                if isinstance(error, KeyboardInterrupt):
-                    self._say("interrupted", 128 + signal_of(error))
-                else:
-                    self._fail(error)
+            if error is not None and not (self._written and isinstance(error, (KeyboardInterrupt, *LATE))):
+                # The stack clears away.
+                stack.pop_all().__exit__(kind, error, trace)
+                return False
+            if isinstance(error, KeyboardInterrupt):
+                self._say("interrupted", 128 + signal_of(error))
+            elif error is not None:
+                self._fail(error)
             elif not self._written:
                 # The stack clears away: there is no result, which is no failure.
-                stack.pop_all().__exit__(_NoResultError, _NoResultError(), None)
+                stack.pop_all().__exit__(RunError, RunError(), None)
                 self._report()
                 return True
-            elif self._asked and not self._live and not self._reason:
-                self._say("interrupted", 128 + self._asked)
+            elif self.asked and not self._live and not self._reason:
+                self._say("interrupted", 128 + self.asked)
             self._patient = True
             self._record()
         self._report()
@@ -325,11 +293,11 @@ class Run:
 
     def _record(self) -> None:
         shutil.rmtree(self.work / PARTS, ignore_errors=True)
-        given = self.output.given
+        command, settings, seconds = self.output.command, self.output.settings, self.times.seconds
         facts = self.facts | self._facts_of_sources()
-        for name, found in (("notes", notes()), ("models", records_of(given.settings.values()))):
+        for name, found in (("notes", [*NOTES]), ("models", records_of(settings.values()))):
             facts |= {name: found} if found else {}
-        record = RunRecord(given.command, given.settings, self.output.random_seed, self.times.seconds, self.columns)
+        record = RunRecord(command, settings, int(settings.get("seed", 0)), seconds, self.columns)
         record.partial, record.reason = bool(self._reason), self._reason
         record.facts, record.results = facts, self.results
         record.write(self.work)
@@ -346,24 +314,18 @@ class Run:
         return {"frame_times": found} if found else {}
 
     def _report(self) -> None:
-        if not self._reason:
-            if self._summary:
-                print(self._summary)
-            return
-        text = " ".join(self._reason.split())
-        where = f" up to {self._place()}" if self.count else ""
-        complain(f"{text}; the partial result{where} is in {self.output.out}, marked in its run.json", self.status)
-
-    def _place(self) -> str:
-        """How far the run came, for people."""
-        numbers = self.columns.get("frame")
-        return f"frame {numbers[-1] + 1}" if numbers else f"{self.count} steps"
+        if self._reason:
+            numbers = self.columns.get("frame")
+            place = f"frame {numbers[-1] + 1}" if numbers else f"{self.count} steps"
+            where = f" up to {place}" if self.count else ""
+            complain(f"{self._reason}; the partial result{where} is in {self.output.out}, marked in its run.json", 0)
+        elif self._summary:
+            print(self._summary)
 
 
 def frames_expected(source: Source) -> int | None:
     """How many frames the stretch of ``source`` has, as far as it is known."""
-    wanted = source.frames_wanted
-    length = source.length or getattr(source, "promised", None) or None
+    wanted, length = source.frames_wanted, source.length or getattr(source, "promised", None)
     last = length - 1 if wanted.last is None and length else wanted.last
     return None if last is None else last - wanted.first + 1
 

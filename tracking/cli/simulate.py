@@ -6,15 +6,12 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
-
-if TYPE_CHECKING:
-    pass
 
 T = TypeVar("T")
 LARGEST, LONGEST = 16_384, 1_000_000

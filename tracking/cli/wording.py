@@ -10,19 +10,31 @@ import re
 import shutil
 import textwrap
 from argparse import SUPPRESS, Action
-from collections.abc import Iterable
-from typing import Any, Literal
+from collections.abc import Callable, Iterable
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
 
 from jsonargparse import DefaultHelpFormatter, Namespace
 
+KINDS = {"int": "a whole number", "float": "a number", "bool": "true or false", "str": "text"}
 METAVARS = {"int": "N", "float": "X", "str": "TEXT", "Path": "FILE"}
-# What a value means says more than its type.
-METAVARS_BY_NAME = {"frames": "FIRST-LAST"}
-KIND_NAMES = {
-    "int": "a whole number",
-    "float": "a number",
-    "bool": "true or false",
-}
+# What jsonargparse says of a value, and the words of people for it, one after the other.
+EXPECTATIONS: tuple[tuple[str, str | Callable[[re.Match[str]], str]], ...] = (
+    (r"<class '(?:\w+\.)*(\w+)'>", r"\1"),
+    # An option that may be left out is a union with None.
+    (r"^Does not validate against any of the Union subtypes Subtypes: \[(.*), NoneType\].*Given value: (.*)$",
+     r"expected \1. Got value: \2"),
+    (r"\. Got value: ?(.*)$", r", got '\1'"),
+    (r"^[Ee]xpected (?:an? )?", "expected "),
+    (r"(?:typing\.)?Literal\[(.*?)\]", r"one of \1"),
+    (r"^expected tuple\[(.*?)\]", lambda found: f"expected tuple with {found[1].count(',') + 1} elements"),
+    (r"^expected tuple with (\d+) elements", r"expected \1 values separated by commas"),
+    (r"^expected \w+Settings\b", "expected null or options of its own below it"),
+    (r"^expected (?:list\[)+float\]+", "expected numbers separated by commas"),
+    (r"^expected list\[int\]", "expected whole numbers separated by commas"),
+    (r", got '\[(.*)\]'$", lambda found: f", got '{found[1].replace(chr(39), '')}'"),
+    (r"^expected (int|float|bool|str)\b", lambda found: f"expected {KINDS[found[1]]}"),
+)  # fmt: skip
 
 
 class HelpFormatter(DefaultHelpFormatter):
@@ -37,12 +49,8 @@ class HelpFormatter(DefaultHelpFormatter):
         if action.required and action.option_strings:
             return f"{text} (required)"
         default = action.default
-        if not action.option_strings or default in (None, "", SUPPRESS) or isinstance(default, bool | Namespace):
+        if not action.option_strings or default in (None, "", SUPPRESS) or isinstance(default, bool | dict | Namespace):
             return text
-        if isinstance(default, dict):
-            name, value = next(iter(default.items()))
-            option = f"{action.dest}.{name}".replace("_", "-")
-            return f"{text} (such as --{option} {value})"
         shown = ",".join(map(str, default)) if isinstance(default, tuple | list) else default
         return f"{text} (default: {shown})"
 
@@ -65,7 +73,7 @@ def shown_value(name: str, kind: Any, description: str) -> str:
     shown = metavar(kind)
     if shown == "FILE" and description.startswith("folder"):
         return "DIR"
-    return METAVARS_BY_NAME.get(name, shown) if shown == "TEXT" else shown
+    return "FIRST-LAST" if (name, shown) == ("frames", "TEXT") else shown
 
 
 def metavar(kind: Any) -> str:
@@ -74,55 +82,38 @@ def metavar(kind: Any) -> str:
     >>> metavar(float | None)
     'X'
     """
-    arguments = [a for a in getattr(kind, "__args__", ()) if a is not type(None)]
-    if arguments and all(isinstance(a, str) for a in arguments):
-        return "{" + ",".join(arguments) + "}"
-    if getattr(kind, "__origin__", None) in (tuple, list):
-        several = [metavar(a) for a in arguments if a is not Ellipsis]
+    parts = [part for part in get_args(kind) if part is not NoneType]
+    if parts and all(isinstance(part, str) for part in parts):
+        return "{" + ",".join(parts) + "}"
+    if get_origin(kind) in (tuple, list):
+        several = [metavar(part) for part in parts if part is not Ellipsis]
         return ",".join(several if len(several) > 1 else [*several, "…"])
-    if arguments:
-        return metavar(arguments[0])
-    return METAVARS.get(getattr(kind, "__name__", ""), "VALUE")
+    return metavar(parts[0]) if parts else METAVARS.get(getattr(kind, "__name__", ""), "VALUE")
 
 
-def parts_of(kind: Any) -> list[Any]:
-    """Types inside a type, without None; those of a list that may be left out, not the list."""
-    parts = [a for a in getattr(kind, "__args__", ()) if a is not type(None)]
-    optional = len(parts) == 1 and getattr(kind, "__origin__", None) not in (tuple, list)
-    return parts_of(parts[0]) if optional else parts
-
-
-def is_several(kind: Any) -> bool:
-    """Whether ``kind`` is a list or tuple, maybe an optional one."""
-    parts = [a for a in getattr(kind, "__args__", ()) if a is not type(None)]
-    origin = getattr(kind, "__origin__", None)
-    return origin in (tuple, list) or (origin not in (Literal,) and len(parts) == 1 and is_several(parts[0]))
+def is_several(kind: Any, lists: bool = False) -> bool:
+    """Whether ``kind`` is a list or tuple, of ``lists`` where that is asked, maybe an optional one."""
+    if get_origin(kind) in (Union, UnionType):
+        return is_several(get_args(kind)[0], lists)
+    return get_origin(kind) in (tuple, list) and (not lists or any(map(is_several, get_args(kind))))
 
 
 def friendly(message: str, options: Iterable[str]) -> str:
     """One line that says which option is wrong and what it takes, from a message of jsonargparse."""
-    text = " ".join(message.split())
-    text = text.replace('Parser key "config": ', "")
-    # The options of a group that may be null have been found wrong by a parser of their own, without its name.
-    if match := re.search(r"[Pp]arser key \"(.+?)\": .* Errors: - (.*?) - Expected .*NestedArg\(", text):
-        return match[2].replace("--", f"{option_shown(match[1])}.", 1)
-    # Settings that may be null refuse a value of theirs; what null would be is beside the point.
-    refused = r"Does not validate against any of the Union subtypes.* Errors: - (.*?) - Expected an? "
-    if match := re.match(refused, text):
-        return match[1]
+    text = " ".join(message.split()).replace('Parser key "config": ', "")
+    # The options of a group that may be null have been found wrong by a parser of their own, without its name; what
+    # null would be is beside the point.
+    if match := re.search(r"(?:[Pp]arser key \"(.+?)\": .*)?subtypes.* Errors: - (.*?) - Expected .*NestedArg\(", text):
+        return match[2] if match[1] is None else match[2].replace("--", f"{option_shown(match[1])}.", 1)
     if match := re.search(r"[Pp]arser key \"(.+?)\": (.*)", text):
         return f"{option_shown(match[1])}: {_expectation(match[2])}"
-    if match := re.search(r"Group '(.+?)' does not accept option '(.+?)'", text):
-        return _unknown(f"{match[1]}.{match[2]}", options)
-    if match := re.search(r"Option '(.+?)' is not accepted", text):
-        return _unknown(match[1], options)
-    if match := re.search(r"unrecognized arguments: (\S+)", text, re.IGNORECASE):
-        word = match[1].split("=")[0]
-        return _unknown(word, options) if word.startswith("-") else f"expected no further words, got {word!r}"
+    if match := re.search(r"(?:Group '(.+?)' does not accept o|O)ption '(.+?)'", text):
+        return _unknown(f"{match[1]}.{match[2]}" if match[1] else match[2], options)
+    if match := re.search(r"unrecognized arguments: ([^\s=]+)", text, re.IGNORECASE):
+        return _unknown(match[1], options) if match[1][0] == "-" else f"expected no further words, got {match[1]!r}"
     if match := re.search(r"the following arguments are required: (.*)", text):
-        names = {option.lstrip("-") for option in options}
-        missing = [option_shown(n) if n.replace("_", "-") in names else n.upper() for n in match[1].split(", ")]
-        return f"missing: {', '.join(missing)}"
+        shown = [(name, option_shown(name)) for name in match[1].split(", ")]
+        return f"missing: {', '.join(option if option in options else name.upper() for name, option in shown)}"
     return text[:1].lower() + text[1:]
 
 
@@ -136,29 +127,14 @@ def with_option(message: str, words: Iterable[str]) -> str:
     # A message speaks of the field: of `min_time` for --flow.min-time.
     fields = {name: name.rpartition(".")[2].replace("-", "_") for name in names if "." in name}
     meant = [name for name, field in fields.items() if re.search(rf"\b{re.escape(field)}\b", message)]
-    return message if message.startswith("--") or len(meant) != 1 else f"{meant[0]}: {message}"
+    return message if message.startswith(("--", "unknown")) or len(meant) != 1 else f"{meant[0]}: {message}"
 
 
 def _expectation(text: str) -> str:
     """What a value should have been and what it was."""
-    text = re.sub(r"<class '(?:\w+\.)*(\w+)'>", r"\1", text[:1].lower() + text[1:])
-    # An option that may be left out is a union with None in jsonargparse's words.
-    optional = r"^does not validate against any of the Union subtypes Subtypes: \[(.*), NoneType\].*Given value: (.*)$"
-    text = re.sub(optional, r"expected \1. Got value: \2", text)
-    text = re.sub(r"\. Got value: (.*)$", r", got '\1'", text)
-    text = re.sub(r"^expected an? ", "expected ", text)
-    text = re.sub(r"(?:typing\.)?Literal\[(.*?)\]", r"one of \1", text)
-    text = re.sub(
-        r"^expected tuple\[(.*?)\]", lambda found: f"expected tuple with {len(found[1].split(','))} elements", text
-    )
-    text = re.sub(r"^expected \w+Settings\b", "expected null or options of its own below it", text)
-    text = re.sub(r"^expected tuple with (\d+) elements", r"expected \1 values separated by commas", text)
-    text = re.sub(r"^expected (?:list\[)+float\]+", "expected numbers separated by commas", text)
-    text = re.sub(r"^expected list\[int\]", "expected whole numbers separated by commas", text)
-    text = re.sub(r", got '\[(.*)\]'$", lambda found: ", got '" + found[1].replace("'", "") + "'", text)
-    for name, words in KIND_NAMES.items():
-        text = re.sub(rf"^expected {name}\b", f"expected {words}", text)
-    return text
+    for pattern, words in EXPECTATIONS:
+        text = re.sub(pattern, words, text)
+    return text[:1].lower() + text[1:]
 
 
 def _unknown(name: str, options: Iterable[str]) -> str:

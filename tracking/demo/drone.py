@@ -77,6 +77,6 @@ def _write(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> No
         run.save(results[name], folder=method)
         record_method(run, results[name].settings, run.times.seconds, run.columns)
     run.columns, run.facts = {}, {}
-    facts = {"seed": str(run.output.random_seed)}
+    facts = {"seed": str(run.output.settings["seed"])}
     report = drone_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts), best)
     run.write(REPORT_FILE, lambda path: write_report(path, report))

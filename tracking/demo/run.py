@@ -111,14 +111,14 @@ def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]
     names = {kind: path.name for kind, path in models.items()}
     for method, name in STREET_METHODS.items():
         tracks = demo.tracks[name]
-        run.write(f"{method}/tracks.txt", lambda path, tracks=tracks: write_tracks(path, tracks))  # type: ignore[misc]
+        run.write(f"{method}/tracks.txt", write_tracks, tracks)
         seconds = {s: v for s, v in run.times.seconds.items() if s not in demo.tracks or s == name}
         settings = {"frames": demo.frames, "models": names, "method": method}
         record_method(run, settings, seconds, log.columns(tracks))
     run.facts["models"] = names
     source, best = demo.source, demo.tracks[list(demo.tracks)[-1]]
     overlay = run.draw(OVERLAY_FILE, lambda path: write_overlay(path, source.frames(), best, source.frame_rate))
-    facts = {f"{kind} model": name for kind, name in names.items()} | {"seed": str(run.output.random_seed)}
+    facts = {f"{kind} model": name for kind, name in names.items()} | {"seed": str(run.output.settings["seed"])}
     report = street_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts))
     run.write(REPORT_FILE, lambda path: write_report(path, report))
 
@@ -129,7 +129,7 @@ def record_method(
     """Write the ``run.json`` of one method, into the folder of its name."""
     from tsuiseki.tracking.output import RunRecord
 
-    record = RunRecord(run.output.given.command, settings, run.output.random_seed, seconds, columns)
+    record = RunRecord(run.output.command, settings, run.output.settings["seed"], seconds, columns)
     record.write(run.work / settings["method"])
 
 

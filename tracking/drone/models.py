@@ -84,7 +84,7 @@ class DroneModels:
         camera = camera_motion and given is None
         key = {name: None if path is None else file_digest(path) for name, path in paths.items()}
         key |= _streams_key(streams) | {"motion": str(camera)}
-        key |= {"score_threshold": str(finding.score_threshold), "score_range": str(finding.score_range)}
+        key |= {"score_threshold": str(finding.threshold), "score_range": str(finding.score_range)}
         key |= finding.how
         observers = Observers(detect, describe, recognise, camera, finding.batch_size)
         spare = [] if streams else _streams("flow-maf", actions, needed=True)

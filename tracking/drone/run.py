@@ -70,7 +70,7 @@ def drone(
         tell_models(run, models.observers.detect, models.observers.describe, models.observers.recognise)
         kept = None if cache is None else (video.source, cache)
         steps = run.steps(observations(run, source, models, kept), total=frames_expected(source))
-        made = output.given.settings
+        made = output.settings
         result = link(steps, source, models, method, drone, run.times, made, changes, threshold)
         if unknown := result.facts.get("flow", {}).get("camera_unknown"):
             print(line_on_camera(unknown))

@@ -25,7 +25,7 @@ from tsuiseki.tracking.features.foreign_options import AppearanceOptions, Detect
 from tsuiseki.tracking.geometry import clip_boxes, straddling, suppress
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import MissingCardError, OnnxModel
-from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
+from tsuiseki.tracking.preprocessing import check_images, crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.tracking.weights.catalogue import find_model
@@ -117,7 +117,7 @@ class Detector:
 
     def detect_at_anchors(self, images: Sequence[ImageArray]) -> list[tuple[Detections, IntArray]]:
         """As `detect`, with the ``(N,)`` anchors that the detections of each image come from."""
-        if not images:
+        if not check_images(images):
             return []
         card = self.model.card
         inputs, scales = zip(*(fit_image(image, card) for image in images), strict=True)

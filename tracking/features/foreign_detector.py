@@ -30,6 +30,7 @@ from tsuiseki.tracking.features.layout_recognition import (
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, as_detections, half_turned
 from tsuiseki.tracking.geometry import about_rotated, clip_boxes, suppress, suppress_rotated
 from tsuiseki.tracking.onnx import byte_image_input, image_input, open_session, run_session
+from tsuiseki.tracking.preprocessing import check_images
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 
 _MOST_CANDIDATES = 400
@@ -132,7 +133,7 @@ class ForeignDetector:
             RunError: the network gives NaN or infinity, or nothing but zeros where every place has
                 a row.
         """
-        if not images:
+        if not check_images(images):
             return []
         fitted = [self.input.fit(image, self.size or image.shape[:2]) for image in images]
         outputs = self._run([image for image, _ in fitted])

@@ -146,11 +146,11 @@ def fisheye(
     from tsuiseki.tracking.fisheye.page import floor_page
 
     opened = opened_ceiling(source, cameras, ceiling, finding, detections)
-    sections, lines, made = [], [], output.given.settings
+    sections, lines, made = [], [], output.settings
     with output.run() as run:
         tell_models(run, opened[0].detector, opened[0].describe)
         for inputs in opened:
-            if run.interrupted:
+            if run.asked:
                 break
             name, video = inputs.ceiling.placed.name, inputs.ceiling.source
             folder = "" if len(opened) == 1 else name
@@ -242,7 +242,7 @@ def opened_ceiling(
     if detections is None:
         path, turned = finding.detector or shipped(DETECTORS[options.view]), options.view == "image"
         how = finding.threads, options.detector_options, finding.device
-        found_by = as_detector(path, finding.score_threshold, *how, turned=turned)
+        found_by = as_detector(path, finding.threshold, *how, turned=turned)
         detector = found_by
         found += [looking(found_by, each.placed.camera, options.view, options.unrolling) for each in views]
     else:

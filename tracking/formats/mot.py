@@ -220,8 +220,15 @@ def read_tracks(path: str | Path) -> list[Track]:
 
 
 def write_tracks(path: str | Path, tracks: Iterable[Track], class_of: Callable[[int], int] = lambda _: -1) -> None:
-    """Write ``tracks`` as a result file, ordered by frame, then id; column 8 is the class of an id, -1 for none."""
+    """Write ``tracks`` as a result file, ordered by frame, then id; column 8 is the class of an id, -1 for none.
+
+    Raises:
+        RequestError: the name is that of another format.
+    """
     path = Path(path)
+    if path.suffix.lower() in (".json", ".csv", ".parquet", ".xml", ".xlsx"):
+        raise RequestError(f"{path}: expected the name of a text file, such as tracks.txt, got {path.suffix}")
+    path.parent.mkdir(parents=True, exist_ok=True)
     rows = [
         (frame, track.id, box, score, class_of(track.id))
         for track in tracks

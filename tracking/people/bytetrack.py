@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -50,9 +51,9 @@ class ByteTrackSettings:
 
     def __post_init__(self) -> None:
         if not (0 < self.min_iou <= 1 and 0 < self.min_iou_low <= 1):
-            raise ValueError(f"expected min_iou and min_iou_low in (0, 1], got {self.min_iou} and {self.min_iou_low}")
+            raise RequestError(f"expected min_iou and min_iou_low in (0, 1], got {self.min_iou} and {self.min_iou_low}")
         if self.low_score > self.high_score:
-            raise ValueError(f"expected low_score up to high_score, got {self.low_score} and {self.high_score}")
+            raise RequestError(f"expected low_score up to high_score, got {self.low_score} and {self.high_score}")
 
 
 class ByteTrack(LifecycleTracker):

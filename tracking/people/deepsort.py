@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -54,7 +55,7 @@ class DeepSortSettings:
 
     def __post_init__(self) -> None:
         if not (0 <= self.feature_gate <= 2 and 0 <= self.position_gate < 1 and 0 <= self.memory < 1):
-            raise ValueError("expected feature_gate in [0, 2], position_gate in [0, 1) and memory in [0, 1)")
+            raise RequestError("expected feature_gate in [0, 2], position_gate in [0, 1) and memory in [0, 1)")
 
 
 class DeepSort(LifecycleTracker):

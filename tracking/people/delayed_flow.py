@@ -204,10 +204,8 @@ class DelayedFlow:
         """``(M,)`` which tracks have enough detections, and good ones, to be answered."""
         fewest = max(min(self.settings.fewest(self.input.frame_rate), self._frame), 1)
         enough = sums[:, 0] >= fewest
-        # The calibration by the video itself judges nobody; see `FlowSettings.least`.
-        if self.input.observation is None:
-            return np.asarray(enough)
-        return np.asarray(enough & (sums[:, 1] >= self.settings.least * sums[:, 0]))
+        least = self.settings.least_logit(self.input.observation)
+        return np.asarray(enough & (sums[:, 1] >= least * np.maximum(sums[:, 0], 1)))
 
     def _answer(self, tracks: IntArray, ids: IntArray, before: int) -> None:
         """Answer the frames up to one that are not answered yet."""

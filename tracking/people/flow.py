@@ -16,6 +16,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
+from tsuiseki.tracking.options import refuse_nan
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, refuse_heaps
 from tsuiseki.tracking.people.whole_flow import WholeFlow
@@ -75,11 +76,13 @@ class FlowTracker:
         drop_straddling: bool = False,
         stride: float = 1.0,
     ) -> None:
-        if not (0 < frame_rate < np.inf and 1 <= stride < np.inf):
-            raise ValueError(f"expected a frame rate above 0 and a stride from 1, got {frame_rate} and {stride}")
+        numbers = isinstance(frame_rate, int | float) and isinstance(stride, int | float)
+        if not (numbers and 0 < frame_rate < np.inf and 1 <= stride < np.inf):
+            raise RequestError(f"expected a frame rate above 0 and a stride from 1, got {frame_rate} and {stride}")
         if delay is not None and not 0 <= delay < np.inf:
-            raise ValueError(f"expected a delay of 0 seconds or more, got {delay}")
+            raise RequestError(f"expected a delay of 0 seconds or more, got {delay}")
         settings = settings or FlowSettings()
+        refuse_nan(settings)
         if delay is not None or changes is not None:
             settings = settings.alike()
         self.settings = settings

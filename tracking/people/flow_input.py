@@ -10,7 +10,7 @@ from statistics import median
 import numpy as np
 
 from tsuiseki.tracking.association.camera_from_boxes import LEAST, MOVING, CameraSteps, doubt_of, steps_from_boxes
-from tsuiseki.tracking.association.costs import ScoreCost
+from tsuiseki.tracking.association.costs import ProbabilityCost, ScoreCost
 from tsuiseki.tracking.association.detection_tables import DetectionRows, DetectionTable, Measurements, rows_of
 from tsuiseki.tracking.association.flow_rounds import FirstPrices
 from tsuiseki.tracking.association.flow_window import FlowCosts, FlowWindow
@@ -345,7 +345,7 @@ class FlowSettings:
         min_detections: tracks of fewer detections are dropped, unless the video itself has fewer frames.
         min_time: and so are those of fewer than this many seconds of detections.
         least: mean logit of the probability of a track's detections, under which it is taken for clutter; only where
-            learnt prices say what scores are worth.
+            something says what scores are worth. None takes 1.0, or 0.5 where scores are probabilities.
         fill: longest gap that is filled, on a straight line.
         smoothing: smooth boxes by as much as suits the video; otherwise they are reported as detected.
         decide_every: least time between two decisions; None solves all frames at once in the end.
@@ -356,7 +356,7 @@ class FlowSettings:
     costs: FlowCosts = field(default_factory=FlowCosts)
     min_detections: int = 3
     min_time: float = 0.16
-    least: float = 1.0
+    least: float | None = None
     fill: float = 2.0
     smoothing: bool = True
     decide_every: float | None = 20.0
@@ -364,15 +364,23 @@ class FlowSettings:
 
     def __post_init__(self) -> None:
         if self.decide_every is not None and self.decide_every <= 0:
-            raise ValueError(f"expected decide_every above 0 seconds, got {self.decide_every}")
+            raise RequestError(f"expected decide_every above 0 seconds, got {self.decide_every}")
         if min(self.min_detections, self.min_time, self.fill) < 0:
-            raise ValueError("expected min_detections, min_time and fill from 0")
+            raise RequestError("expected min_detections, min_time and fill from 0")
         if self.most_undecided is not None and self.most_undecided <= self.costs.rounds.window + SETTLE:
-            raise ValueError(f"expected most_undecided above window + {SETTLE:g} s, got {self.most_undecided}")
+            raise RequestError(f"expected most_undecided above window + {SETTLE:g} s, got {self.most_undecided}")
 
     def alike(self) -> FlowSettings:
         """These settings with entry and exit costs that take all places alike."""
         return replace(self, costs=replace(self.costs, places=None))
+
+    def least_logit(self, observation: ScoreCost | None) -> float:
+        """`least` where scores have these costs; anything will do where the video itself says what they are worth."""
+        if observation is None:
+            return -np.inf
+        # Somebody far away is found with a probability of 0.65 in every frame, a logit of 0.62.
+        usual = 0.5 if isinstance(observation, ProbabilityCost) else 1.0
+        return usual if self.least is None else self.least
 
     def fewest(self, frame_rate: float) -> int:
         """Detections that a track needs."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -38,6 +39,7 @@ from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_classed_detections
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
+from tsuiseki.tracking.people.score_choice import ScoreChoice
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray, IntArray
@@ -63,6 +65,7 @@ class PeopleInputs:
             sources are never read ahead.
         ground: weighs what was found, in the order of the video.
         looked: ``(F,)`` by frame number, where a detector was run; None for everywhere.
+        choice: of the threshold of a network whose scores are not known; None where it is given.
     """
 
     source: Source
@@ -73,6 +76,7 @@ class PeopleInputs:
     threads: int = 1
     ground: GroundPlane | None = None
     looked: BoolArray | None = None
+    choice: ScoreChoice | None = None
 
     @property
     def workers(self) -> int:
@@ -116,7 +120,7 @@ class PeopleInputs:
         """The frames themselves with who was found there; see `found`."""
         times, last = times or StageTimes(), -1
         images, check = self.source.frames() if frames is None else frames, self._box_check()
-        for frame, found in stream(images, self.detect, self.describe, self.batch_size, times, self.workers):
+        for frame, found in self._streamed(images, times):
             if last < 0 and self.workers > 1:
                 # Trackers use it late; loaded while networks look at the next frames it takes no time.
                 Thread(target=_load_parts, name="tsuiseki-load").start()
@@ -134,6 +138,16 @@ class PeopleInputs:
         if check is not None:
             check.tell()
         self._check_all_used(last)
+
+    def _streamed(self, images: Iterable[Frame], times: StageTimes) -> Iterator[tuple[Frame, Detections]]:
+        how = (self.describe, self.batch_size, times, self.workers)
+        if self.choice is None:
+            yield from stream(images, self.detect, *how)
+            return
+        known, frames = self.choice.look(self.source, self.batch_size, self.workers, times), iter(images)
+        first = [known.get(number, Detections.empty()) for number in range(max(known, default=-1) + 1)]
+        yield from stream(itertools.islice(frames, len(known)), first, *how)
+        yield from stream(frames, self.detect, *how)
 
     def _box_check(self) -> BoxCheck | None:
         """What compares boxes with pictures, where a function or somebody else's network finds them."""
@@ -186,6 +200,8 @@ def given_detections(
         RequestError: see `read_detections` and `as_detections`; or the video is shorter.
     """
     if not isinstance(given, str | Path):
+        if not isinstance(given, Iterable) or isinstance(given, Mapping):
+            raise RequestError(f"`detections`: expected a file, or boxes of each frame, got {type(given).__name__}")
         given = list(given)
         if source.length is not None and len(given) > source.length:
             raise RequestError(
@@ -276,7 +292,7 @@ def people_detect(
     Raises:
         RequestError: both are given, or the source has no images to find people in.
     """
-    wanted = parse_view(finding.view)
+    wanted = parse_view(str(finding.view))
     if finding.detections is not None:
         if finding.detector is not None:
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
@@ -285,7 +301,7 @@ def people_detect(
         raise RequestError(f"{source.name} has no images to find people in; give `detections`")
     detector = shipped(default) if finding.detector is None else finding.detector
     threads = finding.threads if threads is None else threads
-    found = as_detector(detector, finding.score_threshold, threads, finding.detector_options, finding.device)
+    found = as_detector(detector, finding.threshold, threads, finding.detector_options, finding.device)
     if wanted == (1, None) or not isinstance(found, Detector | ForeignDetector):
         return found
     return ViewedDetector(found, wanted, frame_rate=source.frame_rate)

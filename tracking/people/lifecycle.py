@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from tsuiseki.tracking.association.looks import Intervals
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
     BoxMotion,
@@ -19,6 +20,7 @@ from tsuiseki.tracking.filters.kalman import (
     update_boxes,
 )
 from tsuiseki.tracking.interchange import BadBoxes
+from tsuiseki.tracking.options import refuse_nan
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
 
 _STATUSES = np.array(STATUSES)
@@ -42,7 +44,7 @@ class LifecycleSettings:
 
     def __post_init__(self) -> None:
         if self.min_hits < 1 or self.max_age < 0:
-            raise ValueError(f"expected min_hits >= 1 and max_age >= 0, got {self.min_hits} and {self.max_age}")
+            raise RequestError(f"expected min_hits >= 1 and max_age >= 0, got {self.min_hits} and {self.max_age}")
 
 
 @dataclass(frozen=True)
@@ -226,6 +228,7 @@ class LifecycleTracker:
     """
 
     def __init__(self, settings: LifecycleSettings, motion: BoxMotion) -> None:
+        refuse_nan(getattr(self, "settings", settings))
         self._lifecycle = Lifecycle(settings, motion)
         self.bad = BadBoxes()
 

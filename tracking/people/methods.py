@@ -22,7 +22,6 @@ from tsuiseki.tracking.onnx import kind_of
 from tsuiseki.tracking.people.bytetrack import ByteTrack
 from tsuiseki.tracking.people.deepsort import DeepSort
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.settings import METHODS, NONE, MethodSettings, PeopleMethod
 from tsuiseki.tracking.people.sort import Sort
@@ -36,9 +35,6 @@ from tsuiseki.tracking.weights import shipped
 APPEARANCE = ("flow", "deepsort")
 # What `--affinity` takes: costs learnt on pairs, or on whole tracks.
 LearntCosts = Affinity | CostNetwork
-# Mean logit that a track's detections need where scores are probabilities: 0.62. Somebody far away is found with 0.65
-# in every frame, which the flow's own 1.0, or 0.73, of learnt costs takes for clutter.
-_PROBABLE = 0.5
 
 
 def people_tracker(
@@ -83,10 +79,9 @@ def people_tracker(
         changes = affinity if isinstance(affinity, CostNetwork) else None
         observation = scores if pairs is None else pairs.observation
         rate, size = (DEFAULT_FRAME_RATE, None) if source is None else (source.frame_rate, image_size(source))
-        flow = settings.flow
-        if isinstance(observation, ProbabilityCost) and flow.least == FlowSettings().least:
-            flow = replace(flow, least=_PROBABLE)
-        return FlowTracker(flow, pairs, observation, rate, size, camera, seed, changes, delay, drop_straddling, stride)
+        return FlowTracker(
+            settings.flow, pairs, observation, rate, size, camera, seed, changes, delay, drop_straddling, stride
+        )
     makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {
         "deepsort": lambda: DeepSort(settings.deepsort, seed),
         "sort": lambda: Sort(settings.sort, seed),

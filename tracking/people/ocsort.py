@@ -27,6 +27,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
     BoxMotion,
@@ -65,9 +66,9 @@ class OcSortSettings:
 
     def __post_init__(self) -> None:
         if not 0 < self.min_iou <= 1:
-            raise ValueError(f"expected min_iou in (0, 1], got {self.min_iou}")
+            raise RequestError(f"expected min_iou in (0, 1], got {self.min_iou}")
         if self.direction_weight < 0 or self.direction_span < 1:
-            raise ValueError(
+            raise RequestError(
                 "expected direction_weight >= 0 and direction_span >= 1, got "
                 f"{self.direction_weight} and {self.direction_span}"
             )

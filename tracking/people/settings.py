@@ -32,7 +32,8 @@ class Detecting(Shared):
     Attributes:
         detector: exported detector; by default the shipped one. A bare word names another shipped one, such as street,
             or a downloaded one, such as yolox-s (see tsuiseki models list).
-        score_threshold: the detector keeps what scores at least this, from 0 to 1.
+        score_threshold: the detector keeps what scores at least this, from 0 to 1; by default 0.3. In track people the
+            beginning of the video tells it for detectors of other projects.
         score_range: smallest and largest score that the rows of --detections may have; by default any.
         appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
         threads: CPU cores of the networks; 0 takes all.
@@ -40,18 +41,23 @@ class Detecting(Shared):
     """
 
     detector: Path | None = None
-    score_threshold: float = 0.3
+    score_threshold: float | None = None
     score_range: tuple[float, float] | None = None
     appearance: Path | None = None
     threads: int = 0
     device: Device = "auto"
 
+    @property
+    def threshold(self) -> float:
+        """`score_threshold`, or the usual one."""
+        return 0.3 if self.score_threshold is None else self.score_threshold
+
     def check(self) -> None:
         """See `Shared.check`."""
-        if not 0 <= self.score_threshold <= 1:
-            raise RequestError(f"`score_threshold`: expected a number from 0 to 1, got {self.score_threshold:g}")
+        if not 0 <= self.threshold <= 1:
+            raise RequestError(f"`score_threshold`: expected a number from 0 to 1, got {self.threshold:g}")
         check_score_range(self.score_range)
-        if self.threads < 0:
+        if not isinstance(self.threads, int) or self.threads < 0:
             raise RequestError(f"`threads`: expected 0 or more, got {self.threads}")
 
 

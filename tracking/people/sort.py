@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tsuiseki.tracking.association.assignment import assign
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -28,7 +29,7 @@ class SortSettings:
 
     def __post_init__(self) -> None:
         if not 0 < self.min_iou <= 1:
-            raise ValueError(f"expected min_iou in (0, 1], got {self.min_iou}")
+            raise RequestError(f"expected min_iou in (0, 1], got {self.min_iou}")
 
 
 class Sort(LifecycleTracker):

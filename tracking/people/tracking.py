@@ -9,7 +9,8 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -44,6 +45,7 @@ from tsuiseki.tracking.people.methods import (
     people_tracker,
     straddles,
 )
+from tsuiseki.tracking.people.score_choice import above_floor, score_choice
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers, skipped
 from tsuiseki.tracking.people.unused import FirstDetections
@@ -167,11 +169,13 @@ class OpenedPeople:
         inputs: where frames and detections come from.
         tracker: a fresh one.
         class_of: the class of each track id, -1 where classes are not tracked apart.
+        floor: score under which given detections were left out, see `above_floor`; None for none.
     """
 
     inputs: PeopleInputs
     tracker: PeopleTracker
     class_of: Callable[[int], int] = lambda _: -1
+    floor: float | None = None
 
 
 def open_people(
@@ -193,8 +197,11 @@ def open_people(
         raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
     threads = threads_of_a_call(source, finding.threads)
     kinds: Sequence[IntArray] = []
+    floor: float | None = None
     if finding.classes is None:
         detect = people_detect(source, finding, PEOPLE_DETECTOR, threads)
+        if isinstance(detect, list) and linking.method == "flow" and finding.score_range is None:
+            detect, floor = above_floor(detect, source.frame_rate)
     else:
         detect, kinds = classed_detections(source, finding)
     compared = compares_appearance(linking.method)
@@ -203,35 +210,41 @@ def open_people(
     camera = camera_for(linking.method, moving=linking.moving_camera)
     ground = ground_of(detect, finding.ground, source)
     looks = looks_of(detect, source, looked)
-    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks)
-    make = _tracker_maker(inputs, linking, seed)
+    unknown = finding.score_threshold is None and not source.live
+    choice = score_choice(detect, ground) if unknown else None
+    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks, choice)
+    if not isinstance(linking.method, str):
+        return OpenedPeople(inputs, _own_tracker(inputs, linking), floor=floor)
+    # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
+    known = knows_scores(detect)
+    learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=known)
+    fresh = partial(_fresh_tracker, inputs, linking, learnt, seed)
     if finding.classes is None:
-        return OpenedPeople(inputs, make())
-    by_class = ByClass(make, kinds[source.frames_wanted.first :], finding.classes)
+        return OpenedPeople(inputs, fresh(), floor=floor)
+    by_class = ByClass(fresh, kinds[source.frames_wanted.first :], finding.classes)
     return OpenedPeople(inputs, by_class, by_class.class_of)
 
 
-def _tracker_maker(inputs: PeopleInputs, linking: Linking, seed: int) -> Callable[[], PeopleTracker]:
-    """What makes a tracker for the detections of ``inputs``."""
-    method: PeopleMethod | PeopleTracker = linking.method
-    if isinstance(method, str):
-        # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
-        known = knows_scores(inputs.detect)
-        learnt = people_affinity(method, linking.affinity, inputs.threads, known_scores=known)
-        scores, drop = cost_of_scores(inputs.detect), straddles(inputs.detect)
-        stride = 1.0 if inputs.looked is None else stride_of(inputs.looked)
-        return lambda: people_tracker(
-            method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
-        )
-    if not (hasattr(method, "update") and hasattr(method, "tracks")):
+def _own_tracker(inputs: PeopleInputs, linking: Linking) -> PeopleTracker:
+    """The tracker that a call has given in place of a method's name."""
+    method: Any = linking.method
+    if isinstance(method, type) or not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     for name in ("affinity", "delay"):
         if getattr(linking, name) is not None:
             raise RequestError(
                 f"expected `{name}` with the method's name, got it beside a tracker; give it to the tracker"
             )
-    tracker = MotionCompensated(method, inputs.camera) if isinstance(inputs.camera, CameraPath) else method
-    return lambda: tracker
+    return MotionCompensated(method, inputs.camera) if isinstance(inputs.camera, CameraPath) else method
+
+
+def _fresh_tracker(inputs: PeopleInputs, linking: Linking, learnt: LearntCosts | None, seed: int) -> PeopleTracker:
+    """A tracker by the method's name, for the detections of ``inputs``."""
+    scores, drop = cost_of_scores(inputs.detect), straddles(inputs.detect)
+    stride = 1.0 if inputs.looked is None else stride_of(inputs.looked)
+    return people_tracker(
+        linking.method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
+    )
 
 
 def _opened(
@@ -248,8 +261,13 @@ def _opened(
 ) -> OpenedPeople:
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
     linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
-    video = open_source(str(source), parse_frames(frames))
-    return open_people(video, PeopleFinding(**finding), linking, seed, frames_looked_at)
+    video = open_source(source, parse_frames(frames))
+    known = [one.name for one in fields(PeopleFinding)]
+    if unknown := [name for name in finding if name not in known]:
+        raise RequestError(f"expected the keywords of `PeopleKeywords`, got {unknown[0]!r}")
+    wanted = PeopleFinding(**finding)
+    wanted.check()
+    return open_people(video, wanted, linking, seed, frames_looked_at)
 
 
 def people_result(
@@ -312,6 +330,14 @@ def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any],
         cost = "" if timed else f", about {milliseconds:.0f} ms a frame"
         facts["view"] = f"{inputs.detect.summary}{cost}"
         lines.append(f"looked at {facts['view']}; --view says in how many tiles")
+    if opened.floor is not None:
+        facts["score_threshold"] = opened.floor
+        lines.append(
+            f"detections that score under {opened.floor:.2f} left out, by what moves; --score-range says others"
+        )
+    if inputs.choice is not None:
+        facts["score_threshold"] = inputs.choice.threshold
+        lines.append(str(inputs.choice))
     if inputs.ground is not None and inputs.ground.frames:
         facts["ground"] = inputs.ground.facts()
         if inputs.ground.used:

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tsuiseki.tracking.association.clutter import standing_clutter
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.sliding_flow import Decision
@@ -119,7 +120,7 @@ class WholeFlow:
         tracks: list[Track] = []
         images: list[FloatArray] = []
         # A video of fast targets bears nothing out, so its own calibration judges no track.
-        least = -np.inf if self.input.observation is None else settings.least
+        least = settings.least_logit(self.input.observation)
         logit = self.input.logits(self._scores[every.numbers])
         fewest = max(min(settings.fewest(rate), self._frame), 1)
         for piece in long_tracks(labels, fewest):
@@ -130,16 +131,24 @@ class WholeFlow:
             self.actions.append(None if every.actions is None else every.actions[piece])
             tracks.append(track)
             images.append(every.image[piece])
+        if self.input.observation is None:
+            tracks, images = self._without(standing_clutter(tracks, images, rate), tracks, images)
         smoothing = self.input.smoothing(tracks) if settings.smoothing else None
         result = [reported(*one, self.input, longest, smoothing) for one in zip(tracks, images, strict=True)]
         return self._without_straddling(result) if self.drop_straddling else result
 
+    def _without(
+        self, dropped: IntArray, tracks: list[Track], images: list[FloatArray]
+    ) -> tuple[list[Track], list[FloatArray]]:
+        """Tracks and their boxes in the image but those at some indices, numbered anew; actions likewise."""
+        kept = np.delete(np.arange(len(tracks)), dropped).tolist()
+        self.clutter += len(dropped)
+        self.actions = [self.actions[n] for n in kept]
+        return [replace(tracks[n], id=number) for number, n in enumerate(kept, 1)], [images[n] for n in kept]
+
     def _without_straddling(self, tracks: list[Track]) -> list[Track]:
         """Those that are further people, numbered anew; what the others do is left out, too."""
-        kept = np.flatnonzero(~straddling_tracks(tracks)).tolist()
-        self.clutter += len(tracks) - len(kept)
-        self.actions = [self.actions[n] for n in kept]
-        return [replace(tracks[n], id=number) for number, n in enumerate(kept, start=1)]
+        return self._without(np.flatnonzero(straddling_tracks(tracks)), tracks, [track.boxes for track in tracks])[0]
 
 
 def reported(

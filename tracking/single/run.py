@@ -27,7 +27,7 @@ from tsuiseki.tracking.single.settings import (
     single_tracker,
     warn_if_not_asked,
 )
-from tsuiseki.tracking.single.tracker import SingleTracker, follow_target
+from tsuiseki.tracking.single.tracker import SingleTracker, as_box, follow_target
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import STATUSES, Estimate, FloatArray, Frame, ImageArray, Status, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
@@ -100,11 +100,9 @@ def _opened(
 ) -> tuple[Source, FloatArray]:
     """The video and the target in its first frame, checked."""
     opened, labelled = open_single(source, frames)
-    wanted = labelled if box is None else np.asarray(box, dtype=np.float64)
+    wanted = labelled if box is None else as_box(box)
     if wanted is None:
         raise RequestError(f"{opened.name} has no labels; expected the `box` of the target in the first frame")
-    if wanted.shape != (4,):
-        raise RequestError(f"expected a `box` of four numbers x1, y1, x2, y2, got shape {wanted.shape}")
     return opened, wanted
 
 
@@ -255,7 +253,7 @@ def single(
         wanted = partial(_drawn, run) if given is None else given
         followed = follow_frames(run.frames(source, record=video.overlay), wanted, tracker, run.times)
         steps = run.steps(followed, total=frames_expected(source))
-        result = single_result(source, steps, run.times, output.given.settings, constants, plot)
+        result = single_result(source, steps, run.times, output.settings, constants, plot)
         warn_if_not_asked(tracker)
         run.save(result, lambda: video.draw(run, source, result))
         run.done(f"{summary_of(result.frames['status'])}: {output.out / 'boxes.txt'}")

@@ -50,13 +50,28 @@ def box_centre(box: FloatArray) -> FloatArray:
     return np.asarray((box[:2] + box[2:]) / 2)
 
 
+def as_box(given: object) -> FloatArray:
+    """``(4,)`` corners, whatever they are given in.
+
+    Raises:
+        RequestError: they are not four numbers.
+    """
+    try:
+        box = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise RequestError(f"expected a `box` of four numbers x1, y1, x2, y2, got {given!r:.60}") from None
+    if box.shape != (4,):
+        raise RequestError(f"expected a `box` of four numbers x1, y1, x2, y2, got shape {box.shape}")
+    return box
+
+
 def check_start(box: FloatArray, image: ImageArray) -> FloatArray:
     """``box`` as ``(4,)`` float64, where a tracker can start with it.
 
     Raises:
         RequestError: it has no area, is larger than the image, or lies outside it.
     """
-    box = np.asarray(box, dtype=np.float64)
+    box = as_box(box)
     height, width = image.shape[:2]
     x, y, w, h = map(float, (*box[:2], *(box[2:] - box[:2])))
     shown = f"x {x:g}, y {y:g}, width {w:g}, height {h:g}"

@@ -114,33 +114,41 @@ def sphere_run(
     settings, backgrounds = keywords.get("settings") or SphereSettings(), keywords.get("backgrounds")
     if not 0 < radius < 10:
         raise RequestError(f"`radius`: expected metres above 0 (and below 10), got {radius:g}")
+    placed, videos = _opened(sources, cameras)
+    live, times = all(video.live for video in videos), keywords.get("times") or FrameTimes()
+    if live and (times.offsets or times.timestamps):
+        raise RequestError("`offsets` and `timestamps`: expected only with recorded videos; live frames have their own")
+    if live and settings.likelihood == "background" and backgrounds is None:
+        raise RequestError("`backgrounds`: expected pictures of the empty scene with live cameras, got none")
+    stamps = [] if live else times.of_videos(videos, placed)
+    place, box = _start(keywords.get("start"), keywords.get("volume"), settings, placed, radius)
+    weigh = chosen_likelihood(settings, placed, videos, radius, backgrounds)
+    broad = weigh.broad() if isinstance(weigh, SphereContourLikelihood) else weigh
+    search = partial(find_ball, weigh, broad, [p.camera for p in placed], radius, box, settings.particles)
+    start = Start(place, settings.spread, settings.particles, search)
+    frames = [partial(checked_frames, video, camera) for video, camera in zip(videos, placed, strict=True)]
+
+    def recorded(moments: Sequence[Moment]) -> Iterator[Seen]:
+        return moments_with_images(moments, [begin() for begin in frames])
+
+    def newest(_: Sequence[Moment]) -> Iterator[Seen]:
+        return LatestFrames(frames, live_tolerance(videos, settings.tolerance)).moments()
+
+    seen, tracker = newest if live else recorded, _tracker(settings, weigh, radius)
+    return SphereRun(placed, stamps, settings.tolerance, tracker, start, seen, radius, videos)
+
+
+def _opened(
+    sources: Sequence[str | Path | int], cameras: str | Path
+) -> tuple[Sequence[PlacedCamera], Sequence[Source]]:
+    """The cameras of a file and the video of each."""
     placed = read_projective_cameras(Path(cameras))
     if len(sources) != len(placed) or len(sources) < 2:
         raise RequestError(
             f"expected at least two videos and one camera for each, got {len(sources)} videos and {len(placed)} "
             f"cameras in {cameras}; give the videos in the order of its entries"
         )
-    opened = [open_source(str(source)) for source in sources]
-    live, times = all(source.live for source in opened), keywords.get("times")
-    if live and times is not None and (times.offsets or times.timestamps):
-        raise RequestError("`offsets` and `timestamps`: expected only with recorded videos; live frames have their own")
-    if live and settings.likelihood == "background" and backgrounds is None:
-        raise RequestError("`backgrounds`: expected pictures of the empty scene with live cameras, got none")
-    stamps = [] if live else (times or FrameTimes()).of_videos(opened, placed)
-    place, box = _start(keywords.get("start"), keywords.get("volume"), settings, placed, radius)
-    weigh = chosen_likelihood(settings, placed, opened, radius, backgrounds)
-    broad = weigh.broad() if isinstance(weigh, SphereContourLikelihood) else weigh
-    search = partial(find_ball, weigh, broad, [p.camera for p in placed], radius, box, settings.particles)
-    begin = Start(place, settings.spread, settings.particles, search)
-
-    def seen(moments: Sequence[Moment]) -> Iterator[Seen]:
-        if live:
-            frames = [partial(checked_frames, source, camera) for source, camera in zip(opened, placed, strict=True)]
-            return LatestFrames(frames, live_tolerance(opened, settings.tolerance)).moments()
-        videos = [checked_frames(source, camera) for source, camera in zip(opened, placed, strict=True)]
-        return moments_with_images(moments, videos)
-
-    return SphereRun(placed, stamps, settings.tolerance, _tracker(settings, weigh, radius), begin, seen, radius, opened)
+    return placed, [open_source(str(source)) for source in sources]
 
 
 def _start(
@@ -305,7 +313,7 @@ def sphere(
             return run.steps(seen if chosen.length else run.unending(seen), total=chosen.length)
 
         log = chosen.run(rng, run.times, watched)
-        result = sphere_result(chosen, log, run.times, output.given.settings, true_path)
+        result = sphere_result(chosen, log, run.times, output.settings, true_path)
         run.save(result, partial(_draw, run, drawing, chosen, log))
         run.done(_summary(result, true_path, output.out / "track3d.csv"))
     return run.status

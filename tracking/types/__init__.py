@@ -23,8 +23,27 @@ StatusArray: TypeAlias = NDArray[np.str_]
 STATUSES: tuple[Status, ...] = ("tracking", "searching", "lost")
 
 
-@dataclass(frozen=True)
-class Frame:
+class ComparedByValue:
+    """Two of a class are equal where all their fields are, arrays among them; NaN equals NaN."""
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        mine, others = vars(self), vars(other)
+        return mine.keys() == others.keys() and all(_same(mine[name], others[name]) for name in mine)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+def _same(one: object, other: object) -> bool:
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        first, second = np.asarray(one), np.asarray(other)
+        return np.array_equal(first, second, equal_nan=first.dtype.kind == second.dtype.kind == "f")
+    return bool(one == other)
+
+
+@dataclass(frozen=True, eq=False)
+class Frame(ComparedByValue):
     """One image of a video.
 
     Attributes:
@@ -44,8 +63,8 @@ class Frame:
             )
 
 
-@dataclass(frozen=True)
-class Detections:
+@dataclass(frozen=True, eq=False)
+class Detections(ComparedByValue):
     """What a detector found in one frame.
 
     Attributes:
@@ -103,8 +122,8 @@ class Detections:
         return replace(self, features=features)
 
 
-@dataclass(frozen=True)
-class Target:
+@dataclass(frozen=True, eq=False)
+class Target(ComparedByValue):
     """One target in one frame, as a tracker of many answers it.
 
     Attributes:
@@ -120,8 +139,8 @@ class Target:
     status: Status
 
 
-@dataclass(frozen=True)
-class Targets:
+@dataclass(frozen=True, eq=False)
+class Targets(ComparedByValue):
     """The targets of one frame; going through them gives one `Target` after the other.
 
     Attributes:
@@ -160,8 +179,8 @@ class Targets:
         return Targets(self.frame, self.ids[which], self.boxes[which], self.scores[which], self.status[which])
 
 
-@dataclass(frozen=True)
-class Track:
+@dataclass(frozen=True, eq=False)
+class Track(ComparedByValue):
     """One person or object through time.
 
     Attributes:
@@ -196,8 +215,8 @@ class Track:
         return len(self.frames)
 
 
-@dataclass(frozen=True)
-class Estimate:
+@dataclass(frozen=True, eq=False)
+class Estimate(ComparedByValue):
     """Where one target is in one frame, and whether to believe it.
 
     Attributes:

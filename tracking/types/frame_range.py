@@ -62,7 +62,7 @@ def parse_frames(text: str | None) -> FrameRange:
     """
     if text is None:
         return FrameRange()
-    match = re.fullmatch(r"\s*(\d*)\s*-\s*(\d*)\s*", text)
+    match = re.fullmatch(r"\s*(\d*)\s*-\s*(\d*)\s*", text) if isinstance(text, str) else None
     if match is None or not any(match.groups()):
         raise RequestError(f"expected `frames` FIRST-LAST counted from 1, such as 301-400, got {text!r}")
     first = int(match[1] or 1) - 1

@@ -68,7 +68,7 @@ class Source(Protocol):
         ...
 
 
-def open_source(source: str | Path, frames: FrameRange | None = None, frame_rate: float | None = None) -> Source:
+def open_source(source: str | Path | int, frames: FrameRange | None = None, frame_rate: float | None = None) -> Source:
     """What ``source`` names, checked before anything is read in full.
 
     Args:
@@ -81,7 +81,12 @@ def open_source(source: str | Path, frames: FrameRange | None = None, frame_rate
         RequestError: there is no such thing, it cannot be read, it has no frame, its images differ in size, or
             the stretch lies beyond it.
     """
-    opened = _opened(source, frames or FrameRange())
+    if not isinstance(source, str | Path | int):
+        raise RequestError(
+            f"expected a video file, a folder of images, a webcam number or an address, got "
+            f"{type(source).__name__}; write images into a folder, or give the boxes of each frame to a tracker"
+        )
+    opened = _opened(str(source), frames or FrameRange())
     if frame_rate is None:
         return opened
     timed_by: TimedBy = "arrival" if opened.live else "frame rate"

@@ -126,19 +126,24 @@ def label(
         onto_silhouettes: share of the way that boxes are moved onto silhouettes, in [0, 1].
     """
     number_of = {frame: number for number, frame in enumerate(watched.frames)}
-    moving = _moving(tracks, foreground, number_of)
-    verdicts = [_judge(*each, watched.frame_rate) for each in zip(tracks, moving, strict=True)]
-    explained = explained_boxes(tracks, [v.verdict == TAKEN for v in verdicts])
-    verdicts = [_unless_twice(*each) for each in zip(verdicts, tracks, explained, strict=True)]
+    shares = _moving(tracks, foreground, number_of)
+    verdicts = [_judge(track, share, watched.frame_rate) for track, share in zip(tracks, shares, strict=True)]
+    # Of each track the boxes that lie on those of tracks that are taken.
+    covered = explained_boxes(tracks, [one.verdict == TAKEN for one in verdicts])
+    verdicts = [_unless_twice(one, track, on) for one, track, on in zip(verdicts, tracks, covered, strict=True)]
     offset = _offset(tracks, verdicts, foreground, number_of, onto_silhouettes)
-    unseen = [each & ~track.observed for each, track in zip(explained, tracks, strict=True)]
-    entries = _together([_entries(*each, sitting) for each in zip(tracks, verdicts, unseen, strict=True)])
+    # A box that was filled in where others are shows a person who is hidden: no example.
+    entries = _together([
+        _entries(track, one, on & ~track.observed, sitting)
+        for track, one, on in zip(tracks, verdicts, covered, strict=True)
+    ])  # fmt: skip
     rejected = _rejected(watched.frames, found, tracks)
     rows = []
-    for frame, number in number_of.items():
+    for number, frame in enumerate(watched.frames):
         picture = None if foreground is None else foreground.picture(number)
-        here = _placed(entries.select(entries.frames == frame), found[number], picture, offset, onto_silhouettes)
-        rows.append(_rows(number, _inside(here, watched.size), rejected[number], picture))
+        people = _placed(entries.select(entries.frames == frame), found[number], picture, offset, onto_silhouettes)
+        people = people.select(_reach_in(people.boxes, watched.size))
+        rows.append(_rows(number, people, rejected[number], picture))
     moved = tuple(_moved(track, offset, watched.size) for track in tracks)
     return TrackLabels(_joined(rows), tuple(verdicts), moved, offset)
 
@@ -241,10 +246,6 @@ def _placed(
     if picture is not None:
         boxes = drawn_to_silhouettes(boxes, people.seen, picture, offset, share)
     return replace(people, boxes=boxes)
-
-
-def _inside(people: _Entries, size: tuple[int, int]) -> _Entries:
-    return people.select(_reach_in(people.boxes, size))
 
 
 def _rows(number: int, people: _Entries, rejected: Detections, picture: Difference | None) -> GroundTruth:

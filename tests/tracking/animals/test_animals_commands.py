@@ -64,6 +64,16 @@ def test_a_few_labels_place_the_points_in_every_frame(film, tmp_path):
     np.testing.assert_allclose(placed.points[:, 1, 0], 22 + 4 * np.arange(FRAMES), atol=3.0)
 
 
+def test_advice_is_that_of_the_points_where_points_were_given(film, tmp_path, capsys):
+    (tmp_path / "one.csv").write_text("track,frame_idx,head.x,head.y,tail.x,tail.y\na,3,58,60,30,60\n")
+    words = ["track", "animals", str(film), "--fps", "10", "--points", str(tmp_path / "one.csv")]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    out = capsys.readouterr().out
+    assert "0 animals" in out
+    assert "one.csv make none: an animal takes two in a frame, in several frames" in out
+    assert "threshold" not in out
+
+
 def test_points_of_sleap_are_observations(film, tmp_path):
     rng = np.random.default_rng(0)
     rows = ["track,frame_idx,head.x,head.y,mid.x,mid.y,tail.x,tail.y"]

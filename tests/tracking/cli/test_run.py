@@ -298,6 +298,7 @@ def test_pictures_of_one_pixel_have_an_overlay(name: str, clip: Path, drone_mode
     for number in range(3):
         cv2.imwrite(str(folder / f"{number}.png"), np.full((1, 1, 3), 60 * number, np.uint8))
     words = commands(clip, drone_models)[name][0]
+    (clip.parent / "det.txt").write_text("".join(f"{n},-1,1,1,1,2,0.9\n" for n in (1, 2, 3)))
     given = [*words[:2], str(folder), *words[3:]]
     assert main([*given, "--frames", "1-3", "--overlay", "--out", str(tmp_path / "o")]) == 0
     assert len(list(open_source(tmp_path / "o" / "overlay.webm").frames())) == 3

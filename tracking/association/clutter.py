@@ -1,0 +1,146 @@
+"""What is clutter among detections of unknown scores, learnt from what moves.
+
+Scores of different detectors mean different things. People walk and clutter stands: a static false positive is found
+again in every frame, but it goes nowhere. So the share of detections on chains that move tells what a score is worth.
+Of the N(t) detections from a score t upwards, let A(t) lie on chains that move. `score_floor` takes the t* with the
+largest A(t)² / N(t); above it a score is trusted. Below, the marginal share dA / dN, made monotone and divided by
+A(t*) / N(t*), is the probability that a detection of that score is right.
+
+`standing_clutter` names the tracks that stay in their place and score less than tracks that move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import isotonic_regression
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
+from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.types import FloatArray, IntArray, Track
+
+# Scores that are tried, and the share of the detections that the highest of them keeps.
+LEVELS, HIGHEST = 24, 0.03
+# Frames from one box of a chain to the next: at most this many seconds, and at most so many frames.
+LONGEST_GAP, MOST_GAP = 0.4, 10
+# Intersection over union of neighbours on a chain.
+OVERLAP = 0.3
+# A chain moves that covers a height and lasts half a second. A share below a fifth on such chains tells nothing.
+MOVED, LASTED, ENOUGH = 1.0, 0.5, 0.2
+# Probability from which a detection is kept.
+KEPT = 0.1
+# A track stands that stays within half a height. It is clutter if 95 % of at least four moving ones score more.
+STANDING, QUANTILE, FEWEST, MOVING_SECONDS = 0.5, 0.05, 4, 1.0
+
+
+def score_floor(frames: IntArray, boxes: FloatArray, scores: FloatArray, frame_rate: float) -> float | None:
+    """The score from which detections are worth keeping; None where too little moves to tell.
+
+    Args:
+        frames: ``(N,)`` not decreasing.
+        boxes: ``(N, 4)`` pixels.
+        scores: ``(N,)`` on any scale, not NaN.
+        frame_rate: frames a second.
+    """
+    if len(frames) == 0:
+        return None
+    kept = 1 - np.geomspace(1, HIGHEST, LEVELS)
+    levels = np.unique(np.quantile(scores, kept, method="lower"))[::-1]
+    links = _links(frames, boxes, frame_rate)
+    moving = np.array([_moving(links, level, frames, boxes, scores, frame_rate) for level in levels], dtype=np.float64)
+    above = np.array([np.count_nonzero(scores >= level) for level in levels], dtype=np.float64)
+    best = int((moving**2 / above).argmax())
+    trusted = moving[best] / above[best]
+    if trusted < ENOUGH:
+        return None
+    marginal = np.diff(moving[best:]) / np.diff(above[best:])
+    weights = np.append(above[best], np.diff(above[best:]))
+    right = isotonic_regression(np.append(trusted, marginal), weights=weights, increasing=False).x / trusted
+    low, high = right[::-1].searchsorted(KEPT), len(right) - 1
+    ordered = levels[best:][::-1]
+    if low == 0:
+        return float(ordered[0])
+    after = min(low, high)
+    share = (KEPT - right[::-1][low - 1]) / (right[::-1][after] - right[::-1][low - 1])
+    return float(ordered[low - 1] + share * (ordered[after] - ordered[low - 1]))
+
+
+def standing_clutter(tracks: Sequence[Track], images: Sequence[FloatArray], frame_rate: float) -> IntArray:
+    """Which tracks stand still and score less than those that move.
+
+    Args:
+        tracks: with finite scores.
+        images: ``(T, 4)`` boxes of each where the image shows them, pixels.
+        frame_rate: frames a second.
+
+    Returns:
+        Indices of ``tracks``; none where fewer than four tracks move.
+    """
+    if not tracks:
+        return np.empty(0, dtype=np.int64)
+    covered = np.array([_extent(boxes) for boxes in images])
+    seconds = np.array([track.frames[-1] - track.frames[0] + 1 for track in tracks]) / frame_rate
+    score = np.array([track.scores.mean() for track in tracks])
+    moving = (covered > MOVED) & (seconds >= MOVING_SECONDS)
+    if np.count_nonzero(moving) < FEWEST:
+        return np.empty(0, dtype=np.int64)
+    return np.flatnonzero((covered < STANDING) & (score < np.quantile(score[moving], QUANTILE)))
+
+
+def _extent(boxes: FloatArray) -> float:
+    """How far the centres lie apart, heights."""
+    centre = centres(boxes)
+    return float(np.linalg.norm(np.ptp(centre, axis=0)) / np.median(sizes(boxes)[:, 1]))
+
+
+def _links(frames: IntArray, boxes: FloatArray, frame_rate: float) -> tuple[IntArray, IntArray, FloatArray]:
+    """Earlier and later boxes that overlap, and how well: the shortest gap first, then the overlap."""
+    every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
+    found = []
+    for gap in range(1, max(2, min(MOST_GAP, round(LONGEST_GAP * frame_rate))) + 1):
+        i, j = near_pairs(frames, centre, size, gap, every, every)
+        overlap = iou_pairs(boxes[i], boxes[j])
+        good = overlap > OVERLAP
+        found.append((i[good], j[good], overlap[good] - gap))
+    i, j, fit = (np.concatenate(column) for column in zip(*found, strict=True))
+    order = np.argsort(fit, kind="stable")
+    return i[order], j[order], fit[order]
+
+
+def _moving(
+    links: tuple[IntArray, IntArray, FloatArray],
+    level: float,
+    frames: IntArray,
+    boxes: FloatArray,
+    scores: FloatArray,
+    frame_rate: float,
+) -> int:
+    """How many detections from a score upwards lie on chains that move."""
+    i, j, _ = links
+    kept = (scores[i] >= level) & (scores[j] >= level)
+    i, j = i[kept], j[kept]
+    best_after, best_before = np.full(len(frames), -1), np.full(len(frames), -1)
+    # Ascending, so that the best link of each box is written last.
+    best_after[i], best_before[j] = np.arange(len(i)), np.arange(len(j))
+    mutual = (best_after[i] == np.arange(len(i))) & (best_before[j] == np.arange(len(j)))
+    i, j = i[mutual], j[mutual]
+    _, label = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(len(frames),) * 2), directed=False)
+    used = np.flatnonzero(scores >= level)
+    _, label = np.unique(label[used], return_inverse=True)
+    return int(_on_moving_chains(label, frames[used], boxes[used], frame_rate).sum())
+
+
+def _on_moving_chains(label: IntArray, frames: IntArray, boxes: FloatArray, frame_rate: float) -> IntArray:
+    """``(N,)`` 1 for detections whose chain covers a height and lasts half a second, else 0."""
+    order = np.argsort(label, kind="stable")
+    start = np.flatnonzero(np.diff(label[order], prepend=-1))
+    centre = centres(boxes)[order]
+    span = np.maximum.reduceat(centre, start) - np.minimum.reduceat(centre, start)
+    height = np.add.reduceat(sizes(boxes)[order, 1], start) / np.bincount(label)
+    when = frames[order]
+    seconds = (np.maximum.reduceat(when, start) - np.minimum.reduceat(when, start) + 1) / frame_rate
+    moves = (np.linalg.norm(span, axis=1) > MOVED * height) & (seconds >= LASTED)
+    return np.asarray(moves[label].astype(np.int64))
