@@ -41,7 +41,7 @@ from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detection
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.people.score_choice import ScoreChoice
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.video.source import Source, image_size
