@@ -41,7 +41,7 @@ from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detection
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.people.score_choice import ScoreChoice
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray, IntArray
 from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped

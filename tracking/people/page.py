@@ -24,7 +24,7 @@ def people_page(result: Result[Track], folder: Path) -> str:
     ]
     count = f"{len(result)} {'person' if len(result) == 1 else 'people'}"
     introduction = f"{count} in {len(frames)} frames at {result.frame_rate:g} a second."
-    return html_page(f"People in {result.source}", introduction, sections)
+    return html_page(f"People in {result.name}", introduction, sections)
 
 
 def _timeline(result: Result[Track]) -> str:
@@ -33,7 +33,7 @@ def _timeline(result: Result[Track]) -> str:
         return "<p>Nobody was followed.</p>"
     first, last = result.frames["frame"][0], result.frames["frame"][-1]
     note = "<p class=note>A bar is the time a person was followed, pale where no detection supports it.</p>"
-    return timeline([followed(track) for track in result], first - 1, last - first + 1, "timeline") + note
+    return timeline([followed(track) for track in result], first, last - first + 1, "timeline") + note
 
 
 def followed(track: Track) -> tuple[str, list[Bar]]:

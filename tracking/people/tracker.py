@@ -41,7 +41,7 @@ import numpy as np
 
 from tsuiseki.tracking.interchange import DetectionsLike
 from tsuiseki.tracking.people.unused import FirstDetections
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, Targets, Track
 
 
@@ -96,7 +96,7 @@ class FrameLog:
         self.scores.append(float(scores.mean()) if len(scores) else float("nan"))
 
     def columns(self, tracks: Sequence[Track]) -> dict[str, list[Any]]:
-        """One list a column: frame from 1, detections and their mean score, people tracked and their mean score."""
+        """One list a column: frame from 0, detections and their mean score, people tracked and their mean score."""
         numbers = np.asarray(self.frames, dtype=np.int64)
         rows = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
         scores = np.concatenate([np.empty(0), *(track.scores for track in tracks)])
@@ -105,7 +105,7 @@ class FrameLog:
         sums = np.bincount(rows, weights=scores, minlength=size)[numbers]
         means = sums / np.maximum(counts, 1)
         return {
-            "frame": (numbers + 1).tolist(),
+            "frame": numbers.tolist(),
             "detections": list(self.detections),
             "detection_score": [None if np.isnan(s) else round(s, 4) for s in self.scores],
             "people": counts.tolist(),

@@ -49,9 +49,11 @@ from tsuiseki.tracking.people.score_choice import above_floor, score_choice
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers, skipped
 from tsuiseki.tracking.people.unused import FirstDetections
-from tsuiseki.tracking.result import Result, StageTimes
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, IntArray, Targets, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
+from tsuiseki.tracking.types.tracks import targets_at
 from tsuiseki.tracking.video.source import Source, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
@@ -405,15 +407,3 @@ def expected(targets: Targets, frame: int) -> Targets:
     """The same people in a frame that nothing is known of."""
     here = targets.select(targets.status != "lost")
     return replace(here, frame=frame, scores=np.zeros(len(here)), status=np.full(len(here), "searching"))
-
-
-def targets_at(tracks: Iterable[Track], frame: int, number: int | None = None) -> Targets:
-    """The targets of the 0-based ``frame``, out of finished tracks; ``number`` is another name of that frame."""
-    rows = [(track, int(row)) for track in tracks for row in np.flatnonzero(track.frames == frame)]
-    return Targets(
-        frame if number is None else number,
-        np.array([track.id for track, _ in rows], dtype=np.int64),
-        np.array([track.boxes[row] for track, row in rows]).reshape(-1, 4),
-        np.array([track.scores[row] if track.observed[row] else 0.0 for track, row in rows], dtype=np.float64),
-        np.array(["tracking" if track.observed[row] else "searching" for track, row in rows], dtype="U9"),
-    )
