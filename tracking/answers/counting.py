@@ -27,7 +27,8 @@ class Answers:
     ``tables`` are, with times in seconds from the start of the video and places in the unit of the scene:
 
     * ``lines``: line, direction, count, low, high; the last two are the ends of an interval of 90 %.
-    * ``crossings``: time, frame (from 1), id, line, direction, x, y, probability of being real.
+    * ``crossings``: time, frame (from 1), id, line, direction, x, y, probability of being real, class
+      (name, where it is known).
     * ``flows``: start, end, line, direction, count: crossings by interval of time.
     * ``turns``: origin, destination, count: of people who crossed two lines or more, the first and the last of them.
     * ``zones``: zone, entries and exits with low and high, people (mean at a time), most (at a time), stay (mean
@@ -35,7 +36,7 @@ class Answers:
     * ``stays``: zone, id, start, end, seconds, waited (seconds), entered and left (False where it began or ended
       unseen).
     * ``occupancy``: time, zone, people (mean over the second), most, waiting (mean).
-    * ``people``: id, first, last, seconds, path (length), metres and speed (m/s) where metres are known.
+    * ``people``: id, first, last, seconds, path (length), metres and speed (m/s) where metres are known, class.
     * ``gatherings``: start, end, people (in all), most (at a time), x, y, ids.
 
     Attributes:
@@ -101,7 +102,7 @@ def count(
     tracks = boxes_of(result)
     paths = paths_of(tracks, scene, settings)
     frames = getattr(result, "frames", {}).get("frame", ())
-    length = max([len(frames), *(int(track.frames[-1]) + 1 for track in tracks)], default=0)
+    first, length = min(frames, default=0), max([-1, *frames, *(int(track.frames[-1]) for track in tracks)]) + 1
     doubt = Doubt(paths, scene, rate, length)
     lines, crossings = line_tables(paths, scene, settings, doubt)
     tables = {
@@ -110,9 +111,12 @@ def count(
         "flows": flows(scene, crossings, settings.interval, length / rate),
     }
     tables["turns"] = turns(crossings)
-    found, occupancy = zone_tables(paths, scene, settings, doubt, length)
+    found, occupancy = zone_tables(paths, scene, settings, doubt, (first, length))
     tables |= found
     tables["people"] = people(paths, rate)
+    names = {track.id: track.class_name for track in tracks}
+    for name in ("crossings", "people"):
+        tables[name]["class"] = [names[number] for number in tables[name]["id"]]
     tables["gatherings"] = gathering_table(paths, settings.gathering, rate)
     return Answers(tables, occupancy, scene, length, rate, paths)
 

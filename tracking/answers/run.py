@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.cli.options import Output
@@ -14,19 +15,19 @@ def count(result: Path, /, scene: Path, how: CountSettings, output: Output, fps:
     DIR gets answers.json, a CSV for each table, plots, report.html and run.json.
 
     Args:
-        result: folder of a result, or its tracks.txt.
+        result: folder of a result, or a file of tracks.
         scene: YAML of lines and zones; tsuiseki scene draws it.
         fps: frames a second, where the result does not say.
     """
     from tsuiseki.tracking.answers import counting
     from tsuiseki.tracking.answers.page import files_of, summary
-    from tsuiseki.tracking.answers.stored import read_result
+    from tsuiseki.tracking.result import Result
 
-    found = read_result(result)
+    found: Result[Any] = Result.load(result)
     with output.run() as run:
         with run.times.measure("count"):
             answers = counting.count(found, str(scene), how, frame_rate=fps)
-        for name, write in files_of(answers, found.source or result.name).items():
+        for name, write in files_of(answers, found.name or result.name).items():
             run.write(name, write, run.work)
         run.done("\n".join([*summary(answers), f"answers: {output.out}"]))
     return run.status

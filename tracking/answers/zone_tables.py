@@ -21,9 +21,13 @@ MORE = ("people", "most", "stay", "longest", "density")
 
 
 def zone_tables(
-    paths: Paths, scene: Scene, settings: CountSettings, doubt: Doubt, length: int
+    paths: Paths, scene: Scene, settings: CountSettings, doubt: Doubt, span: tuple[int, int]
 ) -> tuple[dict[str, Columns], dict[str, IntArray]]:
-    """The tables ``zones``, ``stays`` and ``occupancy`` of `Answers`, and people by zone and frame."""
+    """The tables ``zones``, ``stays`` and ``occupancy`` of `Answers`, and people by zone and frame.
+
+    ``span`` are the first frame that was looked at and the number of frames up to the last.
+    """
+    first, length = span
     zones, times = empty(*ZONES, *MORE), empty("time", "zone", "people", "most", "waiting")
     stays = empty("zone", "id", "start", "end", "seconds", "waited", "entered", "left")
     every = dict[str, IntArray]()
@@ -43,13 +47,13 @@ def zone_tables(
             number = int(own.sum())
             cells += [number, *interval_of(number, float((1 - real[own]).sum()), missed[side])]
         seconds = (found.last - found.first + 1) / doubt.rate
-        mean = round(float(here.mean()), 3) if length else 0.0
+        mean = round(float(here[first:].mean()), 3) if length > first else 0.0
         space = _square_metres(scene, zone)
         cells += [mean, int(here.max(initial=0)), round(float(seconds.mean()), 2) if len(seconds) else 0.0]
         cells += [round(float(seconds.max(initial=0)), 2), None if space is None else round(mean / space, 4)]
         add(zones, zone.name, *cells)
         _add_stays(stays, paths, zone, found, within & waits, doubt.rate)
-        _add_times(times, zone, here, waiting, doubt.rate)
+        _add_times(times, zone, here, waiting, doubt.rate, first)
     return {"zones": zones, "stays": stays, "occupancy": times}, every
 
 
@@ -78,15 +82,16 @@ def _add_stays(table: Columns, paths: Paths, zone: SceneZone, found: Stays, wait
     )
 
 
-def _add_times(table: Columns, zone: SceneZone, here: IntArray, waiting: IntArray, rate: float) -> None:
-    """Rows of a second each."""
+def _add_times(table: Columns, zone: SceneZone, here: IntArray, waiting: IntArray, rate: float, first: int) -> None:
+    """Rows of a second each, from the ``first`` frame on."""
+    here, waiting = here[first:], waiting[first:]
     if not len(here):
         return
     edges = np.unique(np.floor(np.arange(0, len(here) / rate) * rate).astype(np.int64))
     sizes = np.diff(np.append(edges, len(here)))
     add_rows(
         table,
-        np.round(edges / rate, 3),
+        np.round((first + edges) / rate, 3),
         np.full(len(edges), zone.name),
         np.round(np.add.reduceat(here, edges) / sizes, 3),
         np.maximum.reduceat(here, edges),
