@@ -102,7 +102,7 @@ TRACK = {
     "sphere": (".sphere.run:sphere", "a ball in space, from calibrated cameras"),
     "drone": (".drone.run:drone", "people seen from a drone, and what they do"),
     "blobs": (".points.run:blobs", "objects of a colour, or measured points"),
-    "points": (".points.run:points", "targets from the measurements of a sensor"),
+    "points": (".points.measured:points", "targets from the measurements of a sensor"),
     "deformable": (".bodies.run:deformable", "bodies that bend, such as fish from above"),
     "animals": (".animals.run:animals", "several animals before a fixed camera"),
     "fisheye": (".fisheye.run:fisheye", "people under ceiling cameras, and where on the floor"),

@@ -49,15 +49,16 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.people.sort import SortSettings as SortSettings
     from tsuiseki.tracking.people.tracking import follow_people as follow_people
     from tsuiseki.tracking.people.tracking import track_people as track_people
+    from tsuiseki.tracking.points.measured import follow_measurements as follow_measurements
+    from tsuiseki.tracking.points.measured import track_measurements as track_measurements
     from tsuiseki.tracking.points.run import follow_blobs as follow_blobs
-    from tsuiseki.tracking.points.run import follow_measurements as follow_measurements
     from tsuiseki.tracking.points.run import follow_points as follow_points
     from tsuiseki.tracking.points.run import track_blobs as track_blobs
-    from tsuiseki.tracking.points.run import track_measurements as track_measurements
     from tsuiseki.tracking.points.run import track_points as track_points
     from tsuiseki.tracking.points.settings import BlobSettings as BlobSettings
     from tsuiseki.tracking.points.settings import PointSettings as PointSettings
     from tsuiseki.tracking.points.tracker import PointTracker as PointTracker
+    from tsuiseki.tracking.result import Result as Result
     from tsuiseki.tracking.single.run import follow as follow
     from tsuiseki.tracking.single.run import track_single as track_single
     from tsuiseki.tracking.sphere.points import track_sphere_points as track_sphere_points
