@@ -128,6 +128,7 @@ REPRODUCE = {
     "end-to-end": (".end_to_end:reproduce", "costs learnt through the flow"),
     "omnidirectional": (".fisheye:reproduce", "people under ceiling fisheye cameras"),
     "stereo-sphere": (".sphere:reproduce", "a ball in space from two cameras"),
+    "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video, with peers"),
     "sphere-points": (".sphere_points:reproduce", "a thrown ball from its measured pixels"),
 }
 FIT = "fit a model to labelled video (all but body and motion need the train extra)"
