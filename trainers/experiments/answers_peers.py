@@ -2,6 +2,7 @@
 
 import importlib
 from importlib import metadata
+from itertools import pairwise
 from typing import Any
 
 
@@ -26,7 +27,7 @@ def answer(job: dict[str, Any]) -> dict[str, Any]:
     zone = supervision.PolygonZone(polygon=numpy.array(job["zone"]).round().astype(int))
     occupancy, seconds = [], dict[int, int]()
     edges = numpy.searchsorted(rows[:, 0], numpy.arange(job["length"] + 1))
-    for first, last in zip(edges[:-1], edges[1:], strict=True):
+    for first, last in pairwise(edges):
         here = rows[first:last]
         found = supervision.Detections(
             xyxy=here[:, 2:6], confidence=here[:, 6], tracker_id=here[:, 1].astype(int),
