@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -163,18 +164,47 @@ def _table(found: dict[str, list[Counted]], title: str) -> Table:
     return replace(table, rows=[[*row[:3], f"{shares[row[0]]:.1f}", *row[4:]] for row in table.rows])
 
 
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """A video with its truth.
+
+    Attributes:
+        detections: of each frame.
+        tracks: ours over them.
+        scene: of the video.
+        truth: the answers.
+        rate: frames a second.
+    """
+
+    detections: Sequence[Detections]
+    tracks: Sequence[Track]
+    scene: Scene
+    truth: TrueAnswers
+    rate: float
+
+
 def measure_street(way: Way, unit: StreetUnit) -> Counted:
     """The answers on a generated street."""
-    crowd = 6 + unit.seed % 12
-    street = plan_boxes(StreetSettings(frames=unit.frames, people=crowd, occluders=0, samples=1), unit.seed)
-    scene = scene_in(street.size)
-    truth = true_answers(street.tracks, scene, street.length, street.frame_rate)
-    detections = found_boxes(street, unit.finding, unit.seed)
-    return _measured(way, detections, scene, truth, street.length, street.frame_rate)
+    return _measured(way, _street(unit))
 
 
 def measure_labelled(way: Way, given: GivenSequence) -> Counted:
     """The answers on labelled video, from its given detections."""
+    return _measured(way, _labelled(given))
+
+
+@lru_cache(maxsize=1)
+def _street(unit: StreetUnit) -> _Case:
+    crowd = 6 + unit.seed % 12
+    street = plan_boxes(StreetSettings(frames=unit.frames, people=crowd, occluders=0, samples=1), unit.seed)
+    scene, rate = scene_in(street.size), street.frame_rate
+    truth = true_answers(street.tracks, scene, street.length, rate)
+    detections = found_boxes(street, unit.finding, unit.seed)
+    return _Case(detections, _tracked(detections, scene, rate), scene, truth, rate)
+
+
+@lru_cache(maxsize=1)
+def _labelled(given: GivenSequence) -> _Case:
     labels = given_labels(given)
     labels = labels.select(labels.evaluated)
     tracks = [
@@ -182,33 +212,28 @@ def measure_labelled(way: Way, given: GivenSequence) -> Counted:
         for number in np.unique(labels.ids)
         for own in [labels.ids == number]
     ]
-    scene, length = scene_in(given.size), len(given.kept)
-    truth = true_answers(tracks, scene, length, given.rate)
-    return _measured(way, given_detections(given), scene, truth, length, given.rate)
+    scene, detections = scene_in(given.size), given_detections(given)
+    truth = true_answers(tracks, scene, len(detections), given.rate)
+    return _Case(detections, _tracked(detections, scene, given.rate), scene, truth, given.rate)
 
 
-def _measured(
-    way: Way, detections: Sequence[Detections], scene: Scene, truth: TrueAnswers, length: int, rate: float
-) -> Counted:
-    tracks = [] if way.own_tracks else _tracked(detections, scene, rate)
+def _measured(way: Way, case: _Case) -> Counted:
+    scene, truth, length = case.scene, case.truth, len(case.detections)
     true = [float(n) for line in scene.lines for n in truth.crossings[line.name].values()]
-    zone = scene.zones[0].name
     if way.peer is None:
-        found = count(Result(tracks, "", rate, scene.size, frames={"frame": range(length)}), scene)
+        found = count(Result(case.tracks, "", case.rate, scene.size, frames={"frame": range(length)}), scene)
         table = found.tables["lines"]
-        numbers, occupancy = table["count"], found.occupancy[zone]
+        numbers, occupancy, dwell = table["count"], found.occupancy[scene.zones[0].name], _mean_stay(found)
         covered = [float(a <= n <= b) for a, n, b in zip(table["low"], true, table["high"], strict=True)]
-        dwell = _mean_stay(found)
     else:
-        told = way.peer.answer(PROGRAM, _job(way, tracks, detections, scene, length, rate))
+        told = way.peer.answer(PROGRAM, _job(way, case))
         numbers = [n for both in told["crossings"] for n in both]
         occupancy, dwell, covered = np.array(told["occupancy"]), told["dwell"], [float("nan")] * len(true)
-    apart = np.abs(np.asarray(occupancy) - truth.occupancy).mean()
     return Counted(
         tuple(abs(a - b) for a, b in zip(numbers, true, strict=True)),
         tuple(true),
         tuple(covered),
-        float(apart),
+        float(np.abs(np.asarray(occupancy) - truth.occupancy).mean()),
         float(np.mean(truth.occupancy)),
         abs(dwell - truth.dwell),
     )
@@ -230,23 +255,21 @@ def _tracked(detections: Sequence[Detections], scene: Scene, rate: float) -> lis
         return list(track_people(folder, "flow", detections=detections))
 
 
-def _job(
-    way: Way, tracks: Sequence[Track], detections: Sequence[Detections], scene: Scene, length: int, rate: float
-) -> dict[str, Any]:
+def _job(way: Way, case: _Case) -> dict[str, Any]:
     if way.own_tracks:
         parts = [
             np.column_stack([np.full(len(d), frame), np.full(len(d), -1), d.boxes, d.scores])
-            for frame, d in enumerate(detections)
+            for frame, d in enumerate(case.detections)
         ]
     else:
-        parts = [np.column_stack([t.frames, np.full(len(t), t.id), t.boxes, t.scores]) for t in tracks]
+        parts = [np.column_stack([t.frames, np.full(len(t), t.id), t.boxes, t.scores]) for t in case.tracks]
     rows = np.concatenate([np.empty((0, 7)), *parts])
     return {
         "rows": rows[np.argsort(rows[:, 0], kind="stable")].tolist(),
         "track": way.own_tracks,
         "corners": way.corners,
-        "lines": [line.ends.tolist() for line in scene.lines],
-        "zone": scene.zones[0].corners.tolist(),
-        "length": length,
-        "rate": rate,
+        "lines": [line.ends.tolist() for line in case.scene.lines],
+        "zone": case.scene.zones[0].corners.tolist(),
+        "length": len(case.detections),
+        "rate": case.rate,
     }
