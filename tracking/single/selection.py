@@ -64,12 +64,12 @@ def select_box(image: ImageArray) -> FloatArray:
             x, y, width, height = map(float, answer)
         except (TypeError, ValueError):
             x = y = width = height = np.nan
-        corners = np.array([x, y, x + width, y + height])
+        corners: FloatArray = np.array([x, y, x + width, y + height])
         if not np.isfinite(corners).all():
             raise RequestError("expected four numbers x, y, width, height")
         corners = np.clip(corners, 0, np.tile(image.shape[1::-1], 2))
         if (corners[2:] - corners[:2]).min() < LEAST_SIDE:
             raise RequestError(f"expected a box of at least {LEAST_SIDE:g} x {LEAST_SIDE:g} pixels inside the image")
-        return corners
+        return np.asarray(corners)
 
     return drawn_on(image, _PAGE, box_of, "draw the box of the target", "give `box` instead")
