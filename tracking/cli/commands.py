@@ -143,5 +143,6 @@ COMMANDS: Tree = {
     "calibrate": Group("find out where cameras are and how they see", "tracking.calibrate.run", CALIBRATE),
     "track": Group("follow something through a video with exported models", "tracking", TRACK),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
+    "convert": Command("tracking.cli.convert:convert", "write a result into the file of another program"),
     "reproduce": Group(f"{PAPER} {EXTRA}", "trainers.experiments", REPRODUCE),
 }
