@@ -15,6 +15,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
 from tsuiseki.tracking.formats.result_folder import filled_frames, read_folder
 from tsuiseki.tracking.formats.track_tables import cut_to, needed, read_table, table_of, tracks_of, write_table
+from tsuiseki.tracking.interchange import as_detections
 from tsuiseki.tracking.output import RunRecord, columns_shifted, output_file, output_folder
 from tsuiseki.tracking.types import Frame, ImageArray, Position, Targets, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
@@ -112,20 +113,24 @@ class Result(Sequence[T_co]):
         Raises:
             RequestError: a detection has no ``tracker_id``.
         """
-        parts, numbers = [], []
+        parts, numbers, names = [], [], dict[int, str]()
         for frame, found in enumerate(detections):
             numbers.append(frame)
             if len(found) and found.tracker_id is None:
                 raise RequestError(f"expected detections with tracker_id, got none in frame {frame}; track them first")
             if len(found):
                 scores = np.ones(len(found)) if found.confidence is None else found.confidence
-                parts.append(np.column_stack([np.full(len(found), frame), found.tracker_id, found.xyxy, scores]))
-        rows = np.concatenate(parts) if parts else np.empty((0, 7))
+                told = as_detections(found)
+                names |= told.names
+                columns = np.full(len(found), frame), found.tracker_id, found.xyxy, scores, told.origin[:, 1]
+                parts.append(np.column_stack(columns))
+        rows = np.concatenate(parts) if parts else np.empty((0, 8))
         # supervision counts ids from 0 or from 1, as its tracker does.
         ids = rows[:, 1] + (1 if len(rows) and rows[:, 1].min() == 0 else 0)
-        table = dict(zip(("x1", "y1", "x2", "y2", "score"), rows[:, 2:].T, strict=True))
+        table = dict(zip(("x1", "y1", "x2", "y2", "score", "detection_class"), rows[:, 2:].T, strict=True))
         table |= {"frame": rows[:, 0].astype(np.int64), "id": ids.astype(np.int64)}
-        return Result(tracks_of(table), **{"frames": {"frame": numbers}, **known})
+        tracks = [replace(track, names=names) for track in tracks_of(table)]
+        return Result(tracks, **{"frames": {"frame": numbers}, **known})
 
     def __len__(self) -> int:
         return len(self.tracks)
@@ -223,8 +228,14 @@ class Result(Sequence[T_co]):
         last = max([*self.frames.get("frame", ()), *table["frame"][-1:].tolist()], default=-1)
         edges = np.searchsorted(table["frame"], np.arange(last + 2))
         corners = np.column_stack([table[name] for name in ("x1", "y1", "x2", "y2")])
+        told = {"class_id": table["class_id"]} if "class_id" in table else {}
         return [
-            make(xyxy=corners[a:b], confidence=table["score"][a:b], tracker_id=table["id"][a:b])
+            make(
+                xyxy=corners[a:b],
+                confidence=table["score"][a:b],
+                tracker_id=table["id"][a:b],
+                **{name: column[a:b] for name, column in told.items()},
+            )
             for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
         ]
 

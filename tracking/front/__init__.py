@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.animals.run import track_animals as track_animals
     from tsuiseki.tracking.animals.settings import AnimalSettings as AnimalSettings
     from tsuiseki.tracking.animals.settings import SkeletonSettings as SkeletonSettings
+    from tsuiseki.tracking.answers.counting import Answers as Answers
+    from tsuiseki.tracking.answers.counting import count as count
+    from tsuiseki.tracking.answers.online import Counter as Counter
+    from tsuiseki.tracking.answers.scene import Scene as Scene
+    from tsuiseki.tracking.answers.scene import read_scene as read_scene
+    from tsuiseki.tracking.answers.settings import CountSettings as CountSettings
     from tsuiseki.tracking.bodies.run import follow_deformable as follow_deformable
     from tsuiseki.tracking.bodies.run import track_deformable as track_deformable
     from tsuiseki.tracking.bodies.settings import DeformableSettings as DeformableSettings

@@ -34,7 +34,7 @@ begin earlier, with the detections that made it believe.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -164,7 +164,7 @@ def skipped(tracker: PeopleTracker) -> Targets | None:
 
 def shifted(track: Track, frames: int) -> Track:
     """``track`` as many frames later."""
-    return Track(track.id, track.frames + frames, track.boxes, track.scores, track.observed) if frames else track
+    return replace(track, frames=track.frames + frames) if frames else track
 
 
 def run_tracker(detections: Iterable[DetectionsLike], tracker: PeopleTracker) -> list[Track]:

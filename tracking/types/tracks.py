@@ -175,4 +175,6 @@ def targets_at(tracks: Iterable[Track], frame: int, number: int | None = None) -
         np.array([track.boxes[row] for track, row in rows]).reshape(-1, 4),
         np.array([track.scores[row] if track.observed[row] else 0.0 for track, row in rows], dtype=np.float64),
         np.array(["tracking" if track.observed[row] else "searching" for track, row in rows], dtype="U9"),
+        np.array([(track.detection[row], track.class_id) for track, row in rows], dtype=np.int64).reshape(-1, 2),
+        {number: name for track, _ in rows for number, name in track.names.items()},
     )
