@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.points.settings import PointSettings as PointSettings
     from tsuiseki.tracking.points.tracker import PointTracker as PointTracker
     from tsuiseki.tracking.result import Result as Result
-    from tsuiseki.tracking.single.run import follow as follow
+    from tsuiseki.tracking.single.run import follow_single as follow_single
     from tsuiseki.tracking.single.run import track_single as track_single
     from tsuiseki.tracking.sphere.points import track_sphere_points as track_sphere_points
     from tsuiseki.tracking.sphere.run import follow_sphere as follow_sphere
@@ -102,6 +102,8 @@ __all__ = sorted([*_HOMES, "__version__"])
 
 
 def __getattr__(name: str) -> Any:
+    if name == "follow":  # its name before all were called alike
+        name = "follow_single"
     if name == "__version__":
         from importlib import metadata
 
