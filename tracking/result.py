@@ -23,7 +23,7 @@ from tsuiseki.tracking.types import Frame, ImageArray, Position, Targets, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.types.tracks import PointTable, targets_at
 from tsuiseki.tracking.video.frame_times import uneven
-from tsuiseki.tracking.video.source import Source, address_of, image_size, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, address_of, endless, image_size, open_source
 
 if TYPE_CHECKING:
     import pandas
@@ -176,7 +176,7 @@ class Result(Sequence[T_co]):
     @property
     def name(self) -> str:
         """Of the source, for people."""
-        short = Path(self.source.split("?")[0]).name or self.source
+        short = Path(self.source.split("?")[0]).name or self.source or "images"
         return f"webcam {short}" if short.isdecimal() else short
 
     @cached_property
@@ -280,7 +280,7 @@ class Result(Sequence[T_co]):
             raise RequestError(f"expected an image of {width}x{height} pixels, got shape {image.shape}")
         return self._paint(Frame(frame, frame / (self.frame_rate or 1.0), image))
 
-    def overlay(self, path: str | Path, source: str | Path | None = None, overwrite: bool = False) -> Path:
+    def overlay(self, path: str | Path, source: SourceLike | None = None, overwrite: bool = False) -> Path:
         """Write the video with the tracks drawn in; returns its path.
 
         Args:
@@ -297,13 +297,15 @@ class Result(Sequence[T_co]):
         path = Path(path)
         if path.suffix.lower() not in VIDEOS:
             raise RequestError(f"expected the name of a video {' or '.join(VIDEOS)}, got {path}")
-        if not (source or self.source):
+        if source is None and not self.source:
             raise RequestError("expected a `source` to draw on, for the tracks come from none")
         numbers = self.frames.get("frame")
         wanted = self.settings.get("frames")
         stretch = parse_frames(wanted if isinstance(wanted, str) else None)
-        opened = open_source(source or self.source, FrameRange(numbers[0], numbers[-1]) if numbers else stretch)
-        if opened.live or not opened.has_images:
+        opened = open_source(
+            self.source if source is None else source, FrameRange(numbers[0], numbers[-1]) if numbers else stretch
+        )
+        if endless(opened) or not opened.has_images:
             raise RequestError(f"{opened.name} has no pictures that can be played again; give a `source` that has")
         frames = opened.frames()
         with output_file(path, overwrite) as work:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
 from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
@@ -162,20 +163,25 @@ class TrackedVideo:
         tracks = [replace(track, boxes=track.boxes * np.tile(size, 2)) for track in self.tracks]
         return replace(self, tracks=tracks, size=size, shares=False)
 
-    def labels(self, path: Path) -> GroundTruth:
-        """The boxes as labels; those of people count, or all where no class is called so.
+    def labels(self, path: Path, wanted: int | str | None = None) -> GroundTruth:
+        """The boxes as labels.
+
+        Args:
+            path: they were read from.
+            wanted: number or name of the class that counts; by default people, or all where no class is called so.
 
         Raises:
-            RequestError: there is no box, or boxes cannot be pixels of the picture.
+            RequestError: there is no box, or no such class, or boxes cannot be pixels of the picture.
         """
-        rows = self.boxes
+        rows, names = self.boxes, {number: kind for kind, number in self.kinds.items()}
         if not len(rows.frames):
-            raise RequestError(f"{path}: expected labelled boxes, found none")
+            raise NothingLabelledError(f"{path}: expected labelled boxes, found none")
         compare_with_picture(path, rows.boxes, self.size)
-        people = {track.id for track in self.tracks if self.kind[track.id].lower() in PERSON_NAMES}
-        counted = np.isin(rows.ids, list(people)) if people else np.ones(len(rows.ids), dtype=np.bool_)
+        people = [number for number, kind in names.items() if kind.lower() in PERSON_NAMES] or list(names)
+        counted = {names[number] for number in wanted_numbers(wanted, names, people, path)}
+        evaluated = np.isin(rows.ids, [track.id for track in self.tracks if self.kind[track.id] in counted])
         nobody = np.zeros(len(rows.ids), dtype=np.bool_)
-        return GroundTruth(rows.frames, rows.ids, rows.boxes, counted, nobody, np.ones(len(rows.ids)))
+        return GroundTruth(rows.frames, rows.ids, rows.boxes, evaluated, nobody, np.ones(len(rows.ids)))
 
 
 def runs_of(frames: IntArray) -> list[IntArray]:

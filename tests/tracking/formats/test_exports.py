@@ -75,6 +75,10 @@ def test_labels_score_and_people_among_cars_count(name: str, video: TrackedVideo
     assert (labelled.name, labelled.length, labelled.size) == ("street", 10, (640, 480))
     truth = labelled.people()
     assert set(truth.ids[truth.evaluated].tolist()) == {2, 9}
+    cars = labelled.people(wanted="car")
+    assert cars.ids[cars.evaluated].tolist() == [7, 7]
+    with pytest.raises(RequestError, match=r"\d car, \d person\), got bus"):
+        labelled.people(wanted="bus")
     people = [track for track in video.tracks if track.id != 7]
     assert evaluate_people(path, people).mota == 1
     # As a result, the car is wrong.
