@@ -142,6 +142,7 @@ COMMANDS: Tree = {
     "models": Group("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
     "calibrate": Group("find out where cameras are and how they see", "tracking.calibrate.run", CALIBRATE),
     "track": Group("follow something through a video with exported models", "tracking", TRACK),
+    "hide": Command("tracking.people.hiding:hide_people", "hide people in a video that was tracked"),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
     "reproduce": Group(f"{PAPER} {EXTRA}", "trainers.experiments", REPRODUCE),
 }
