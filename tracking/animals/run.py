@@ -25,7 +25,8 @@ from tsuiseki.tracking.cli.options import Output, Video
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.formats.body_states import write_states
-from tsuiseki.tracking.result import Result, StageTimes, Writer
+from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
 from tsuiseki.tracking.video.source import Source
@@ -146,12 +147,13 @@ def animal_result(
         settings=made,
         facts=facts,
         seconds=times.seconds,
-        frames={"frame": [n + 1 for n in numbers], "animals": [len(poses) for poses in seen]},
+        frames={"frame": numbers, "animals": [len(poses) for poses in seen]},
         files={
             "states.csv": lambda path, _: write_states(path, tracks, fields),
             **({} if placed is None else _point_files(placed, numbers[-1] + 1)),
         },
         painter=draw,
+        names=tuple(fields),
         points=placed,
     )
 

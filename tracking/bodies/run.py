@@ -25,7 +25,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import StandingOut, video_background
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.formats.body_states import write_states
-from tsuiseki.tracking.result import Result, StageTimes
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import Source
@@ -179,18 +180,19 @@ def body_result(
         frames=columns_of(tracks, numbers),
         files={"states.csv": lambda path, _: write_states(path, tracks, body.fields), "states.png": plot},
         painter=draw,
+        names=tuple(body.fields),
     )
 
 
 def columns_of(tracks: Sequence[BodyTrack], frames: Sequence[int]) -> dict[str, list[Any]]:
-    """Frame from 1, bodies that are tracked in it, and the score of each body."""
+    """Frame from 0, bodies that are tracked in it, and the score of each body."""
     seen = [0] * len(frames)
     scores: dict[str, list[Any]] = {}
     for track in tracks:
         scores[f"score_{track.id}"] = [round(float(score), 4) for score in track.scores]
         for frame, tracking in zip(track.frames, track.tracking, strict=True):
             seen[int(frame) - frames[0]] += int(tracking)
-    return {"frame": [index + 1 for index in frames], "tracking": list(seen), **scores}
+    return {"frame": list(frames), "tracking": list(seen), **scores}
 
 
 def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:

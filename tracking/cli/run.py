@@ -37,7 +37,7 @@ from tsuiseki.tracking.cli.ending import DONE, FAILED, LATE, NOTES, complain, on
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import Interrupted, RunError, signal_of
 from tsuiseki.tracking.output import RunRecord, output_folder
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.weights.catalogue import records_of
 
@@ -58,6 +58,7 @@ class Run:
         times: seconds of each stage.
         columns: what happened in each frame, for ``run.json``: one list a column.
         facts: what the run found out about its input, or chose by itself; likewise.
+        results: what is known of each result, by its folder; likewise.
         sources: videos that it read.
         count: finished steps.
         status: exit status, known after the ``with`` block.
@@ -69,6 +70,7 @@ class Run:
         self.times = StageTimes()
         self.columns: Mapping[str, Sequence[Any]] = {}
         self.facts: dict[str, Any] = {}
+        self.results: dict[str, Any] = {}
         self.sources: list[Source] = []
         self.count, self._before = 0, 0
         self.status, self.asked = DONE, 0
@@ -231,6 +233,7 @@ class Run:
         """
         self.columns = result.frames
         self.facts |= result.facts
+        self.results[folder or "."] = result.known()
         for pages in (False, True):
             for name, write in result.files.items():
                 if name.endswith(".html") == pages:
@@ -295,7 +298,8 @@ class Run:
         for name, found in (("notes", [*NOTES]), ("models", records_of(settings.values()))):
             facts |= {name: found} if found else {}
         record = RunRecord(command, settings, int(settings.get("seed", 0)), seconds, self.columns)
-        record.partial, record.reason, record.facts = bool(self._reason), self._reason, facts
+        record.partial, record.reason = bool(self._reason), self._reason
+        record.facts, record.results = facts, self.results
         record.write(self.work)
 
     def _facts_of_sources(self) -> dict[str, Any]:
@@ -307,16 +311,12 @@ class Run:
             facts = {} if source.live else uneven(list(source.times.noted.values()))
             gaps = getattr(source, "gaps", [])
             found[source.name] = {"timed_by": source.timed_by, **facts, **({"gaps": gaps} if gaps else {})}
-            if facts and len(self.sources) == 1 and "frame" in self.columns and "time" not in self.columns:
-                numbers = [number - 1 for number in self.columns["frame"]]
-                at = source.times.at(numbers, source.frame_rate).round(4).tolist()
-                self.columns = {**self.columns, "time": at}
         return {"frame_times": found} if found else {}
 
     def _report(self) -> None:
         if self._reason:
             numbers = self.columns.get("frame")
-            place = f"frame {numbers[-1]}" if numbers else f"{self.count} steps"
+            place = f"frame {numbers[-1] + 1}" if numbers else f"{self.count} steps"
             where = f" up to {place}" if self.count else ""
             complain(f"{self._reason}; the partial result{where} is in {self.output.out}, marked in its run.json", 0)
         elif self._summary:

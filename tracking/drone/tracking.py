@@ -31,7 +31,8 @@ from tsuiseki.tracking.people.inputs import GivenDetections
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.tracker import FrameLog, shifted
 from tsuiseki.tracking.people.whole_flow import long_tracks
-from tsuiseki.tracking.result import Result, StageTimes
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.video.source import Source, image_size
@@ -99,11 +100,9 @@ class DroneResult(Result[ActingTrack]):
     """People and what they do.
 
     Attributes:
-        names: of the actions.
         threshold: an action is named where its probability is above.
     """
 
-    names: tuple[str, ...] = ()
     threshold: float = NAMED
 
     @property

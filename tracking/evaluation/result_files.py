@@ -20,6 +20,7 @@ from tsuiseki.tracking.evaluation.detection import (
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
 from tsuiseki.tracking.evaluation.truths import Truth
 from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.exports import format_at, read_exported
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
 from tsuiseki.tracking.output import RUN_FILE, is_partial
 from tsuiseki.tracking.types import Detections
@@ -108,15 +109,17 @@ def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
 
     Args:
         truths: the labels.
-        result: a text file where there is one truth, or a folder.
+        result: a text file, or one that `read_exported` reads, where there is one truth; or a folder.
 
     Raises:
         RequestError: a sequence has no result, or it is broken.
     """
     pairs = []
     for truth in truths:
-        file = result_file(truth.name, result, len(truths) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES)
-        tracks = read_tracks(file)
+        file = result
+        if len(truths) > 1 or not format_at(result):
+            file = result_file(truth.name, result, len(truths) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES)
+        tracks = read_exported(file).in_pixels(file, truth.size).tracks if format_at(file) else read_tracks(file)
         compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)]), truth.size)
         warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
         pairs.append(SequencePair(truth.name, truth.labels, restrict(tracks, truth.frames), truth.length))

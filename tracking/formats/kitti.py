@@ -1,7 +1,7 @@
 """KITTI tracking: ``label_02/0000.txt`` and, where there are pictures, ``image_02/0000/000000.png …``.
 
 A row is ``frame track type truncated occluded alpha left top right bottom …`` with 0-based frames and 0-based pixels;
-what follows, places in space, is not read. Occlusion is 0 none, 1 part, 2 most, 3 not known.
+what follows, places in space and a score, is not read. Occlusion is 0 none, 1 part, 2 most, 3 not known.
 
 How it is evaluated here: pedestrians count. A result on somebody who sits (``Person``, ``Person_sitting``) or on a
 region ``DontCare`` is neither right nor wrong. A result on a cyclist or a vehicle is wrong.
@@ -18,6 +18,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.rows import read_rows, whole_number
+from tsuiseki.tracking.formats.tracked_video import PEOPLE, TrackedVideo
 from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -27,6 +28,8 @@ COUNTED = "Pedestrian"
 IGNORED = ("Person", "Person_sitting", "DontCare")
 # By occlusion.
 VISIBLE = np.array([1.0, 0.75, 0.25, 0.5])
+# Height, width, length, place and turn of nothing.
+NO_SPACE = "-1 -1 -1 -1000 -1000 -1000 -10"
 EXPECTED = "frame track type truncated occluded alpha left top right bottom"
 
 
@@ -59,6 +62,19 @@ def find_kitti(folder: str | Path) -> list[KittiSequence]:
         place = folder / IMAGES / path.stem
         found.append(KittiSequence(path.stem, list_images(place) if place.is_dir() else (), path))
     return found
+
+
+def write_kitti(path: Path, video: TrackedVideo) -> None:
+    """Write tracks as results; people are of the type ``Pedestrian``, and what is not known has KITTI's numbers."""
+    rows, text = video.boxes, []
+    for frame, number, box, score in zip(
+        rows.frames.tolist(), rows.ids.tolist(), rows.boxes.tolist(), rows.scores.tolist(), strict=True
+    ):
+        kind = video.kind(number)
+        name = COUNTED if kind.lower() in PEOPLE else kind.title().replace(" ", "_")
+        place = " ".join(f"{value:.2f}" for value in box)
+        text.append(f"{frame} {number} {name} -1 -1 -10 {place} {NO_SPACE} {score:.4f}\n")
+    path.write_text("".join(text), encoding="utf-8")
 
 
 def read_kitti(path: str | Path, length: int | None = None) -> GroundTruth:

@@ -6,6 +6,8 @@
 | the folder, or a label file in it | Okutama-Action |
 | the folder, or a label file in it | VisDrone-MOT, KITTI tracking |
 | the folder | Drone-Action |
+| the file, or a folder with it as ``annotations.xml`` or ``annotations.json`` | CVAT for video; COCO, Label Studio |
+| the folder with ``labels`` | YOLO's rows with ids |
 
 Which boxes count is said where each format is read.
 """
@@ -26,6 +28,7 @@ from tsuiseki.tracking.formats.drone_action import (
     is_drone_action,
     read_drone_action_boxes,
 )
+from tsuiseki.tracking.formats.exports import exported_in, format_at, read_exported
 from tsuiseki.tracking.formats.kitti import LABELS, KittiSequence, find_kitti, is_kitti, read_kitti
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences, list_images, read_sequence
@@ -42,6 +45,7 @@ from tsuiseki.tracking.formats.okutama import (
     read_clip_labels,
     read_okutama_video,
 )
+from tsuiseki.tracking.formats.tracked_video import inside
 from tsuiseki.tracking.formats.visdrone import VisDroneSequence, find_visdrone, is_visdrone, read_visdrone
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
@@ -66,7 +70,7 @@ class LabelledVideo:
     name: str
     files: tuple[Path, ...]
     length: int | None
-    read_people: Callable[[], GroundTruth] | None
+    read_people: Callable[[Size], GroundTruth] | None
     read_actions: Callable[[Size], ActionLabels] | None = None
     size: Size = None
 
@@ -75,13 +79,13 @@ class LabelledVideo:
 
         Args:
             protocol: by which Okutama-Action's labels count, see `okutama_truth`.
-            size: for Okutama-Action's labels.
+            size: for Okutama-Action's labels, and those in shares of a picture.
 
         Raises:
             RequestError: labels are missing or broken, or nobody counts.
         """
         if self.read_people is not None:
-            truth = self.read_people()
+            truth = self.read_people(size)
             compare_with_picture(self.name, truth.boxes, self.size)
             return truth
         truth, _ = okutama_truth(self.actions(size), protocol)
@@ -118,6 +122,8 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
         return _in_folder(path, multiple_actions)
     if not path.is_file():
         raise RequestError(f"expected a ground truth, a sequence folder or a folder of sequences, found no {path}")
+    if format_at(path):
+        return [_exported(path)]
     if (clip := clip_labelled_by(path)) is not None:
         return [_clip_by_actions(clip)]
     if is_okutama_file(path):
@@ -141,7 +147,7 @@ def _sequence(sequence: MotSequence) -> LabelledVideo:
         sequence.name,
         sequence.images,
         sequence.length or None,
-        lambda: read_ground_truth(sequence.ground_truth_path),
+        lambda _: read_ground_truth(sequence.ground_truth_path),
         (lambda size: read_clip_labels(sequence, size)) if (sequence.folder / ACTIONS_FILE).is_file() else None,
         (sequence.width, sequence.height) if sequence.width and sequence.height else None,
     )
@@ -157,9 +163,9 @@ def _ground_truth(path: Path) -> LabelledVideo:
     folder = path.resolve().parent.parent
     if path.name == "gt.txt" and path.resolve().parent.name == "gt" and (folder / "seqinfo.ini").is_file():
         known = _sequence(read_sequence(folder))
-        return replace(known, files=(), read_people=lambda: read_ground_truth(path), read_actions=None)
+        return replace(known, files=(), read_people=lambda _: read_ground_truth(path), read_actions=None)
     name = folder.name if path.name == "gt.txt" else path.stem
-    return LabelledVideo(name, (), None, lambda: read_ground_truth(path))
+    return LabelledVideo(name, (), None, lambda _: read_ground_truth(path))
 
 
 def _okutama(video: OkutamaVideo) -> LabelledVideo:
@@ -169,12 +175,12 @@ def _okutama(video: OkutamaVideo) -> LabelledVideo:
 
 def _visdrone(sequence: VisDroneSequence) -> LabelledVideo:
     length = len(sequence.images)
-    return LabelledVideo(sequence.name, sequence.images, length, lambda: read_visdrone(sequence.labels, length))
+    return LabelledVideo(sequence.name, sequence.images, length, lambda _: read_visdrone(sequence.labels, length))
 
 
 def _kitti(sequence: KittiSequence) -> LabelledVideo:
     length = len(sequence.images) or None
-    return LabelledVideo(sequence.name, sequence.images, length, lambda: read_kitti(sequence.labels, length))
+    return LabelledVideo(sequence.name, sequence.images, length, lambda _: read_kitti(sequence.labels, length))
 
 
 def _drone_action(clip: DroneActionClip) -> LabelledVideo:
@@ -184,9 +190,22 @@ def _drone_action(clip: DroneActionClip) -> LabelledVideo:
         clip.name,
         images or (clip.source,),
         length,
-        lambda: read_drone_action_boxes(clip.labelled(), length),
+        lambda _: read_drone_action_boxes(clip.labelled(), length),
         lambda _: drone_action_labels(clip, length),
     )
+
+
+def _exported(path: Path) -> LabelledVideo:
+    """Labels of another program, with the images in ``images``, or those or the video that they name beside them."""
+    known, folder = read_exported(path), path if path.is_dir() else path.parent
+    named = [[place / name for name in known.images] for place in (folder, folder / "images", folder.parent / "images")]
+    images = next((tuple(some) for some in named if some and all(one.is_file() for one in some)), ())
+    images = images or list_images(folder / "images")
+    video = folder / (inside(known.name) or "")
+    length = known.length or len(images) or None
+    files = images or ((video,) if video.is_file() else ())
+    name = known.stem if known.name else path.stem
+    return LabelledVideo(name, files, length, lambda size: known.in_pixels(path, size).labels(path), None, known.size)
 
 
 # By layout: whether a folder has it, and the videos there. What fits none is read as MOTChallenge sequences.
@@ -195,4 +214,5 @@ FOLDERS: tuple[tuple[Callable[[Path], bool], Callable[[Path, bool], list[Labelle
     (is_visdrone, lambda folder, _: [_visdrone(sequence) for sequence in find_visdrone(folder)]),
     (is_kitti, lambda folder, _: [_kitti(sequence) for sequence in find_kitti(folder)]),
     (is_drone_action, lambda folder, _: [_drone_action(clip) for clip in find_drone_action(folder)]),
+    (lambda folder: bool(exported_in(folder)), lambda folder, _: [_exported(path) for path in exported_in(folder)]),
 )

@@ -17,7 +17,7 @@ from __future__ import annotations
 import itertools
 import re
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -90,25 +90,14 @@ def read_detections(
     Scores of two scales are taken as they are, and told.
 
     Args:
-        path: rows ``frame, -1, x, y, width, height, score, …``; a score that is left out, empty or nan is not known,
-            NaN; an empty file is a video in which nothing was detected, which is said.
+        path: rows ``frame, -1, x, y, width, height, score, class, …``; a score that is left out, empty or nan is not
+            known, NaN; an empty file is a video in which nothing was detected, which is said.
         length: number of frames of the video; by default up to the last frame that has a detection.
         score_range: smallest and largest score to expect; by default any finite number.
 
     Raises:
         RequestError: the file is missing or malformed, its rows are all beyond the video, or have a score outside the
             range.
-    """
-    return read_classed_detections(path, length, score_range)[0]
-
-
-def read_classed_detections(
-    path: str | Path, length: int | None = None, score_range: tuple[float, float] | None = None
-) -> tuple[list[Detections], list[IntArray]]:
-    """The detections in a ``det.txt``, and ``(N,)`` the classes in column 8 of those of each frame.
-
-    The class is -1 where the file has no column 8 or nothing in it. Arguments and errors are those of
-    `read_detections`.
     """
     path = Path(path)
     rows, _, lines = _read(path, 6, "detections", detected=True)
@@ -120,16 +109,29 @@ def read_classed_detections(
         rows, lines = rows[order], lines[order]
     if score_range is not None:
         _refuse_scores_outside(path, rows[:, 6], lines, score_range)
-    rows = rows[_used(path, rows, lines, length)]
+    used = _used(path, rows, lines, length)
+    sources = (np.arange(len(rows)) - np.searchsorted(rows[:, 0], rows[:, 0]))[used]
+    rows = rows[used]
     compare_with_picture(path, boxes_of(rows))
     _tell_two_scales(path, rows[:, 6])
     frames, boxes, scores = rows[:, 0].astype(np.int64) - 1, boxes_of(rows), rows[:, 6]
-    classes = rows[:, 7].astype(np.int64) if rows.shape[1] > 7 else np.full(len(rows), -1)
+    classes = _classes(rows)
     last = int(frames[-1]) + 1 if len(frames) else 0
     starts = np.searchsorted(frames, np.arange((last if length is None else length) + 1))
-    spans, nothing = list(itertools.pairwise(starts)), Detections.empty()
-    found = [Detections(boxes[a:b], scores[a:b]) if b > a else nothing for a, b in spans]
-    return found, [classes[a:b] for a, b in spans]
+    nothing = Detections.empty()
+    return [
+        Detections(boxes[a:b], scores[a:b], None, None, None, None if classes is None else classes[a:b], sources[a:b])
+        if b > a
+        else nothing
+        for a, b in itertools.pairwise(starts)
+    ]
+
+
+def _classes(rows: FloatArray) -> IntArray | None:
+    """``(N,)`` numbers in column 8, -1 for none; None where they are places in the world, or all are missing."""
+    if rows.shape[1] <= 7 or (rows[:, 7] != np.floor(rows[:, 7])).any() or (rows[:, 7] < 0).all():
+        return None
+    return np.maximum(rows[:, 7].astype(np.int64), -1)
 
 
 def _refuse_scores_outside(path: Path, scores: FloatArray, lines: IntArray, score_range: tuple[float, float]) -> None:
@@ -193,7 +195,7 @@ def write_detections(path: Path, detections: Iterable[Detections]) -> None:
 
 
 def read_tracks(path: str | Path) -> list[Track]:
-    """The tracks of a result file ``frame, id, x, y, width, height, score, …``, by id; rows may be in any order.
+    """The tracks of a result file ``frame, id, x, y, width, height, score, class, …``, by id, rows in any order.
 
     An empty file is a result without any track.
 
@@ -214,13 +216,16 @@ def read_tracks(path: str | Path) -> list[Track]:
     boxes = boxes_of(rows)
     compare_with_picture(path, boxes)
     scores = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))
+    classes = _classes(rows)
+    origin = np.full((len(rows), 2), -1)
+    origin[:, 1] = -1 if classes is None else classes
     order = np.lexsort([frames, ids])
     tracks = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
-    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p]) for p in tracks]
+    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p], origin=origin[p]) for p in tracks]
 
 
-def write_tracks(path: str | Path, tracks: Iterable[Track], class_of: Callable[[int], int] = lambda _: -1) -> None:
-    """Write ``tracks`` as a result file, ordered by frame, then id; column 8 is the class of an id, -1 for none.
+def write_tracks(path: str | Path, tracks: Iterable[Track]) -> None:
+    """Write ``tracks`` as a result file, ordered by frame, then id; column 8 is a track's class, -1 for none.
 
     Raises:
         RequestError: the name is that of another format.
@@ -230,8 +235,8 @@ def write_tracks(path: str | Path, tracks: Iterable[Track], class_of: Callable[[
         raise RequestError(f"{path}: expected the name of a text file, such as tracks.txt, got {path.suffix}")
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = [
-        (frame, track.id, box, score, class_of(track.id))
-        for track in tracks
+        (frame, track.id, box, score, kind)
+        for track, kind in ((track, track.class_id) for track in tracks)
         for frame, box, score in zip(
             track.frames.tolist(), boxes_as_text(track.boxes), track.scores.tolist(), strict=True
         )

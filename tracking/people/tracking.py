@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +28,6 @@ from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.inputs import (
     GivenDetections,
     PeopleInputs,
-    classed_detections,
     ground_of,
     looks_of,
     people_describer,
@@ -41,6 +41,7 @@ from tsuiseki.tracking.people.methods import (
     camera_for,
     compares_appearance,
     cost_of_scores,
+    inner_tracker,
     people_affinity,
     people_tracker,
     straddles,
@@ -49,9 +50,12 @@ from tsuiseki.tracking.people.score_choice import above_floor, score_choice
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers, skipped
 from tsuiseki.tracking.people.unused import FirstDetections
-from tsuiseki.tracking.result import Result, StageTimes
-from tsuiseki.tracking.types import Detections, Frame, IntArray, Targets, Track
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types import Detections, Frame, Targets, Track
+from tsuiseki.tracking.types.class_choice import called
 from tsuiseki.tracking.types.frame_range import parse_frames
+from tsuiseki.tracking.types.tracks import targets_at
 from tsuiseki.tracking.video.source import Source, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
@@ -81,6 +85,9 @@ class PeopleKeywords(TypedDict, total=False):
             `follow_people` each frame comes so much later.
         ground: ``auto`` lowers the scores of a network's boxes that are not as high as people on one ground are in
             their row, see `GroundPlane`; ``off`` leaves them as they are, like those of ``detections`` and functions.
+        classes: track these, numbers or names, such as ``["person", "car"]``; by default people, and all that
+            ``detections`` and functions give. Each track has its ``class_id``, and each target its ``detection``.
+        across_classes: one track may go through several of them; by default each class is tracked apart.
     """
 
     detections: GivenDetections | None
@@ -95,6 +102,8 @@ class PeopleKeywords(TypedDict, total=False):
     seed: int
     delay: float | None
     ground: Ground
+    classes: Sequence[int | str] | None
+    across_classes: bool
 
 
 def track_people(
@@ -166,13 +175,11 @@ class OpenedPeople:
     Attributes:
         inputs: where frames and detections come from.
         tracker: a fresh one.
-        class_of: the class of each track id, -1 where classes are not tracked apart.
         floor: score under which given detections were left out, see `above_floor`; None for none.
     """
 
     inputs: PeopleInputs
     tracker: PeopleTracker
-    class_of: Callable[[int], int] = lambda _: -1
     floor: float | None = None
 
 
@@ -194,14 +201,10 @@ def open_people(
     if linking.moving_camera and not source.has_images:
         raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
     threads = threads_of_a_call(source, finding.threads)
-    kinds: Sequence[IntArray] = []
     floor: float | None = None
-    if finding.classes is None:
-        detect = people_detect(source, finding, PEOPLE_DETECTOR, threads)
-        if isinstance(detect, list) and linking.method == "flow" and finding.score_range is None:
-            detect, floor = above_floor(detect, source.frame_rate)
-    else:
-        detect, kinds = classed_detections(source, finding)
+    detect, chosen = people_detect(source, finding, PEOPLE_DETECTOR, threads), finding.chosen
+    if isinstance(detect, list) and linking.method == "flow" and finding.score_range is None and chosen is None:
+        detect, floor = above_floor(detect, source.frame_rate)
     compared = compares_appearance(linking.method)
     given, more = finding.appearance, finding.appearance_options
     describe = people_describer(source, compared, given, threads, more, finding.device)
@@ -211,21 +214,21 @@ def open_people(
     unknown = finding.score_threshold is None and not source.live
     choice = score_choice(detect, ground) if unknown else None
     inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks, choice)
-    if not isinstance(linking.method, str):
-        return OpenedPeople(inputs, _own_tracker(inputs, linking), floor=floor)
-    # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
-    known = knows_scores(detect)
-    learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=known)
-    fresh = partial(_fresh_tracker, inputs, linking, learnt, seed)
-    if finding.classes is None:
-        return OpenedPeople(inputs, fresh(), floor=floor)
-    by_class = ByClass(fresh, kinds[source.frames_wanted.first :], finding.classes)
-    return OpenedPeople(inputs, by_class, by_class.class_of)
+    apart = chosen is not None and not chosen.across
+    fresh: Callable[[], PeopleTracker]
+    if isinstance(linking.method, str):
+        # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
+        known = knows_scores(detect)
+        learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=known)
+        fresh = partial(_fresh_tracker, inputs, linking, learnt, seed)
+    else:
+        fresh = partial(_own_tracker, inputs, linking, apart)
+    return OpenedPeople(inputs, ByClass(fresh, chosen.plain) if chosen is not None and apart else fresh(), floor)
 
 
-def _own_tracker(inputs: PeopleInputs, linking: Linking) -> PeopleTracker:
-    """The tracker that a call has given in place of a method's name."""
-    method: Any = linking.method
+def _own_tracker(inputs: PeopleInputs, linking: Linking, copied: bool) -> PeopleTracker:
+    """The tracker that a call has given in place of a method's name; a copy of it where each class has one."""
+    method: Any = deepcopy(linking.method) if copied else linking.method
     if isinstance(method, type) or not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     for name in ("affinity", "delay"):
@@ -297,7 +300,7 @@ def people_result(
         seconds=times.seconds,
         frames=log.columns(tracks),
         files={
-            "tracks.txt": lambda path, _: write_tracks(path, tracks, opened.class_of),
+            "tracks.txt": lambda path, _: write_tracks(path, tracks),
             "report.html": lambda path, folder: path.write_text(people_page(result, folder), encoding="utf-8"),
         },
         painter=Overlay(tracks, video.frame_rate).draw,
@@ -357,29 +360,27 @@ def _lines_on_flow(tracker: FlowTracker) -> list[str]:
 
 def _lines_on_unused(opened: OpenedPeople, first: FirstDetections, tracks: Sequence[Track]) -> list[str]:
     """Why most detections, of each class, belong to no track."""
-    tracker, lines = _inner(opened.tracker), []
-    groups = {-1: (first, tracker)}
+    tracker, lines = inner_tracker(opened.tracker), []
+    groups: dict[int | str, tuple[FirstDetections, PeopleTracker]] = {-1: (first, tracker)}
     if isinstance(tracker, ByClass):
-        groups = {number: (tracker.first[number], _inner(one)) for number, one in tracker.trackers.items()}
+        groups = {number: (tracker.first[number], inner_tracker(one)) for number, one in tracker.trackers.items()}
     for number, (given, one) in groups.items():
-        ours = [track for track in tracks if opened.class_of(track.id) == number]
+        ours = [track for track in tracks if number == -1 or track.class_id in called(number, track.names)]
         line = given.line(sum(int(t.observed.sum()) for t in ours), len(ours), getattr(one, "settings", None))
-        lines += [] if line is None else [line if number < 0 else f"class {number}: {line}"]
+        lines += [] if line is None else [line if number == -1 else f"class {number}: {line}"]
     return lines
 
 
 def _answers_while_it_runs(tracker: PeopleTracker) -> bool:
     """One that may have a delay has one, or else it can forget; see `people.tracker`."""
-    inner = _inner(tracker)
+    inner = inner_tracker(tracker)
+    if isinstance(inner, ByClass):
+        return all(map(_answers_while_it_runs, inner.trackers.values()))
     return inner.delay is not None if hasattr(inner, "delay") else hasattr(inner, "forget")
 
 
-def _inner(tracker: PeopleTracker) -> PeopleTracker:
-    return tracker.tracker if isinstance(tracker, MotionCompensated) else tracker
-
-
 def _followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Frame, Targets]]:
-    forget = getattr(_inner(tracker), "forget", None)
+    forget = getattr(inner_tracker(tracker), "forget", None)
     waiting: deque[Frame] = deque()
     first, looked = 0, inputs.looked
     last = Targets.empty(0)
@@ -404,16 +405,6 @@ def _followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Fr
 def expected(targets: Targets, frame: int) -> Targets:
     """The same people in a frame that nothing is known of."""
     here = targets.select(targets.status != "lost")
-    return replace(here, frame=frame, scores=np.zeros(len(here)), status=np.full(len(here), "searching"))
-
-
-def targets_at(tracks: Iterable[Track], frame: int, number: int | None = None) -> Targets:
-    """The targets of the 0-based ``frame``, out of finished tracks; ``number`` is another name of that frame."""
-    rows = [(track, int(row)) for track in tracks for row in np.flatnonzero(track.frames == frame)]
-    return Targets(
-        frame if number is None else number,
-        np.array([track.id for track, _ in rows], dtype=np.int64),
-        np.array([track.boxes[row] for track, row in rows]).reshape(-1, 4),
-        np.array([track.scores[row] if track.observed[row] else 0.0 for track, row in rows], dtype=np.float64),
-        np.array(["tracking" if track.observed[row] else "searching" for track, row in rows], dtype="U9"),
-    )
+    nothing = np.column_stack([np.full(len(here), -1), here.classes])
+    status = np.full(len(here), "searching")
+    return replace(here, frame=frame, scores=np.zeros(len(here)), status=status, origin=nothing)

@@ -15,7 +15,8 @@ from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_mode
 from tsuiseki.tracking.points.observed import positions_of, region_of
 from tsuiseki.tracking.points.settings import Lag, SetMethod
 from tsuiseki.tracking.points.tracker import MeasurementTracker
-from tsuiseki.tracking.result import Result, StageTimes
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
 
 
@@ -120,7 +121,7 @@ def sensed_result(
         facts={"region": [list(pair) for pair in model.region]},
         seconds=times.seconds,
         frames={
-            "frame": list(range(1, len(done) + 1)),
+            "frame": list(range(len(done))),
             "time": [scan.time for scan in done],
             "measurements": [len(scan.measurements) for scan in done],
             "targets": [numbers[scan] for scan in range(len(done))],

@@ -27,7 +27,8 @@ from tsuiseki.tracking.points.settings import (
     PointSettings,
 )
 from tsuiseki.tracking.points.tracker import BlobTracker, PointTracker, SingleBlobTracker
-from tsuiseki.tracking.result import Result, StageTimes, Writer
+from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.video.source import Source
 
@@ -208,7 +209,7 @@ def blob_result(
     for count, step in enumerate(steps, start=1):  # noqa: B007
         with times.measure("track"):
             update(step)
-    columns: dict[str, list[Any]] = {"frame": list(range(first + 1, first + count + 1))}
+    columns: dict[str, list[Any]] = {"frame": list(range(first, first + count))}
     if isinstance(tracker, SingleBlobTracker):
         # It counts frames as the video does.
         columns |= {"score": [e.score for e in tracker.estimates], "status": [e.status for e in tracker.estimates]}

@@ -19,7 +19,7 @@ from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.single import find_single_sequences, has_labels, write_boxes
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.report.overlay import Overlay
-from tsuiseki.tracking.result import Result, StageTimes, Writer
+from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.single.settings import (
     SingleChoice,
     SingleMethod,
@@ -28,6 +28,7 @@ from tsuiseki.tracking.single.settings import (
     warn_if_not_asked,
 )
 from tsuiseki.tracking.single.tracker import SingleTracker, as_box, follow_target
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import STATUSES, Estimate, FloatArray, Frame, ImageArray, Status, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.video.source import Source, open_source
@@ -211,7 +212,7 @@ def single_result(
         facts={} if constants is None else {"constants": constants},
         seconds=times.seconds,
         frames={
-            "frame": [e.frame + 1 for e in estimates],
+            "frame": [e.frame for e in estimates],
             "score": [round(e.score, 5) for e in estimates],
             "status": [e.status for e in estimates],
         },

@@ -112,6 +112,11 @@ def image_size(source: Source) -> Size | None:
     return size if size and min(size) > 0 else None
 
 
+def address_of(source: Source) -> str:
+    """What `open_source` took to open it."""
+    return str(getattr(source, "address", "") or getattr(source, "path", source.name))
+
+
 @dataclass(frozen=True)
 class VideoFile:
     """A video file that OpenCV can decode."""
