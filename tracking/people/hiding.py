@@ -13,12 +13,10 @@ import numpy as np
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.result_files import tracked_frames
 from tsuiseki.tracking.features.exported import DetectorLike
 from tsuiseki.tracking.formats.box_places import compare_with_picture
-from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.options import OutputFile
-from tsuiseki.tracking.output import check_output_file, is_partial, output_file
+from tsuiseki.tracking.output import RUN_FILE, check_output_file, is_partial, output_file
 from tsuiseki.tracking.people.hidden_places import (
     STYLES,
     WEAK,
@@ -257,15 +255,18 @@ def _opened(video: Path, result: TracksLike) -> tuple[Source, Sequence[Track]]:
 
 def _read(result: TracksLike) -> tuple[Sequence[Any], FrameRange, tuple[int, int] | None, bool]:
     """The tracks, the stretch that was tracked, the size of its pictures, and whether it is known to be the whole."""
-    if not isinstance(result, str | Path):
-        tracks = [getattr(track, "track", track) for track in result]
-        known = result if isinstance(result, Result) else Result(tracks)
-        numbers = known.frames.get("frame", ())
-        wanted = FrameRange(int(numbers[0]) - 1, int(numbers[-1]) - 1) if len(numbers) else FrameRange()
-        return tracks, wanted, known.size, known.settings.get("frames", "") is None
-    file = Path(result) / "tracks.txt" if Path(result).is_dir() else Path(result)
-    tracked = tracked_frames(file)
-    return read_tracks(file), tracked or FrameRange(), None, tracked is not None and not is_partial(file.parent)
+    known: Result[Any] = (
+        result if isinstance(result, Result) else Result([] if isinstance(result, str | Path) else result)
+    )
+    partial = False
+    if isinstance(result, str | Path):
+        path = Path(result)
+        folder = path.parent if path.is_file() and (path.parent / RUN_FILE).is_file() else path
+        known, partial = Result.load(folder), is_partial(folder)
+    numbers = known.frames.get("frame", ())
+    wanted = FrameRange(int(numbers[0]), int(numbers[-1])) if len(numbers) else FrameRange()
+    whole = not partial and known.settings.get("frames", "") is None
+    return [getattr(track, "track", track) for track in known], wanted, known.size, whole
 
 
 def hide_people(
