@@ -15,12 +15,13 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
 from tsuiseki.tracking.formats.result_folder import filled_frames, read_folder
 from tsuiseki.tracking.formats.track_tables import cut_to, needed, read_table, table_of, tracks_of, write_table
+from tsuiseki.tracking.interchange import as_detections
 from tsuiseki.tracking.output import RunRecord, columns_shifted, output_file, output_folder
 from tsuiseki.tracking.types import Frame, ImageArray, Position, Targets, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.types.tracks import targets_at
 from tsuiseki.tracking.video.frame_times import uneven
-from tsuiseki.tracking.video.source import Source, address_of, image_size, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, address_of, endless, image_size, open_source
 
 if TYPE_CHECKING:
     import pandas
@@ -112,20 +113,24 @@ class Result(Sequence[T_co]):
         Raises:
             RequestError: a detection has no ``tracker_id``.
         """
-        parts, numbers = [], []
+        parts, numbers, names = [], [], dict[int, str]()
         for frame, found in enumerate(detections):
             numbers.append(frame)
             if len(found) and found.tracker_id is None:
                 raise RequestError(f"expected detections with tracker_id, got none in frame {frame}; track them first")
             if len(found):
                 scores = np.ones(len(found)) if found.confidence is None else found.confidence
-                parts.append(np.column_stack([np.full(len(found), frame), found.tracker_id, found.xyxy, scores]))
-        rows = np.concatenate(parts) if parts else np.empty((0, 7))
+                told = as_detections(found)
+                names |= told.names
+                columns = np.full(len(found), frame), found.tracker_id, found.xyxy, scores, told.origin[:, 1]
+                parts.append(np.column_stack(columns))
+        rows = np.concatenate(parts) if parts else np.empty((0, 8))
         # supervision counts ids from 0 or from 1, as its tracker does.
         ids = rows[:, 1] + (1 if len(rows) and rows[:, 1].min() == 0 else 0)
-        table = dict(zip(("x1", "y1", "x2", "y2", "score"), rows[:, 2:].T, strict=True))
+        table = dict(zip(("x1", "y1", "x2", "y2", "score", "detection_class"), rows[:, 2:].T, strict=True))
         table |= {"frame": rows[:, 0].astype(np.int64), "id": ids.astype(np.int64)}
-        return Result(tracks_of(table), **{"frames": {"frame": numbers}, **known})
+        tracks = [replace(track, names=names) for track in tracks_of(table)]
+        return Result(tracks, **{"frames": {"frame": numbers}, **known})
 
     def __len__(self) -> int:
         return len(self.tracks)
@@ -161,7 +166,7 @@ class Result(Sequence[T_co]):
     @property
     def name(self) -> str:
         """Of the source, for people."""
-        short = Path(self.source.split("?")[0]).name or self.source
+        short = Path(self.source.split("?")[0]).name or self.source or "images"
         return f"webcam {short}" if short.isdecimal() else short
 
     @cached_property
@@ -223,8 +228,14 @@ class Result(Sequence[T_co]):
         last = max([*self.frames.get("frame", ()), *table["frame"][-1:].tolist()], default=-1)
         edges = np.searchsorted(table["frame"], np.arange(last + 2))
         corners = np.column_stack([table[name] for name in ("x1", "y1", "x2", "y2")])
+        told = {"class_id": table["class_id"]} if "class_id" in table else {}
         return [
-            make(xyxy=corners[a:b], confidence=table["score"][a:b], tracker_id=table["id"][a:b])
+            make(
+                xyxy=corners[a:b],
+                confidence=table["score"][a:b],
+                tracker_id=table["id"][a:b],
+                **{name: column[a:b] for name, column in told.items()},
+            )
             for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
         ]
 
@@ -255,7 +266,7 @@ class Result(Sequence[T_co]):
             raise RequestError(f"expected an image of {width}x{height} pixels, got shape {image.shape}")
         return self._paint(Frame(frame, frame / (self.frame_rate or 1.0), image))
 
-    def overlay(self, path: str | Path, source: str | Path | None = None, overwrite: bool = False) -> Path:
+    def overlay(self, path: str | Path, source: SourceLike | None = None, overwrite: bool = False) -> Path:
         """Write the video with the tracks drawn in; returns its path.
 
         Args:
@@ -272,13 +283,15 @@ class Result(Sequence[T_co]):
         path = Path(path)
         if path.suffix.lower() not in VIDEOS:
             raise RequestError(f"expected the name of a video {' or '.join(VIDEOS)}, got {path}")
-        if not (source or self.source):
+        if source is None and not self.source:
             raise RequestError("expected a `source` to draw on, for the tracks come from none")
         numbers = self.frames.get("frame")
         wanted = self.settings.get("frames")
         stretch = parse_frames(wanted if isinstance(wanted, str) else None)
-        opened = open_source(source or self.source, FrameRange(numbers[0], numbers[-1]) if numbers else stretch)
-        if opened.live or not opened.has_images:
+        opened = open_source(
+            self.source if source is None else source, FrameRange(numbers[0], numbers[-1]) if numbers else stretch
+        )
+        if endless(opened) or not opened.has_images:
             raise RequestError(f"{opened.name} has no pictures that can be played again; give a `source` that has")
         frames = opened.frames()
         with output_file(path, overwrite) as work:

@@ -249,6 +249,24 @@ class Found(SimpleNamespace):
 def test_from_what_looks_like_supervision() -> None:
     found = Found(xyxy=np.array([[1.0, 1, 5, 9]]), confidence=None, tracker_id=np.array([0]))
     (one,) = Result.from_supervision([Found(xyxy=np.empty((0, 4)), confidence=None, tracker_id=None), found])
-    assert plain(one)[1] == [1, [1], [[1, 1, 5, 9]], [1], [True]]
+    assert plain(one)[1][:5] == [1, [1], [[1, 1, 5, 9]], [1], [True]]
     with pytest.raises(RequestError, match="expected detections with tracker_id, got none in frame 0"):
         Result.from_supervision([Found(xyxy=found.xyxy, confidence=None, tracker_id=None)])
+
+
+@pytest.mark.parametrize("ending", ["csv", "json"])
+def test_classes_and_rows_of_detections_are_kept(tmp_path: Path, ending: str) -> None:
+    origin, boxes = np.array([[3, 2], [-1, -1], [0, 7], [1, 2]]), np.tile([1.0, 2, 5, 9], (4, 1))
+    car = Track(1, np.arange(4), boxes, np.ones(4), origin[:, 0] >= 0, origin, {2: "parking meter", 7: "truck"})
+    Result([car]).save(tmp_path / f"tracks.{ending}")
+    (again,) = Result.load(tmp_path / f"tracks.{ending}")
+    assert again.origin.tolist() == origin.tolist()
+    assert (again.class_id, again.class_name) == (2, "parking meter")
+    assert Result([car]).at(2).origin.tolist() == [[0, 2]]
+
+
+def test_classes_come_from_supervision() -> None:
+    named = {"class_name": np.array(["car"])}
+    one = Found(xyxy=np.array([[1.0, 1, 5, 9]]), confidence=None, tracker_id=np.array([4]), class_id=[2], data=named)
+    (track,) = Result.from_supervision([one, one])
+    assert (track.class_id, track.class_name) == (2, "car")

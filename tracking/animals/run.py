@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.source import Source, SourceLike, named
 
 SETTINGS = AnimalSettings()
 
@@ -46,7 +45,7 @@ class AnimalResult(Result[BodyTrack]):
 
 
 def track_animals(
-    source: str | Path | int,
+    source: SourceLike,
     *,
     contrast: Contrast = "auto",
     threshold: float | None = None,
@@ -74,8 +73,8 @@ def track_animals(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    opened = Video(source=str(source), frames=frames).open(images=True, replayable=True)
-    skeleton, made = skeleton or SkeletonSettings(), {"contrast": contrast, "source": str(source), "seed": seed}
+    opened = Video.given(source, frames).open(images=True, replayable=True)
+    skeleton, made = skeleton or SkeletonSettings(), {"contrast": contrast, "source": named(source), "seed": seed}
     return animal_result(
         opened,
         opened.frames(),

@@ -143,6 +143,7 @@ COMMANDS: Tree = {
     "calibrate": Group("find out where cameras are and how they see", "tracking.calibrate.run", CALIBRATE),
     "track": Group("follow something through a video with exported models", "tracking", TRACK),
     "hide": Command("tracking.people.hiding:hide_people", "hide people in a video that was tracked"),
+    "count": Command("tracking.answers.run:count", "who crosses lines and stays in zones, from a finished result"),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
     "reproduce": Group(f"{PAPER} {EXTRA}", "trainers.experiments", REPRODUCE),
 }
