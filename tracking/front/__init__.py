@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.people.deepsort import DeepSortSettings as DeepSortSettings
     from tsuiseki.tracking.people.flow import FlowTracker as FlowTracker
     from tsuiseki.tracking.people.flow_input import FlowSettings as FlowSettings
+    from tsuiseki.tracking.people.hiding import hide as hide
     from tsuiseki.tracking.people.ocsort import OcSort as OcSort
     from tsuiseki.tracking.people.ocsort import OcSortSettings as OcSortSettings
     from tsuiseki.tracking.people.sort import Sort as Sort
