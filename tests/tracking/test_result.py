@@ -135,7 +135,7 @@ def test_text_holds_boxes_only(tmp_path: Path) -> None:
         Result(KINDS["ball"][0]).save(tmp_path / "b.txt")
     with pytest.raises(RequestError, match="already exists"):
         given.save(tmp_path / "a.txt")
-    with pytest.raises(RequestError, match=r"\.csv, \.json, \.parquet, \.txt, got"):
+    with pytest.raises(RequestError, match=r"\.csv, \.json, \.parquet, \.txt, \.xml, \.slp, \.h5, got"):
         given.save(tmp_path / "a.xlsx")
 
 
@@ -150,7 +150,7 @@ def test_frames_in_files_count_from_1(tmp_path: Path) -> None:
         ("a,b\n1,2\n", "a.csv", "expected columns of tracks"),
         ("frame,id,x1,y1,x2,y2\n1,1,5,5,2,9\n", "a.csv", "expected rows of tracks"),
         ("frame,id,x1,y1,x2,y2\n1,1,5,b,7,9\n", "a.csv", "a.csv:2: expected a finite number in column y1"),
-        ('{"a": 1}', "a.json", "got other JSON"),
+        ('{"a": 1}', "a.json", "expected COCO's JSON"),
         ("no", "a.xlsx", "expected the folder of a result"),
         ("no", "run.json", "run.json: expected JSON"),
         ("{}", "run.json", "expected a result, such as tracks.txt, found none"),

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.people.deepsort import DeepSortSettings as DeepSortSettings
     from tsuiseki.tracking.people.flow import FlowTracker as FlowTracker
     from tsuiseki.tracking.people.flow_input import FlowSettings as FlowSettings
+    from tsuiseki.tracking.people.hiding import hide as hide
     from tsuiseki.tracking.people.ocsort import OcSort as OcSort
     from tsuiseki.tracking.people.ocsort import OcSortSettings as OcSortSettings
     from tsuiseki.tracking.people.sort import Sort as Sort
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.points.settings import PointSettings as PointSettings
     from tsuiseki.tracking.points.tracker import PointTracker as PointTracker
     from tsuiseki.tracking.result import Result as Result
+    from tsuiseki.tracking.result import convert as convert
     from tsuiseki.tracking.single.run import follow_single as follow_single
     from tsuiseki.tracking.single.run import track_single as track_single
     from tsuiseki.tracking.sphere.points import track_sphere_points as track_sphere_points

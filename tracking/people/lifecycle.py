@@ -200,8 +200,9 @@ class Lifecycle:
         self._hits, self._misses = hits, misses
         present, used = np.flatnonzero(misses == 0), np.concatenate([detected, parts.started])
         self._votes.follow(old, started, present, used, detections)
-        scores, boxes = self._note(present, used, detections)
-        self._targets = self._answer(scores, boxes, self._origin(present, detections.origin[used, 0]), *lost)
+        origin = detections.origin[used]
+        scores, boxes = self._note(present, used, detections, origin)
+        self._targets = self._answer(scores, boxes, self._origin(present, origin[:, 0]), *lost)
         return parts
 
     def _origin(self, present: IntArray, rows: IntArray) -> IntArray:
@@ -219,7 +220,9 @@ class Lifecycle:
         kept, lost = np.flatnonzero(unseen & young), np.flatnonzero(unseen & ~young)
         return Survivors(seen, detected, kept, np.flatnonzero(free), lost)
 
-    def _note(self, present: IntArray, detected: IntArray, detections: Detections) -> tuple[FloatArray, FloatArray]:
+    def _note(
+        self, present: IntArray, detected: IntArray, detections: Detections, origin: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Record the tracks at ``(D,)`` rows, which were detected in this frame.
 
         Returns:
@@ -234,7 +237,7 @@ class Lifecycle:
         if self._settings.boxes == "detected":
             boxes = boxes.copy()
             boxes[present] = detections.boxes[detected]
-        rows = np.concatenate([boxes[present], detections.origin[detected]], axis=1)
+        rows = np.concatenate([boxes[present], origin], axis=1)
         self._record.append(self.clock.frame - 1, numbers, rows, scores[present])
         return scores, boxes
 

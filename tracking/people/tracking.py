@@ -308,6 +308,8 @@ def people_result(
     every, log = run_trackers(found, {name: opened.tracker}, times, opened.inputs.looked)
     tracks = every[name]
     facts, lines = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
+    if names := {str(n): name for track in tracks for n, name in track.names.items() if name and n == track.class_id}:
+        facts["classes"] = names
     if unused := _lines_on_unused(opened, log.first, tracks):
         facts["detections_without_track"] = "; ".join(unused)
 
