@@ -186,6 +186,18 @@ def threads_of_a_call(source: Source, threads: int) -> int:
     return threads if source.live else 1
 
 
+class GivenRows(list[Detections]):
+    """Detections that a call has given, an entry a frame.
+
+    Attributes:
+        bad: boxes that are none, and left out.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.bad = BadBoxes()
+
+
 def given_detections(
     given: GivenDetections, source: Source, score_range: tuple[float, float] | None = None
 ) -> list[Detections]:
@@ -208,8 +220,13 @@ def given_detections(
                 f"expected detections for {source.length} frames, one entry a frame, got {len(given)}; are these the "
                 "detections of another video?"
             )
-        counted = BadBoxes()
-        rows = [as_detections(entry, counted=counted) for entry in given]
+        rows = GivenRows()
+        rows.extend(as_detections(entry, counted=rows.bad) for entry in given)
+        if 2 * rows.bad.bad > rows.bad.given:
+            raise RequestError(
+                f"`detections`: {rows.bad.bad} of {rows.bad.given} boxes have no area or are not finite; expected x1, "
+                "y1, x2, y2, not x, y, width, height"
+            )
         compare_with_picture(
             "`detections`", np.concatenate([np.empty((0, 4)), *(r.boxes for r in rows)]), image_size(source)
         )

@@ -21,8 +21,10 @@ from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
-from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of, knows_scores
+from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of, inner_detector, knows_scores
 from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.interchange import BadBoxes
+from tsuiseki.tracking.options import Seed
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.inputs import (
     GivenDetections,
@@ -168,12 +170,14 @@ class OpenedPeople:
         tracker: a fresh one.
         class_of: the class of each track id, -1 where classes are not tracked apart.
         floor: score under which given detections were left out, see `above_floor`; None for none.
+        bad: counts the boxes that are none; None where networks find all, or a file is read.
     """
 
     inputs: PeopleInputs
     tracker: PeopleTracker
     class_of: Callable[[int], int] = lambda _: -1
     floor: float | None = None
+    bad: BadBoxes | None = None
 
 
 def open_people(
@@ -196,8 +200,10 @@ def open_people(
     threads = threads_of_a_call(source, finding.threads)
     kinds: Sequence[IntArray] = []
     floor: float | None = None
+    bad: BadBoxes | None = None
     if finding.classes is None:
         detect = people_detect(source, finding, PEOPLE_DETECTOR, threads)
+        bad = getattr(inner_detector(detect), "bad", None)
         if isinstance(detect, list) and linking.method == "flow" and finding.score_range is None:
             detect, floor = above_floor(detect, source.frame_rate)
     else:
@@ -212,13 +218,13 @@ def open_people(
     choice = score_choice(detect, ground) if unknown else None
     inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks, choice)
     if not isinstance(linking.method, str):
-        return OpenedPeople(inputs, _own_tracker(inputs, linking), floor=floor)
+        return OpenedPeople(inputs, _own_tracker(inputs, linking), floor=floor, bad=bad)
     # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
     known = knows_scores(detect)
     learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=known)
     fresh = partial(_fresh_tracker, inputs, linking, learnt, seed)
     if finding.classes is None:
-        return OpenedPeople(inputs, fresh(), floor=floor)
+        return OpenedPeople(inputs, fresh(), floor=floor, bad=bad)
     by_class = ByClass(fresh, kinds[source.frames_wanted.first :], finding.classes)
     return OpenedPeople(inputs, by_class, by_class.class_of)
 
@@ -259,6 +265,7 @@ def _opened(
 ) -> OpenedPeople:
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
     linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
+    Seed(seed).check()
     video = open_source(source, parse_frames(frames))
     known = [one.name for one in fields(PeopleFinding)]
     if unknown := [name for name in finding if name not in known]:
@@ -315,6 +322,8 @@ def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any],
     inputs, tracker = opened.inputs, opened.tracker
     facts: dict[str, Any] = {**devices_of(inputs.detect, inputs.describe)}
     lines: list[str] = []
+    if opened.bad is not None and opened.bad.bad:
+        facts["bad_boxes"] = opened.bad.bad
     if isinstance(tracker, FlowTracker):
         facts["flow"] = tracker.facts()
         lines += _lines_on_flow(tracker)
