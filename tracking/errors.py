@@ -34,6 +34,10 @@ class Interrupted(KeyboardInterrupt):
         self.number, self.kept = int(number), kept
 
 
+class Dropped(Interrupted):
+    """The call of a network was ended, for the user asked the run to end; `onnx.CALLS`."""
+
+
 def signal_of(error: KeyboardInterrupt) -> int:
     """The signal that ``error`` stands for."""
     return error.number if isinstance(error, Interrupted) else int(signal.SIGINT)

@@ -126,6 +126,16 @@ def suppress(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
     return np.asarray(kept, dtype=np.int64)
 
 
+def set_apart(boxes: FloatArray, classes: IntArray | None) -> FloatArray:
+    """``(N, 4)`` corners or ``(N, 5)`` rotated boxes, moved so that none of ``(N,)`` different classes overlap."""
+    if classes is None or not len(boxes):
+        return boxes
+    reach = 2 * np.abs(boxes[:, :4]).max() + 1
+    moved = boxes.copy()
+    moved[:, : 4 if boxes.shape[1] == 4 else 2] += 2 * reach * (classes - classes.min())[:, None]
+    return moved
+
+
 def suppress_rotated(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
     """As `suppress`, of ``(N, 5)`` rotated boxes (centre, size, radians clockwise)."""
     kept: list[int] = []

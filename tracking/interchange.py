@@ -4,7 +4,7 @@ Understood are arrays ``(N, 4)`` of boxes, ``(N, 5)`` with a score and ``(N, 6)`
 sequences of the same, objects with ``xyxy`` and ``confidence`` (supervision) or ``conf`` (ultralytics, whose results
 hold them under ``boxes``), and dictionaries with ``boxes`` and ``scores`` (torchvision). Tensors of any library that
 NumPy can read are arrays here, and an empty array of any shape is no detection. Boxes are ``x1, y1, x2, y2`` in pixels.
-What has no score gets 1.
+What has no score gets 1. Classes, and names of them where objects have some, stay with their boxes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.types import Detections, FloatArray
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 
 
 class BoxesWithConfidence(Protocol):
@@ -64,17 +64,27 @@ def as_detections(
     >>> len(as_detections([]))
     0
     """
-    if isinstance(found, Detections):
-        if classes is not None:
-            raise RequestError("expected detections that have classes, got Detections, which have none")
+    if not isinstance(found, Detections):
+        boxes, scores, labels = _parts(found)
+        known = None if labels is None else np.nan_to_num(labels, nan=-1).astype(np.int64)
+        found = _checked(boxes, scores, known, _names(found), counted)
+    if classes is None or not len(found):
         return found
-    boxes, scores, labels = _parts(found)
-    if classes is not None:
-        if labels is None:
-            raise RequestError("expected detections that have classes, got none; leave the argument classes out")
-        kept = np.isin(labels, list(classes))
-        boxes, scores = boxes[kept], scores[kept]
-    return _checked(boxes, scores, counted)
+    if found.classes is None:
+        raise RequestError("expected detections that have classes, got none; leave the argument classes out")
+    return found.select(np.isin(found.classes, list(classes)))
+
+
+def _names(found: Any) -> dict[int, str]:
+    """Names of classes by number, where results of Ultralytics (all) or supervision (of the boxes there) tell them."""
+    found = found[0] if isinstance(found, list | tuple) and len(found) == 1 else found
+    names = getattr(found, "names", None)
+    if isinstance(names, Mapping):
+        return {int(number): str(name) for number, name in names.items()}
+    data, numbers = getattr(found, "data", None), getattr(found, "class_id", None)
+    if isinstance(data, Mapping) and "class_name" in data and numbers is not None:
+        return {int(number): str(name) for number, name in zip(numbers, data["class_name"], strict=True)}
+    return {}
 
 
 def _parts(found: Any) -> tuple[FloatArray, FloatArray, FloatArray | None]:
@@ -147,12 +157,14 @@ class BadBoxes:
     bad: int = 0
 
 
-def _checked(boxes: FloatArray, scores: FloatArray, counted: BadBoxes | None = None) -> Detections:
+def _checked(
+    boxes: FloatArray, scores: FloatArray, classes: IntArray | None, names: dict[int, str], counted: BadBoxes | None
+) -> Detections:
     bad = ~np.isfinite(boxes).all(axis=1) | (boxes[:, 2:] <= boxes[:, :2]).any(axis=1) | np.isinf(scores)
     if not bad.any():
         if counted is not None:
             counted.given += len(bad)
-        return Detections(boxes, scores)
+        return Detections(boxes, scores, classes=classes, names=names)
     row, alone, counted = int(bad.argmax()), counted is None, counted or BadBoxes()
     told, fewest = counted.bad > 0, 1 if alone else FEWEST_BAD
     counted.given, counted.bad = counted.given + len(bad), counted.bad + int(bad.sum())
@@ -170,4 +182,6 @@ def _checked(boxes: FloatArray, scores: FloatArray, counted: BadBoxes | None = N
             InputWarning,
             stacklevel=3,
         )
-    return Detections(boxes[~bad], scores[~bad])
+    rows = np.flatnonzero(~bad)
+    kept = None if classes is None else classes[rows]
+    return Detections(boxes[rows], scores[rows], classes=kept, sources=rows, names=names)

@@ -28,6 +28,8 @@ except ImportError:  # elsewhere than on Unix nothing is locked
 
 RUN_FILE = "run.json"
 UNFINISHED = ".unfinished"
+# Columns of ``run.json`` that number frames: from 0 in Python, from 1 in the file.
+SHIFTED = ("frame", "frame_of_each_video")
 WORKING: set[Path] = set()
 """Folders that this process fills at the moment; they vanish with it."""
 VERSIONED_PACKAGES = ("tsuiseki", "numpy", "scipy", "opencv-python-headless", "onnxruntime", "onnxruntime-gpu")
@@ -137,10 +139,11 @@ class RunRecord:
         settings: every setting, defaults included.
         seed: of all random numbers.
         seconds: per stage.
-        frames: one list a name, all as long as ``frame``: frame numbers counted from 1, counts and scores.
+        frames: one list a name, all as long as ``frame``: frame numbers counted from 0, counts and scores.
         partial: the run was stopped before the end of its input, or before all was written.
         reason: why it is partial.
         facts: what the run found out about its input, or chose by itself.
+        results: what is known of the video beside the tracks, for each folder with some; see `formats.result_folder`.
     """
 
     command: Sequence[str]
@@ -151,6 +154,7 @@ class RunRecord:
     partial: bool = False
     reason: str = ""
     facts: Mapping[str, Any] = field(default_factory=dict)
+    results: Mapping[str, Any] = field(default_factory=dict)
 
     def write(self, folder: Path) -> None:
         """Write ``run.json`` into ``folder``; call it last, for it lists the files there."""
@@ -164,9 +168,19 @@ class RunRecord:
             "versions": versions(),
             "seconds": {stage: round(value, 4) for stage, value in self.seconds.items()},
             "files": sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()),
-            "frames": self.frames,
+            **({"results": self.results} if self.results else {}),
+            "frames": columns_shifted(self.frames, 1),
         }
         (folder / RUN_FILE).write_text(_readable(values), encoding="utf-8")
+
+
+def columns_shifted(columns: Mapping[str, Sequence[Any]], by: int) -> dict[str, Sequence[Any]]:
+    """Columns of a run's frames, whose numbers count from another one."""
+    return {name: _shifted(column, by) if name in SHIFTED else column for name, column in columns.items()}
+
+
+def _shifted(numbers: Sequence[Any], by: int) -> list[Any]:
+    return [None if n is None else _shifted(n, by) if isinstance(n, list) else n + by for n in numbers]
 
 
 def is_partial(folder: Path) -> bool:

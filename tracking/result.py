@@ -2,46 +2,68 @@
 
 from __future__ import annotations
 
-import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from html import escape
 from pathlib import Path
-from typing import Any, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
-from tsuiseki.tracking.output import RunRecord, output_folder
-from tsuiseki.tracking.types import Frame, ImageArray
-from tsuiseki.tracking.video.source import Source, image_size
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.exports import SUFFIXES, format_at, format_named, read_exported
+from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.formats.result_folder import filled_frames, read_folder
+from tsuiseki.tracking.formats.track_tables import cut_to, needed, read_table, table_of, tracks_of, write_table
+from tsuiseki.tracking.formats.tracked_video import TrackedVideo
+from tsuiseki.tracking.interchange import as_detections
+from tsuiseki.tracking.output import RunRecord, columns_shifted, output_file, output_folder
+from tsuiseki.tracking.types import Frame, ImageArray, Position, Targets, Track
+from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
+from tsuiseki.tracking.types.tracks import PointTable, targets_at
+from tsuiseki.tracking.video.frame_times import uneven
+from tsuiseki.tracking.video.source import Source, SourceLike, address_of, endless, image_size, open_source
+
+if TYPE_CHECKING:
+    import pandas
+    import supervision
 
 T_co = TypeVar("T_co", covariant=True)
 Writer = Callable[[Path, Path], object]
 """Writes one file: its path, and the folder in which the files before it lie."""
+# Endings of files that hold the tracks, and of videos.
+FILES = (".csv", ".json", ".parquet", ".txt")
+VIDEOS = (".mp4", ".webm")
+MOST_ROWS = 20
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result(Sequence[T_co]):
     """The tracks of a run, in a sequence.
 
+    Frames count from 0 here and in all that is asked of it; in files they count from 1.
+
     >>> import numpy as np
     >>> from tsuiseki.tracking.types import Track
     >>> one = Track(7, np.array([0]), np.array([[1.0, 1.0, 5.0, 9.0]]), np.array([0.9]), np.array([True]))
     >>> result = Result([one], source="street.mp4", frame_rate=25.0)
-    >>> len(result), result.by_id[7] is one
-    (1, True)
+    >>> len(result), result.by_id[7] is one, result.at(0).ids
+    (1, True, array([7]))
 
     Attributes:
         tracks: one for each person or object; of a ball in space, its position at each moment.
-        source: name of what was tracked in.
+        source: what was tracked in, as `open_source` takes it; of several videos the first; empty where there is none.
         frame_rate: frames a second of the source; 0 where there are none.
         size: width and height of a frame in pixels; None where not known.
         settings: of the run, by name, as for ``run.json``.
         facts: what the run measured of its input or chose by itself, by name.
         seconds: that each stage of the run took.
-        frames: what happened in each frame: columns by name, all as long as ``frame``, whose numbers count from 1.
-        files: what `save` writes, by name and in this order.
-        painter: gives the image of a frame with the tracks drawn in; None where there is nothing to draw on.
+        frames: what happened in each frame: columns by name, all as long as ``frame``, the numbers of the frames.
+        files: what `save` writes into a folder, by name and in this order; by default the tracks.
+        painter: gives the image of a frame with the tracks drawn in; by default boxes are.
+        names: of what a track has beside its place: the numbers of a body's state, or what people do.
+        points: of all animals, where a skeleton is known.
     """
 
     tracks: Sequence[T_co]
@@ -54,11 +76,71 @@ class Result(Sequence[T_co]):
     frames: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     files: Mapping[str, Writer] = field(default_factory=dict)
     painter: Callable[[Frame], ImageArray] | None = None
+    names: tuple[str, ...] = ()
+    points: PointTable | None = None
 
     @classmethod
     def of(cls, source: Source, tracks: Sequence[Any], **known: Any) -> Self:
         """The tracks in a video, with what it says of itself; ``known`` are the other attributes."""
-        return cls(tracks, source.name, source.frame_rate, image_size(source), **known)
+        frames = known.get("frames", {})
+        if "frame" in frames and "time" not in frames and not source.live and uneven(list(source.times.noted.values())):
+            at = source.times.at(frames["frame"], source.frame_rate).round(4).tolist()
+            known["frames"] = {**frames, "time": at}
+        return cls(tracks, address_of(source), source.frame_rate, image_size(source), **known)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Self:
+        """What `save` or a command wrote: a folder, or a file ``.csv``, ``.json``, ``.parquet`` or ``.txt``.
+
+        A folder, JSON and Parquet also tell the source, its rate and size, the settings and the facts. Tracks of CVAT,
+        COCO, Label Studio and YOLO are read, too.
+
+        Raises:
+            RequestError: there is nothing of this, or something else; Parquet needs pyarrow.
+        """
+        path, known = Path(path), dict[str, Any]()
+        tracks: list[Any]
+        if format_at(path):
+            read = read_exported(path).in_pixels(path)
+            tracks, known = [*read.tracks], {"frame_rate": read.frame_rate, "size": read.size}
+            known["frames"] = {"frame": list(range(read.length))} if read.length else {}
+        elif path.is_dir():
+            tracks, known = read_folder(path)
+        elif path.suffix.lower() == ".txt":
+            tracks = list(read_tracks(path))
+        elif path.suffix.lower() in FILES:
+            table, known = read_table(path)
+            tracks, known["frames"] = tracks_of(table), columns_shifted(known.get("frames", {}), -1)
+        else:
+            raise RequestError(f"expected the folder of a result, or a file {', '.join(FILES)}, got {path}")
+        known |= {name: tuple(known[name]) for name in ("size", "names") if known.get(name) is not None}
+        return cls(tracks, **{one.name: known[one.name] for one in fields(cls) if one.name in known})
+
+    @classmethod
+    def from_supervision(cls, detections: Iterable[supervision.Detections], **known: Any) -> Result[Track]:
+        """Tracks out of what supervision holds of each frame in order; ``known`` are attributes, as ``frame_rate``.
+
+        Raises:
+            RequestError: a detection has no ``tracker_id``.
+        """
+        parts, numbers, names = [], [], dict[int, str]()
+        for frame, found in enumerate(detections):
+            numbers.append(frame)
+            if len(found) and found.tracker_id is None:
+                raise RequestError(f"expected detections with tracker_id, got none in frame {frame}; track them first")
+            if len(found):
+                scores = np.ones(len(found)) if found.confidence is None else found.confidence
+                told = as_detections(found)
+                names |= told.names
+                columns = np.full(len(found), frame), found.tracker_id, found.xyxy, scores, told.origin[:, 1]
+                parts.append(np.column_stack(columns))
+        rows = np.concatenate(parts) if parts else np.empty((0, 8))
+        # supervision counts ids from 0 or from 1, as its tracker does.
+        ids = rows[:, 1] + (1 if len(rows) and rows[:, 1].min() == 0 else 0)
+        table = dict(zip(("x1", "y1", "x2", "y2", "score", "detection_class"), rows[:, 2:].T, strict=True))
+        table |= {"frame": rows[:, 0].astype(np.int64), "id": ids.astype(np.int64)}
+        tracks = [replace(track, names=names) for track in tracks_of(table)]
+        return Result(tracks, **{"frames": {"frame": numbers}, **known})
 
     def __len__(self) -> int:
         return len(self.tracks)
@@ -74,8 +156,28 @@ class Result(Sequence[T_co]):
         return self.tracks[index]
 
     def __repr__(self) -> str:
-        where = f" in {self.source}" if self.source else ""
-        return f"<Result: {len(self)} tracks{where}>"
+        where = f" in {self.name}" if self.source else ""
+        return f"<Result: {len(self)} {'track' if len(self) == 1 else 'tracks'}{where}>"
+
+    def _repr_html_(self) -> str:
+        """A table for notebooks: the tracks, from which frame to which."""
+        table = self._table()
+        ids = table.get("id", np.ones(len(table["score"]), np.int64) if "score" in table else np.empty(0, np.int64))
+        frames = table.get("frame", np.arange(len(ids)))
+        rows = ""
+        for number in np.unique(ids)[:MOST_ROWS].tolist():
+            own = frames[ids == number]
+            rows += f"<tr><td>{number}</td><td>{own.min()}</td><td>{own.max()}</td><td>{len(own)}</td></tr>"
+        more = len(np.unique(ids)) - MOST_ROWS
+        rows += f"<tr><td colspan=4>and {more} more</td></tr>" if more > 0 else ""
+        head = "<tr><th>id</th><th>first frame</th><th>last frame</th><th>frames</th></tr>"
+        return f"<p>{escape(repr(self)[1:-1])}; frames count from 0</p><table>{head}{rows}</table>"
+
+    @property
+    def name(self) -> str:
+        """Of the source, for people."""
+        short = Path(self.source.split("?")[0]).name or self.source or "images"
+        return f"webcam {short}" if short.isdecimal() else short
 
     @cached_property
     def by_id(self) -> Mapping[int, T_co]:
@@ -83,58 +185,228 @@ class Result(Sequence[T_co]):
         every: Sequence[Any] = self.tracks
         return {track.id: track for track in every}
 
-    def save(self, folder: str | Path, overwrite: bool = False) -> Path:
-        """Write the files that the command writes, and ``run.json``; returns the folder.
+    @property
+    def _boxed(self) -> list[Track] | None:
+        """The boxes of all tracks; None where they have none."""
+        every: Sequence[Any] = self.tracks
+        boxes = [getattr(track, "track", track) for track in every]
+        return boxes if all(isinstance(track, Track) for track in boxes) else None
+
+    def _table(self) -> dict[str, Any]:
+        """The table of the tracks; of boxes with ``time``, where it is known."""
+        table = table_of(self.tracks, self.names)
+        return self._timed(table) if "x1" in table else table
+
+    def _timed(self, table: dict[str, Any]) -> dict[str, Any]:
+        if "frame" not in table or "time" in table or not self.frame_rate > 0:
+            return table
+        numbers, times = self.frames.get("frame", ()), self.frames.get("time")
+        even = table["frame"] / self.frame_rate
+        return table | {"time": even if times is None else np.interp(table["frame"], numbers, times)}
+
+    def at(self, frame: int) -> Targets | list[T_co]:
+        """What is in a frame: the `Targets` there, of bodies and sensed targets their tracks, cut to this frame.
 
         Args:
-            folder: for the result; made where it does not exist.
-            overwrite: replace an earlier result in it.
+            frame: counted from 0; of a ball in space, the number of the moment.
+        """
+        boxes = self._boxed
+        if boxes is not None:
+            return targets_at(boxes, frame)
+        if isinstance(self.tracks[0], Position):
+            return list(self.tracks[frame : frame + 1])
+        return [part for track in self.tracks if (part := cut_to(track, frame)) is not None]
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """A row for each track in each frame, by frame and id; the columns are those of `formats.track_tables`.
+
+        Where it is known, ``time`` are seconds of the source.
 
         Raises:
-            RequestError: the folder holds files and ``overwrite`` is False, or it cannot be written to.
+            RequestError: pandas is not installed.
         """
-        with output_folder(Path(folder), overwrite) as work:
-            for name, write in self.files.items():
+        frame: pandas.DataFrame = needed("pandas", "a data frame").DataFrame(self._timed(self._table()))
+        return frame
+
+    def to_supervision(self) -> list[supervision.Detections]:
+        """Each frame from 0 to the last as supervision holds it, with ``tracker_id``; boxes filled in are there, too.
+
+        Raises:
+            RequestError: supervision is not installed, or the tracks have no boxes.
+        """
+        boxes = self._boxed
+        if boxes is None:
+            raise RequestError("expected tracks of boxes for supervision, got others")
+        make = needed("supervision", "`to_supervision`").Detections
+        table = table_of(boxes)
+        last = max([*self.frames.get("frame", ()), *table["frame"][-1:].tolist()], default=-1)
+        edges = np.searchsorted(table["frame"], np.arange(last + 2))
+        corners = np.column_stack([table[name] for name in ("x1", "y1", "x2", "y2")])
+        told = {"class_id": table["class_id"]} if "class_id" in table else {}
+        return [
+            make(
+                xyxy=corners[a:b],
+                confidence=table["score"][a:b],
+                tracker_id=table["id"][a:b],
+                **{name: column[a:b] for name, column in told.items()},
+            )
+            for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
+        ]
+
+    @cached_property
+    def _paint(self) -> Callable[[Frame], ImageArray]:
+        if self.painter is not None:
+            return self.painter
+        boxes = self._boxed
+        if boxes is None:
+            raise RequestError("only the run that made these tracks can draw them; a file keeps no outlines")
+        from tsuiseki.tracking.report.overlay import Overlay
+
+        return Overlay(boxes, self.frame_rate).draw
+
+    def draw(self, image: ImageArray, frame: int) -> ImageArray:
+        """A copy of an image with the tracks drawn in.
+
+        Args:
+            image: ``(H, W, 3)`` uint8 RGB.
+            frame: its number, counted from 0.
+
+        Raises:
+            RequestError: the image has another size than the source, or there is nothing that can be drawn.
+        """
+        image = np.asarray(image)
+        if self.size is not None and image.shape[1::-1] != self.size:
+            width, height = self.size
+            raise RequestError(f"expected an image of {width}x{height} pixels, got shape {image.shape}")
+        return self._paint(Frame(frame, frame / (self.frame_rate or 1.0), image))
+
+    def overlay(self, path: str | Path, source: SourceLike | None = None, overwrite: bool = False) -> Path:
+        """Write the video with the tracks drawn in; returns its path.
+
+        Args:
+            path: ends in ``.mp4`` (H.264 where OpenCV or PyAV writes it, or else VP9) or ``.webm``.
+            source: the video; by default the one that was tracked in.
+            overwrite: replace an earlier file.
+
+        Raises:
+            RequestError: the ending is another, the file exists, or the video cannot be played again.
+            RunError: the video breaks off, or cannot be written.
+        """
+        from tsuiseki.tracking.report.overlay import write_drawn
+
+        path = Path(path)
+        if path.suffix.lower() not in VIDEOS:
+            raise RequestError(f"expected the name of a video {' or '.join(VIDEOS)}, got {path}")
+        if source is None and not self.source:
+            raise RequestError("expected a `source` to draw on, for the tracks come from none")
+        numbers = self.frames.get("frame")
+        wanted = self.settings.get("frames")
+        stretch = parse_frames(wanted if isinstance(wanted, str) else None)
+        opened = open_source(
+            self.source if source is None else source, FrameRange(numbers[0], numbers[-1]) if numbers else stretch
+        )
+        if endless(opened) or not opened.has_images:
+            raise RequestError(f"{opened.name} has no pictures that can be played again; give a `source` that has")
+        frames = opened.frames()
+        with output_file(path, overwrite) as work:
+            rate = self.frame_rate or opened.frame_rate
+            write_drawn(work, frames, rate, lambda frame: self.draw(frame.image, frame.index))
+        return path
+
+    def known(self) -> dict[str, Any]:
+        """What ``run.json`` keeps of the video beside the tracks, see `formats.result_folder`."""
+        source = str(Path(self.source).resolve()) if self.source and Path(self.source).exists() else self.source
+        filled = filled_frames(self.tracks)
+        about = {"source": source, "frame_rate": self.frame_rate, "size": self.size}
+        return about | ({"filled": filled} if filled else {})
+
+    def save(
+        self, path: str | Path, overwrite: bool = False, to: str | None = None, video: str | Path | None = None
+    ) -> Path:
+        """Write the tracks into a file, or the files that the command writes and ``run.json`` into a folder.
+
+        Args:
+            path: a file of a format by its suffix, such as ``.csv``, ``.parquet``, ``.txt`` (MOTChallenge) or ``.xml``
+                (CVAT); any other name is that of a folder, which is made where it does not exist.
+            overwrite: replace an earlier result.
+            to: name of the format, see `formats.exports`; it is needed where several have the suffix, or a folder.
+            video: the source, where a format needs the size of the frames and the result does not know it.
+
+        Returns:
+            The path.
+
+        Raises:
+            RequestError: the file exists, or the folder holds files, and ``overwrite`` is False; it cannot be written
+                to; there is no such format, or it cannot hold these tracks; or it needs a package.
+        """
+        path, ending = Path(path), Path(path).suffix.lower()
+        if to is None and (path.is_dir() or not ending[1:].isalnum() or ending[1:].isdecimal()):
+            return self._save_folder(path, overwrite)
+        if to is None and ending not in SUFFIXES:
+            raise RequestError(f"expected the name of a folder, or of a file {', '.join(SUFFIXES)}, got {path}")
+        name = SUFFIXES[ending] if to is None else to
+        form = format_named(name)
+        what = self._tracked_video(video, form.sized)
+        form.check(name, path, what)
+        with (output_file if form.suffix else output_folder)(path, overwrite) as work:
+            form.write(work, what)
+        return path
+
+    def _tracked_video(self, video: str | Path | None, sized: bool) -> TrackedVideo:
+        """The tracks for a file, of which some need the size of the frames."""
+        source = str(video or self.source)
+        there = bool(video) or (bool(source) and Path(source).exists())
+        opened = open_source(source) if there and (video or sized) else None
+        size, seen = self.size, image_size(opened) if opened else None
+        if size is not None and video and seen is not None and seen != size:
+            raise RequestError(f"{video}: expected frames of {size[0]}x{size[1]}, as tracked, got {seen[0]}x{seen[1]}")
+        size = size or seen
+        if sized and size is None:
+            raise RequestError("expected the size of the frames, which this result does not tell; give its `video`")
+        boxes, about = self._boxed or [], ("settings", "facts", "seconds", "names")
+        known = self.known() | {name: getattr(self, name) for name in about}
+        return TrackedVideo(
+            boxes,
+            Path(source).name or "video",
+            self.frame_rate or (opened.frame_rate if opened else 0.0),
+            size,
+            (opened.length if opened else None) or max(self.frames.get("frame", ()), default=-1) + 1,
+            images=tuple(path.name for path in getattr(opened, "images", ())),
+            points=self.points,
+            table=self._table(),
+            known=known | {"frames": columns_shifted(self.frames, 1)},
+        )
+
+    def _save_folder(self, folder: Path, overwrite: bool) -> Path:
+        files = self.files or {"tracks.csv": lambda path, _: write_table(path, self._table(), {})}
+        with output_folder(folder, overwrite) as work:
+            for name, write in files.items():
                 write(work / name, work)
             seed = int(self.settings.get("seed", 0))
             record = RunRecord(["tsuiseki"], self.settings, seed, self.seconds, self.frames, facts=self.facts)
-            record.write(work)
-        return Path(folder)
+            replace(record, results={".": self.known()}).write(work)
+        return folder
 
 
-@dataclass
-class StageTimes:
-    """Wall-clock seconds per stage: together no more than the run took.
+def convert(
+    result: str | Path | Result[Any],
+    to: str,
+    out: str | Path,
+    video: str | Path | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Write a result into the file of another program; returns its path.
 
-    While several threads work, each moment is shared out among the stages that they are in; of stages within each other
-    the inner one counts.
+    Args:
+        result: what a command wrote, see `Result.load`; or a result.
+        to: name of the format, see `formats.exports`.
+        out: file or folder to write.
+        video: the source, where the format needs the size of the frames and the result does not know it.
+        overwrite: replace an earlier file.
+
+    Raises:
+        RequestError: the result cannot be read, or see `Result.save`.
     """
-
-    seconds: dict[str, float] = field(default_factory=dict)
-    _under_way: dict[int, list[str]] = field(default_factory=dict, repr=False, compare=False)
-    _last: float = field(default=0.0, repr=False, compare=False)
-    _lock: threading.Lock = field(default_factory=threading.Lock, repr=False, compare=False)
-
-    @contextmanager
-    def measure(self, stage: str) -> Iterator[None]:
-        """Add the time spent inside the ``with`` block to ``stage``."""
-        thread = threading.get_ident()
-        with self._lock:
-            self._share_out()
-            self._under_way.setdefault(thread, []).append(stage)
-        try:
-            yield
-        finally:
-            with self._lock:
-                self._share_out()
-                self._under_way[thread].remove(stage)
-                if not self._under_way[thread]:
-                    del self._under_way[thread]
-
-    def _share_out(self) -> None:
-        """The time since the last call among the stages that are under way."""
-        now = time.perf_counter()
-        for stages in self._under_way.values():
-            share = (now - self._last) / len(self._under_way)
-            self.seconds[stages[-1]] = self.seconds.get(stages[-1], 0.0) + share
-        self._last = now
+    format_named(to)
+    loaded: Result[Any] = result if isinstance(result, Result) else Result.load(result)
+    return loaded.save(out, overwrite, to, video)

@@ -47,7 +47,7 @@ from tsuiseki.tracking.formats.rotated import (
     read_rotated_labels,
 )
 from tsuiseki.tracking.geometry import rotated_iou
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.image_folder import read_image

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,27 +24,18 @@ from tsuiseki.tracking.cli.options import Output, Video
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.formats.body_states import write_states
-from tsuiseki.tracking.result import Result, StageTimes, Writer
+from tsuiseki.tracking.formats.result_folder import POINTS
+from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.source import Source, SourceLike, named
 
 SETTINGS = AnimalSettings()
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class AnimalResult(Result[BodyTrack]):
-    """Animals, and their points.
-
-    Attributes:
-        points: of all animals, where a skeleton is known.
-    """
-
-    points: PointTable | None = None
-
-
 def track_animals(
-    source: str | Path | int,
+    source: SourceLike,
     *,
     contrast: Contrast = "auto",
     threshold: float | None = None,
@@ -53,7 +43,7 @@ def track_animals(
     frames: str | None = None,
     settings: AnimalSettings | None = None,
     seed: int = 0,
-) -> AnimalResult:
+) -> Result[BodyTrack]:
     """Several animals before a fixed camera: place, heading and size of each in every frame.
 
     Args:
@@ -73,8 +63,8 @@ def track_animals(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    opened = Video(source=str(source), frames=frames).open(images=True, replayable=True)
-    skeleton, made = skeleton or SkeletonSettings(), {"contrast": contrast, "source": str(source), "seed": seed}
+    opened = Video.given(source, frames).open(images=True, replayable=True)
+    skeleton, made = skeleton or SkeletonSettings(), {"contrast": contrast, "source": named(source), "seed": seed}
     return animal_result(
         opened,
         opened.frames(),
@@ -99,7 +89,7 @@ def animal_result(
     times: StageTimes,
     made: Mapping[str, Any],
     scale: float | None = None,
-) -> AnimalResult:
+) -> Result[BodyTrack]:
     """The result of a run.
 
     Args:
@@ -140,18 +130,19 @@ def animal_result(
 
         return draw_animals(frame, tracks, placed)
 
-    return AnimalResult.of(
+    return Result[BodyTrack].of(
         source,
         tracks,
         settings=made,
         facts=facts,
         seconds=times.seconds,
-        frames={"frame": [n + 1 for n in numbers], "animals": [len(poses) for poses in seen]},
+        frames={"frame": numbers, "animals": [len(poses) for poses in seen]},
         files={
             "states.csv": lambda path, _: write_states(path, tracks, fields),
             **({} if placed is None else _point_files(placed, numbers[-1] + 1)),
         },
         painter=draw,
+        names=tuple(fields),
         points=placed,
     )
 
@@ -275,7 +266,7 @@ def _point_files(placed: PointTable, frames: int) -> dict[str, Writer]:
     from tsuiseki.tracking.formats.sleap_hdf5 import hdf5_installed, write_sleap_analysis
 
     files: dict[str, Writer] = {
-        "points.sleap.csv": lambda path, _: write_sleap(path, placed),
+        POINTS: lambda path, _: write_sleap(path, placed),
         "points.dlc.csv": lambda path, _: write_deeplabcut(path, placed, frames),
     }
     if hdf5_installed():

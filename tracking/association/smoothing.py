@@ -86,7 +86,8 @@ def fill_gaps(track: Track, settings: GapSettings, clock: Callable[[IntArray], I
     scores = np.concatenate([track.scores, np.interp(wanted, known, track.scores)])
     observed = np.concatenate([track.observed, np.zeros(len(added), dtype=np.bool_)])
     order = np.argsort(frames, kind="stable")
-    return Track(track.id, frames[order], boxes[order], scores[order], observed[order])
+    origin = np.concatenate([track.origin, np.full((len(added), 2), -1)])
+    return Track(track.id, frames[order], boxes[order], scores[order], observed[order], origin[order], track.names)
 
 
 def _is_supported(track: Track, gap: int, settings: GapSettings) -> bool:

@@ -25,10 +25,11 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import StandingOut, video_background
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.formats.body_states import write_states
-from tsuiseki.tracking.result import Result, StageTimes
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.source import Source, SourceLike, endless, named
 
 
 class BodyKeywords(TypedDict, total=False):
@@ -55,9 +56,7 @@ class BodyKeywords(TypedDict, total=False):
     seed: int
 
 
-def track_deformable(
-    source: str | Path | int, body: str = "goldfish", **keywords: Unpack[BodyKeywords]
-) -> Result[BodyTrack]:
+def track_deformable(source: SourceLike, body: str = "goldfish", **keywords: Unpack[BodyKeywords]) -> Result[BodyTrack]:
     """Bodies that bend: place, heading and bend of each in every frame.
 
     Args:
@@ -74,14 +73,14 @@ def track_deformable(
         RunError: the video breaks off.
     """
     opened, tracker = _opened(source, body, **keywords)
-    if opened.live and opened.frames_wanted.last is None:
+    if endless(opened):
         raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_deformable")
-    made = {"body": body, "source": str(source), "seed": keywords.get("seed", 0)}
+    made = {"body": body, "source": named(source), "seed": keywords.get("seed", 0)}
     return body_result(opened, tracker, opened.frames(), StageTimes(), made)
 
 
 def follow_deformable(
-    source: str | Path | int, body: str = "goldfish", **keywords: Unpack[BodyKeywords]
+    source: SourceLike, body: str = "goldfish", **keywords: Unpack[BodyKeywords]
 ) -> Iterator[tuple[Frame, list[BodyTrack]]]:
     """Each frame with the bodies in it, each as a track of this one frame, while the video comes.
 
@@ -98,8 +97,8 @@ def follow_deformable(
     return each()
 
 
-def _opened(source: str | Path | int, body: str, **keywords: Unpack[BodyKeywords]) -> tuple[Source, DeformableTracker]:
-    opened = Video(source=str(source), frames=keywords.get("frames")).open(images=True)
+def _opened(source: SourceLike, body: str, **keywords: Unpack[BodyKeywords]) -> tuple[Source, DeformableTracker]:
+    opened = Video.given(source, keywords.get("frames")).open(images=True)
     init, motion = keywords.get("init"), keywords.get("motion")
     choice = BodyChoice(
         body,
@@ -179,18 +178,19 @@ def body_result(
         frames=columns_of(tracks, numbers),
         files={"states.csv": lambda path, _: write_states(path, tracks, body.fields), "states.png": plot},
         painter=draw,
+        names=tuple(body.fields),
     )
 
 
 def columns_of(tracks: Sequence[BodyTrack], frames: Sequence[int]) -> dict[str, list[Any]]:
-    """Frame from 1, bodies that are tracked in it, and the score of each body."""
+    """Frame from 0, bodies that are tracked in it, and the score of each body."""
     seen = [0] * len(frames)
     scores: dict[str, list[Any]] = {}
     for track in tracks:
         scores[f"score_{track.id}"] = [round(float(score), 4) for score in track.scores]
         for frame, tracking in zip(track.frames, track.tracking, strict=True):
             seen[int(frame) - frames[0]] += int(tracking)
-    return {"frame": [index + 1 for index in frames], "tracking": list(seen), **scores}
+    return {"frame": list(frames), "tracking": list(seen), **scores}
 
 
 def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:

@@ -102,7 +102,7 @@ TRACK = {
     "sphere": (".sphere.run:sphere", "a ball in space, from calibrated cameras"),
     "drone": (".drone.run:drone", "people seen from a drone, and what they do"),
     "blobs": (".points.run:blobs", "objects of a colour, or measured points"),
-    "points": (".points.run:points", "targets from the measurements of a sensor"),
+    "points": (".points.measured:points", "targets from the measurements of a sensor"),
     "deformable": (".bodies.run:deformable", "bodies that bend, such as fish from above"),
     "animals": (".animals.run:animals", "several animals before a fixed camera"),
     "fisheye": (".fisheye.run:fisheye", "people under ceiling cameras, and where on the floor"),
@@ -142,6 +142,9 @@ COMMANDS: Tree = {
     "models": Group("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
     "calibrate": Group("find out where cameras are and how they see", "tracking.calibrate.run", CALIBRATE),
     "track": Group("follow something through a video with exported models", "tracking", TRACK),
+    "hide": Command("tracking.people.hiding:hide_people", "hide people in a video that was tracked"),
+    "count": Command("tracking.answers.run:count", "who crosses lines and stays in zones, from a finished result"),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
+    "convert": Command("tracking.cli.convert:convert", "write a result into the file of another program"),
     "reproduce": Group(f"{PAPER} {EXTRA}", "trainers.experiments", REPRODUCE),
 }

@@ -26,11 +26,32 @@ class Deadline:
 
     Attributes:
         keeps: a signal lets it write what is finished.
-        answered: it has heard the signal, and writes.
+        answered: signals that it has heard: after the first it writes, after the next it ends.
     """
 
     def __init__(self) -> None:
-        self.keeps = self.answered = False
+        self.keeps = self._droppable = False
+        self.answered = 0
+        self._lock = threading.RLock()
+
+    @contextmanager
+    def droppable(self) -> Iterator[None]:
+        """Within the ``with`` block a signal ends the networks under way, by `Dropped`."""
+        self._droppable = True
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._droppable = False
+                self.drop(False)
+
+    def drop(self, now: bool = True) -> None:
+        """End the networks under way, where what they work on is `droppable`."""
+        # Loaded only where networks run.
+        calls = getattr(sys.modules.get("tsuiseki.tracking.onnx"), "CALLS", None)
+        with self._lock:
+            if calls is not None and now == self._droppable:
+                calls.terminate = now
 
     @contextmanager
     def held(self, numbers: Sequence[int]) -> Iterator[None]:
@@ -38,7 +59,7 @@ class Deadline:
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        self.keeps = self.answered = False
+        self.keeps, self.answered = False, 0
         hears, tells = os.pipe()
         os.set_blocking(tells, False)
         before, over = signal.set_wakeup_fd(tells, warn_on_full_buffer=False), threading.Event()
@@ -54,17 +75,22 @@ class Deadline:
             os.close(hears)
 
     def _watch(self, hears: int, numbers: Sequence[int], over: threading.Event) -> None:
+        asked = 0
         while heard := os.read(hears, 1):
             if heard[0] not in numbers:
                 continue
-            begin = time.monotonic()
-            while not over.wait(0.02) and not (self.keeps and self.answered):
+            asked, begin = asked + 1, time.monotonic()
+            self.drop()
+            while not over.wait(0.02) and not (self.keeps and self.answered >= asked):
+                self.drop()
                 waited = time.monotonic() - begin - (KEEPING - SOON if self.keeps else 0)
                 # Processes that it waits for have had the time to clean up.
                 for child in active_children() if waited > SOON / 2 else ():
                     child.kill()
                 if waited > SOON:
                     _leave(heard[0])
+            if asked == 1 and not over.wait(SOON):
+                _say("interrupted; what is finished is being written; once more ends at once")
 
 
 def _leave(number: int) -> None:
@@ -73,9 +99,13 @@ def _leave(number: int) -> None:
         child.kill()
     for folder in [*WORKING]:
         shutil.rmtree(folder, ignore_errors=True)
-    with suppress(OSError, ValueError):
-        print("tsuiseki: interrupted in the middle of a long step; nothing was written", file=sys.stderr, flush=True)
+    _say("interrupted in the middle of a long step; nothing was written")
     os._exit(128 + number)
+
+
+def _say(line: str) -> None:
+    with suppress(OSError, ValueError):
+        print(f"tsuiseki: {line}", file=sys.stderr, flush=True)
 
 
 DEADLINE = Deadline()

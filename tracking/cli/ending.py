@@ -69,7 +69,7 @@ def on_signals(handler: Callable[[int, FrameType | None], object]) -> Iterator[N
 
 
 def _interrupt(number: int, _: FrameType | None) -> None:
-    DEADLINE.answered = True
+    DEADLINE.answered += 1
     raise Interrupted(number)
 
 

@@ -13,8 +13,8 @@ A command is a function of typed options; those that several commands share stan
         return run.status
 
 * `Run.frames` ends where the source breaks off; `Run.steps` ends where it does or where the user interrupts (Ctrl-C,
-  TERM, HUP), in both cases between two steps: what follows writes what is finished. Before the first finished step,
-  either is an end without a result. A second interrupt ends at once.
+  TERM, HUP), in both cases between two steps: networks under way are dropped, what follows writes what is finished.
+  Before the first finished step, either is an end without a result. A second interrupt ends at once.
 * `Run.write` makes a file whole or not at all. What it has written is kept from then on, even where something later
   fails. `Run.draw` makes what takes long and can be missed: an interrupt or a full disk there costs nothing else.
 * At the end of the ``with`` block the files come to lie in the output folder with ``run.json``, marked partial where
@@ -24,8 +24,9 @@ A command is a function of typed options; those that several commands share stan
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path, PurePath
@@ -35,9 +36,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from tsuiseki.tracking.cli.deadline import DEADLINE
 from tsuiseki.tracking.cli.ending import DONE, FAILED, LATE, NOTES, complain, on_signals, said_of
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.errors import Interrupted, RunError, signal_of
+from tsuiseki.tracking.errors import Dropped, Interrupted, RunError, signal_of
 from tsuiseki.tracking.output import RunRecord, output_folder
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.weights.catalogue import records_of
 
@@ -49,6 +50,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 PARTS = ".parts"
+# Seconds within which a signal that comes again is the same: `timeout` sends it to the process and to its group.
+TWICE = 0.3
 
 
 class Run:
@@ -58,6 +61,7 @@ class Run:
         times: seconds of each stage.
         columns: what happened in each frame, for ``run.json``: one list a column.
         facts: what the run found out about its input, or chose by itself; likewise.
+        results: what is known of each result, by its folder; likewise.
         sources: videos that it read.
         count: finished steps.
         status: exit status, known after the ``with`` block.
@@ -69,9 +73,10 @@ class Run:
         self.times = StageTimes()
         self.columns: Mapping[str, Sequence[Any]] = {}
         self.facts: dict[str, Any] = {}
+        self.results: dict[str, Any] = {}
         self.sources: list[Source] = []
         self.count, self._before = 0, 0
-        self.status, self.asked = DONE, 0
+        self.status, self.asked, self._asked_at = DONE, 0, 0.0
         self._patient = self._written = False
         self._summary = self._reason = ""
         self._first: int | None = None
@@ -89,11 +94,14 @@ class Run:
 
     def _ask(self, number: int, _: FrameType | None = None) -> None:
         """The first interrupt waits for the end of a step, where there are steps."""
-        DEADLINE.answered = True
+        DEADLINE.answered += 1
+        if self.asked == number and time.monotonic() - self._asked_at < TWICE:
+            return
         if self.asked or not self._patient:
             DEADLINE.keeps = self._written or self._live
             raise Interrupted(number)
-        self.asked = number
+        self.asked, self._asked_at = number, time.monotonic()
+        DEADLINE.drop()
 
     def frames(self, source: Source, record: bool = False) -> Iterator[Frame]:
         """The frames of ``source``, up to where it breaks off.
@@ -151,7 +159,7 @@ class Run:
         self._before = before
         watched, end = progress(items, what, total), object()
         try:
-            while not self.asked and (item := next(watched, end)) is not end:
+            while (item := self._next(watched, end)) is not end:
                 yield item  # type: ignore[misc]
                 self.count += 1
                 DEADLINE.keeps = True
@@ -162,6 +170,12 @@ class Run:
         watched.close()
         if self.count == before:
             raise Interrupted(self.asked) if self.asked else RunError("expected frames, got none")
+
+    def _next(self, items: Iterator[T], end: object) -> T | object:
+        """The next of ``items``, or ``end``, also where an interrupt ends the networks that work on it."""
+        with DEADLINE.droppable(), suppress(Dropped):
+            return end if self.asked else next(items, end)
+        return end
 
     @contextmanager
     def waiting(self) -> Iterator[None]:
@@ -231,6 +245,7 @@ class Run:
         """
         self.columns = result.frames
         self.facts |= result.facts
+        self.results[folder or "."] = result.known()
         for pages in (False, True):
             for name, write in result.files.items():
                 if name.endswith(".html") == pages:
@@ -295,7 +310,8 @@ class Run:
         for name, found in (("notes", [*NOTES]), ("models", records_of(settings.values()))):
             facts |= {name: found} if found else {}
         record = RunRecord(command, settings, int(settings.get("seed", 0)), seconds, self.columns)
-        record.partial, record.reason, record.facts = bool(self._reason), self._reason, facts
+        record.partial, record.reason = bool(self._reason), self._reason
+        record.facts, record.results = facts, self.results
         record.write(self.work)
 
     def _facts_of_sources(self) -> dict[str, Any]:
@@ -307,16 +323,12 @@ class Run:
             facts = {} if source.live else uneven(list(source.times.noted.values()))
             gaps = getattr(source, "gaps", [])
             found[source.name] = {"timed_by": source.timed_by, **facts, **({"gaps": gaps} if gaps else {})}
-            if facts and len(self.sources) == 1 and "frame" in self.columns and "time" not in self.columns:
-                numbers = [number - 1 for number in self.columns["frame"]]
-                at = source.times.at(numbers, source.frame_rate).round(4).tolist()
-                self.columns = {**self.columns, "time": at}
         return {"frame_times": found} if found else {}
 
     def _report(self) -> None:
         if self._reason:
             numbers = self.columns.get("frame")
-            place = f"frame {numbers[-1]}" if numbers else f"{self.count} steps"
+            place = f"frame {numbers[-1] + 1}" if numbers else f"{self.count} steps"
             where = f" up to {place}" if self.count else ""
             complain(f"{self._reason}; the partial result{where} is in {self.output.out}, marked in its run.json", 0)
         elif self._summary:

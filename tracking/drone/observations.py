@@ -31,7 +31,7 @@ from tsuiseki.tracking.features.exported import Describe, Detect
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.onnx import weight_files
 from tsuiseki.tracking.output import whole_file
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.image_folder import ImageFolder

@@ -41,7 +41,7 @@ def action_page(result: DroneResult, folder: Path) -> str:
     time = section("Time", seconds_table(result.seconds, len(frames)))
     people = f"{len(result)} {'person' if len(result) == 1 else 'people'}"
     introduction = f"{people} in {len(frames)} frames at {result.frame_rate:g} a second."
-    return html_page(f"People in {result.source}", introduction, [video, action_timelines(result), time])
+    return html_page(f"People in {result.name}", introduction, [video, action_timelines(result), time])
 
 
 def action_timelines(result: DroneResult) -> str:
@@ -64,4 +64,4 @@ def _timeline(person: ActingTrack, result: DroneResult) -> str:
             found = spans(track.frames, called[:, a].astype(np.int64))
             name = result.names[a]
             rows.append((name, [Bar(span.first, span.last, name, track.id) for span in found if span.value]))
-    return timeline(rows, frames[0] - 1, frames[-1] - frames[0] + 1, f"person {track.id}", left=150)
+    return timeline(rows, frames[0], frames[-1] - frames[0] + 1, f"person {track.id}", left=150)

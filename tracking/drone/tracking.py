@@ -31,10 +31,11 @@ from tsuiseki.tracking.people.inputs import GivenDetections
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.tracker import FrameLog, shifted
 from tsuiseki.tracking.people.whole_flow import long_tracks
-from tsuiseki.tracking.result import Result, StageTimes
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
-from tsuiseki.tracking.video.source import Source, image_size
+from tsuiseki.tracking.video.source import Source, SourceLike, image_size, named
 
 # Probability above which an action is named.
 NAMED = 0.4
@@ -42,7 +43,7 @@ METHODS: tuple[DroneMethod, ...] = ("flow", "flow-saf", "flow-maf")
 
 
 def track_drone(
-    source: str | Path,
+    source: SourceLike,
     method: DroneMethod = "flow-maf",
     *,
     detections: GivenDetections | None = None,
@@ -82,7 +83,7 @@ def track_drone(
     """
     if method not in METHODS:
         raise RequestError(f"expected the method {', '.join(METHODS)}, got {method!r}")
-    opened = Video(source=str(source), frames=frames).open(images=True, replayable=True)
+    opened = Video.given(source, frames).open(images=True, replayable=True)
     given: Any = {"detections": detections, "detector": detector}
     finding = FindingOptions(**given, threads=threads, device=device, view="auto")
     streams = None if actions is None else [Path(path) for path in actions]
@@ -90,7 +91,7 @@ def track_drone(
     times = StageTimes()
     changes = None if affinity is None else CostNetwork(affinity, threads)
     observations = observe(opened.frames(), models.observers, times)
-    made = {"method": method, "source": str(source), "seed": seed}
+    made = {"method": method, "source": named(source), "seed": seed}
     return link(observations, opened, models, method, settings or DroneSettings(), times, made, changes)
 
 
@@ -99,11 +100,9 @@ class DroneResult(Result[ActingTrack]):
     """People and what they do.
 
     Attributes:
-        names: of the actions.
         threshold: an action is named where its probability is above.
     """
 
-    names: tuple[str, ...] = ()
     threshold: float = NAMED
 
     @property

@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -19,14 +19,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.chosen_classes import ChosenClasses
 from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
-from tsuiseki.tracking.geometry import clip_boxes, straddling, suppress
+from tsuiseki.tracking.geometry import clip_boxes, set_apart, straddling, suppress
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import MissingCardError, OnnxModel
 from tsuiseki.tracking.preprocessing import check_images, crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types.class_choice import ClassChoice, only_people
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.tracking.weights.catalogue import find_model
 
@@ -77,9 +79,15 @@ class Detector:
         iou_threshold: of the non-maximum suppression; in [0, 1].
         threads: CPU threads; 0 takes all cores.
         device: what to run on, see `opened_on`; afterwards what it runs on.
+        classes: that are looked for, numbered from 1; by default all, whose detections then bear no class.
+
+    Attributes:
+        wanted: names by number of the classes that are looked for; empty where they are not told apart.
+        across: boxes of different classes suppress each other.
+        people_only: nothing else is looked for.
 
     Raises:
-        RequestError: the file is no detector (see `OnnxModel`).
+        RequestError: the file is no detector (see `OnnxModel`), or lacks a class.
     """
 
     def __init__(
@@ -89,6 +97,7 @@ class Detector:
         iou_threshold: float = 0.5,
         threads: int = 0,
         device: Device = "auto",
+        classes: ClassChoice | None = None,
     ) -> None:
         self.model = OnnxModel(path, "detector", threads, device)
         self.device = self.model.device
@@ -100,6 +109,12 @@ class Detector:
                 f"{path}: expected outputs logits, offsets and anchors, got {', '.join(self.model.output_names)}; "
                 "export the detector again"
             )
+        names = dict(enumerate(card.class_names, start=1))
+        self.across = classes is None or classes.across
+        self.wanted: Mapping[int, str] = (
+            {} if classes is None else {n: names[n] for n in classes.numbers(names, names, path)}
+        )
+        self.people_only = only_people(self.wanted)
 
     @property
     def input_size(self) -> tuple[int, int]:
@@ -139,22 +154,26 @@ class Detector:
         margin = logits[:, 1:].max(axis=1) - logits[:, 0]
         candidates = np.flatnonzero(margin >= np.log(threshold / (1 - threshold)))
         exponentials = np.exp(logits[candidates] - logits[candidates].max(axis=1, keepdims=True))
-        scores = exponentials[:, 1:].max(axis=1) / exponentials.sum(axis=1)
-        kept = scores >= self.score_threshold
-        candidates, scores = candidates[kept], scores[kept]
+        wanted = np.array([*self.wanted], dtype=np.int64)
+        every = exponentials[:, wanted] if len(wanted) else exponentials[:, 1:].max(axis=1, keepdims=True)
+        every = every / exponentials.sum(axis=1, keepdims=True)
+        rows, columns = np.nonzero(every >= self.score_threshold)
+        candidates, scores = candidates[rows], every[rows, columns]
         if len(candidates) > MOST_CANDIDATES:
             best = np.argsort(-scores, kind="stable")[:MOST_CANDIDATES]
-            candidates, scores = candidates[best], scores[best]
+            candidates, scores, columns = candidates[best], scores[best], columns[best]
         variances = self.model.card.settings["variances"]
         boxes = decode_boxes(offsets[candidates], anchors[candidates], variances) / np.tile(scale, 2)
         boxes = clip_boxes(boxes, size[1], size[0])
         whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)  # clipping may leave less than a pixel
-        boxes, scores = boxes[whole], scores[whole]
-        kept = suppress(boxes, scores, self.iou_threshold)
+        boxes, scores, columns = boxes[whole], scores[whole], columns[whole]
+        compared = boxes if self.across else set_apart(boxes, columns)
+        kept = suppress(compared, scores, self.iou_threshold)
         share = self.model.card.settings.get("straddling")
         if share is not None:
-            kept = kept[~straddling(boxes[kept], scores[kept], share)]
-        return Detections(boxes[kept], scores[kept]), candidates[whole][kept]
+            kept = kept[~straddling(compared[kept], scores[kept], share)]
+        classes = wanted[columns[kept]] if len(wanted) else None
+        return Detections(boxes[kept], scores[kept], classes=classes, names=self.wanted), candidates[whole][kept]
 
 
 class Appearance:
@@ -195,6 +214,7 @@ def open_detector(
     device: Device = "auto",
     *,
     turned: bool = False,
+    classes: ClassChoice | None = None,
 ) -> Detector | ForeignDetector:
     """The detector at ``path``: one of this toolkit, or any that `ForeignDetector` recognises; see both.
 
@@ -208,9 +228,9 @@ def open_detector(
         told = {} if options is None else {name: x for name, x in vars(options).items() if x is not None}
         options = DetectorOptions(**{**entry.options, **told})
     try:
-        found = Detector(path, score_threshold, iou_threshold, threads, device)
+        found = Detector(path, score_threshold, iou_threshold, threads, device, classes)
     except MissingCardError:
-        return ForeignDetector(path, score_threshold, iou_threshold, threads, options, device, turned)
+        return ForeignDetector(path, score_threshold, iou_threshold, threads, options, device, turned, classes)
     if options not in (None, DetectorOptions()):
         raise RequestError(f"{path} tells all by itself; leave the detector options out")
     return found
@@ -263,6 +283,7 @@ def as_detector(
     device: Device = "auto",
     *,
     turned: bool = False,
+    classes: ClassChoice | None = None,
 ) -> Detect:
     """What finds people in images.
 
@@ -273,19 +294,20 @@ def as_detector(
         options: what the file of another project does not tell.
         device: of such a network, see `opened_on`.
         turned: boxes of such a file may be turned.
+        classes: that are looked for; by default people, or whatever a function or a detector of others gives.
 
     Raises:
-        RequestError: it is none of them, or the file is no detector.
+        RequestError: it is none of them, the file is no detector, or lacks a class.
     """
     if isinstance(given, str | Path):
-        return open_detector(given, score_threshold, threads=threads, options=options, device=device, turned=turned)
-    if hasattr(given, "detect"):
-        return given
-    if callable(given):
-        return FunctionDetector(given)
-    raise RequestError(
-        f"expected the detector as a file, a Detector, or a function from an image to boxes, got {_type(given)}"
-    )
+        more: dict[str, Any] = {"device": device, "turned": turned, "classes": classes}
+        return open_detector(given, score_threshold, threads=threads, options=options, **more)
+    if not (hasattr(given, "detect") or callable(given)):
+        raise RequestError(
+            f"expected the detector as a file, a Detector, or a function from an image to boxes, got {_type(given)}"
+        )
+    found = given if hasattr(given, "detect") else FunctionDetector(given)
+    return found if classes is None else ChosenClasses(found, classes, None if options is None else options.classes)
 
 
 def as_describer(

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.devices import Device, device_of
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.box_check import BoxCheck
+from tsuiseki.tracking.features.coco_names import COCO, coco_names
 from tsuiseki.tracking.features.detector_layouts import LAYOUTS, TENSORFLOW, TURNED, Size, paired, with_probabilities
 from tsuiseki.tracking.features.foreign_options import DetectorOptions, ImageInput, LayoutName, ScoreKind
 from tsuiseki.tracking.features.layout_recognition import (
-    COCO,
     background_first,
     class_names,
     class_of_people,
@@ -28,10 +28,11 @@ from tsuiseki.tracking.features.layout_recognition import (
     useful_outputs,
 )
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, as_detections, half_turned
-from tsuiseki.tracking.geometry import about_rotated, clip_boxes, suppress, suppress_rotated
+from tsuiseki.tracking.geometry import about_rotated, clip_boxes, set_apart, suppress, suppress_rotated
 from tsuiseki.tracking.onnx import byte_image_input, image_input, open_session, run_session
 from tsuiseki.tracking.preprocessing import check_images
-from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types.class_choice import ClassChoice, only_people
 
 _MOST_CANDIDATES = 400
 # A picture side for recognising networks that take any size.
@@ -56,16 +57,20 @@ class ForeignDetector:
         options: what the file does not tell.
         device: what to run on, see `opened_on`; afterwards what it runs on.
         turned: turned boxes come with their angles, the longer side as height; by default as upright boxes about them.
+        classes: that are looked for; by default people, whose detections then bear no class.
 
     Attributes:
         layout: that was recognised.
-        person: number of the class of people, as the outputs count it.
+        wanted: names by number, as the outputs count it, of the classes that are looked for; empty where not known.
+        across: boxes of different classes suppress each other.
+        people_only: nothing else is looked for, as far as names tell.
         scores: what the class values are; None for layouts in which they can be but one thing.
         input: what becomes of a picture.
         check: compares its boxes with the pictures.
 
     Raises:
-        RequestError: the file is no such detector, several layouts fit it, or its class of people is unknown.
+        RequestError: the file is no such detector, several layouts fit it, or it lacks a class, or which one is people
+            is unknown.
     """
 
     def __init__(
@@ -77,6 +82,7 @@ class ForeignDetector:
         options: DetectorOptions | None = None,
         device: Device = "auto",
         turned: bool = False,
+        classes: ClassChoice | None = None,
     ) -> None:
         options, self.turned = options or DetectorOptions(), turned
         self.path, self.score_threshold, self.iou_threshold = Path(path), score_threshold, iou_threshold
@@ -98,23 +104,31 @@ class ForeignDetector:
         self.input = _changed(self.path, self._usual_input(trial), options, whole=self.size is None)
         if self.layout in TURNED and self.input.resize == "stretch":
             raise RequestError(f"{path}: turned boxes want pictures of one scale; leave `detector_options.resize` out")
-        self.person = self._choose_person(list(trial.values()), options)
+        self.across, self._told = classes is None or classes.across, classes is not None
+        self.wanted = self._choose_classes(list(trial.values()), options, classes)
+        self.people_only = classes is None or only_people(self.wanted)
         self._gave: set[bool] = set()
         self.check = BoxCheck(f"{self.path}, read as layout {self.layout}")
 
     def __str__(self) -> str:
         """How the file is read, in words."""
-        number = self.person - LAYOUTS[self.layout].first_class
-        name = f" {self.names[number]!r}" if self.names and 0 <= number < len(self.names) else ""
+        known = ", ".join(f"class {number}" + (f" {name!r}" if name else "") for number, name in self.wanted.items())
+        known = f"looks for {known}" if self._told else f"people are {known}"
         scores = "" if self.scores is None else f", scores by {self.scores}"
         size = "any size" if self.size is None else f"{self.size[1]}x{self.size[0]}"
-        return f"layout {self.layout}, people are class {self.person}{name}{scores}; pictures {self.input}, {size}"
+        return f"layout {self.layout}, {known}{scores}; pictures {self.input}, {size}"
 
     @property
     def facts(self) -> dict[str, Any]:
         """How the file is read, as plain values by name."""
-        chosen = {"layout": self.layout, "person": self.person, "classes": self.names, "scores": self.scores}
+        looked_for = {"wanted": dict(self.wanted)} if self._told else {"person": self.person}
+        chosen = {"layout": self.layout, **looked_for, "classes": self.names, "scores": self.scores}
         return {**chosen, "size": self.size, **asdict(self.input)}
+
+    @property
+    def person(self) -> int:
+        """Number of the class of people, as the outputs count it; the first one where others are looked for."""
+        return next(iter(self.wanted))
 
     @property
     def blank(self) -> bool:
@@ -147,36 +161,43 @@ class ForeignDetector:
     ) -> Detections:
         self._check_values(outputs)
         outputs = with_probabilities(LAYOUTS[self.layout], outputs, self.scores)
-        boxes, scores = LAYOUTS[self.layout].read(outputs, fitted, self.person)
+        read = [LAYOUTS[self.layout].read(outputs, fitted, number) for number in self.wanted]
+        boxes, scores = (np.concatenate([one[k] for one in read]) for k in (0, 1))
+        classes = np.repeat([*self.wanted], [len(one[1]) for one in read])
         good = np.flatnonzero((scores >= self.score_threshold) & (scores > 0))
         good = good[np.argsort(-scores[good], kind="stable")][:_MOST_CANDIDATES]
-        boxes, scores = boxes[good], scores[good].clip(0, 1)
+        boxes, scores, classes = boxes[good], scores[good].clip(0, 1), classes[good]
         self.check.size = fitted[1], fitted[0]
         self.check.add(boxes[:, :4])
         if self.layout in TURNED:
-            return self._turned(boxes / (*scale, *scale, 1), scores, size)
+            return self._turned(boxes / (*scale, *scale, 1), scores, classes, size)
         boxes = clip_boxes(boxes / np.tile(scale, 2), size[1], size[0])
         whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
-        boxes, scores = boxes[whole], scores[whole]
-        if not LAYOUTS[self.layout].suppressed:
-            kept = suppress(boxes, scores, self.iou_threshold)
-            boxes, scores = boxes[kept], scores[kept]
-        return Detections(boxes, scores)
+        boxes, scores, classes = boxes[whole], scores[whole], classes[whole]
+        if not LAYOUTS[self.layout].suppressed or (self.across and len(self.wanted) > 1):
+            kept = suppress(boxes if self.across else set_apart(boxes, classes), scores, self.iou_threshold)
+            boxes, scores, classes = boxes[kept], scores[kept], classes[kept]
+        return self._classed(Detections(boxes, scores), classes)
 
-    def _turned(self, boxes: FloatArray, scores: FloatArray, size: Size) -> Detections:
+    def _classed(self, found: Detections, classes: IntArray) -> Detections:
+        """With their classes, where others than people are looked for."""
+        return replace(found, classes=classes, names=self.wanted) if self._told else found
+
+    def _turned(self, boxes: FloatArray, scores: FloatArray, classes: IntArray, size: Size) -> Detections:
         """Of ``(N, 5)`` turned boxes; a network tells neither which side is the height nor which end is up."""
         lying = boxes[:, 2] > boxes[:, 3]
         boxes[lying] = boxes[lying][:, [0, 1, 3, 2, 4]] + [0, 0, 0, 0, np.pi / 2]
         boxes[:, 4] = half_turned(boxes[:, 4])
         kept = np.flatnonzero((boxes[:, 2:4] >= 1).all(axis=1))
-        if not LAYOUTS[self.layout].suppressed:
-            kept = kept[suppress_rotated(boxes[kept], scores[kept], self.iou_threshold)]
-        boxes, scores = boxes[kept], scores[kept]
+        if not LAYOUTS[self.layout].suppressed or (self.across and len(self.wanted) > 1):
+            compared = boxes if self.across else set_apart(boxes, classes)
+            kept = kept[suppress_rotated(compared[kept], scores[kept], self.iou_threshold)]
+        boxes, scores, classes = boxes[kept], scores[kept], classes[kept]
         if self.turned:
-            return as_detections(RotatedBoxes(boxes, np.full(len(boxes), -1), scores))
+            return self._classed(as_detections(RotatedBoxes(boxes, np.full(len(boxes), -1), scores)), classes)
         upright = clip_boxes(about_rotated(boxes), size[1], size[0])
         inside = ((upright[:, 2:] - upright[:, :2]) >= 1).all(axis=1)
-        return Detections(upright[inside], scores[inside])
+        return self._classed(Detections(upright[inside], scores[inside]), classes[inside])
 
     def _run(self, images: Sequence[ImageArray]) -> list[list[NDArray[Any]]]:
         """Outputs of each picture without their batch axis; all in one call where the file takes any batch."""
@@ -331,17 +352,30 @@ class ForeignDetector:
         own = self._wanted.dtype == np.uint8  # it normalises them itself
         return replace(usual, pixels="bytes", mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0)) if own else usual
 
-    def _choose_person(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> int:
-        columns = LAYOUTS[self.layout].classes(trial) or (len(self.names) if self.names else None)
+    def _choose_classes(
+        self, trial: Sequence[NDArray[Any]], options: DetectorOptions, choice: ClassChoice | None
+    ) -> Mapping[int, str]:
+        """Names by number of the classes that are looked for."""
+        first, count = self._numbering(LAYOUTS[self.layout].classes(trial) or (len(self.names or ()) or None), trial)
+        names = {first + n: name for n, name in enumerate(self.names or ())} or coco_names(count)
+        if choice is not None:
+            there = names.keys() if count is None else range(first, first + count)
+            chosen = choice.numbers(names, there or None, self.path)
+        elif options.person is not None:
+            every = None if count is None else first + count
+            chosen = (class_of_people(self.path, self.names, every, options.person),)
+        else:
+            chosen = (first + class_of_people(self.path, self.names, count, None),)
+        return {number: names.get(number, "") for number in chosen}
+
+    def _numbering(self, columns: int | None, trial: Sequence[NDArray[Any]]) -> tuple[int, int | None]:
+        """Number of the first class that may have a name, and how many there are, where that is known."""
         if self.scores != "softmax" or columns is None:
-            first = LAYOUTS[self.layout].first_class if options.person is None else 0
-            return first + class_of_people(self.path, self.names, columns, options.person)
+            return LAYOUTS[self.layout].first_class, columns
         # One class is "no object": the last one, or as in SSD the first, which COCO's own numbers count, too.
         if not background_first(paired(trial)[1]):
-            return class_of_people(self.path, self.names, columns - 1, options.person)
-        if options.person is None and self.names and len(self.names) < columns:
-            return 1 + class_of_people(self.path, self.names, columns - 1, None)
-        return class_of_people(self.path, self.names, columns, options.person)
+            return 0, columns - 1
+        return (1, columns - 1) if self.names and len(self.names) < columns else (0, columns)
 
     def _check_values(self, outputs: Sequence[NDArray[Any]]) -> None:
         # TensorFlow tells how many rows it fills even where all of their scores are zero.

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.coco_names import COCO
 from tsuiseki.tracking.features.detector_layouts import (
     LAYOUTS,
     MORE_STRIDES,
@@ -37,6 +38,7 @@ from tsuiseki.tracking.features.detector_layouts import (
     paired,
 )
 from tsuiseki.tracking.features.foreign_options import LayoutName, ScoreKind
+from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 
 # Rows of a detector that drops doubles itself; more are never asked for.
 _MOST_ROWS = 1000
@@ -46,8 +48,6 @@ _FEWEST_QUERIES = 50
 _REACH = 4.0
 # Share of cells, or of queries in a picture of noise, that count as nearly all.
 _NEARLY_ALL = 0.9
-# Where people stand in COCO, by how many classes a network tells: 80 without gaps, 90 or 91 with COCO's own numbers.
-COCO = {80: 0, 90: 1, 91: 1}
 # Layouts that differ by one class and by nothing else.
 _TOLD_BY_COUNT = {"yolox", "yolox-decoded", "yolov8-rows", "nanodet", "nanodet-g"}
 # Outputs whose names tell what they are, boxes first; others beside them, such as masks, are left aside.
@@ -331,9 +331,6 @@ def background_first(values: NDArray[Any]) -> bool:
 def _wins(values: NDArray[Any], column: int) -> tuple[float, float]:
     """Share of the rows in which a class is the largest, and in which a sigmoid would call it likely."""
     return float((values.argmax(axis=1) == column).mean()), float((values[:, column] > 0).mean())
-
-
-PERSON_NAMES = ("person", "pedestrian", "people", "human", "persons", "pedestrians")
 
 
 def class_names(metadata: Mapping[str, str]) -> tuple[str, ...] | None:

@@ -14,7 +14,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TypeAlias
 
 from tsuiseki.tracking.features.exported import ChoosingDetect, Describe, Detect
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 
 _Found: TypeAlias = list[tuple[Frame, Detections]]

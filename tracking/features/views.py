@@ -18,7 +18,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import SizedDetect
-from tsuiseki.tracking.geometry import areas, intersections, suppress
+from tsuiseki.tracking.geometry import areas, intersections, set_apart, suppress
 from tsuiseki.tracking.preprocessing import enlarged
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray, IntArray
 
@@ -119,6 +119,7 @@ class TiledDetector:
         self.detector, self.view = detector, view
         self.sizes = _shown_sizes(view, detector.input_size)
         self.iou_threshold, self.batch_size, self.workers = iou_threshold, batch_size, workers
+        self.across = getattr(detector, "across", True)
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB of the view's size, without doubles at the seams."""
@@ -132,7 +133,8 @@ class TiledDetector:
                 parts = list(pool.map(self._detect, batches))
         found = list(itertools.chain.from_iterable(parts))
         return [
-            merge(found[n * count : (n + 1) * count], self.view.tiles, self.iou_threshold) for n in range(len(images))
+            merge(found[n * count : (n + 1) * count], self.view.tiles, self.iou_threshold, self.across)
+            for n in range(len(images))
         ]
 
     def _detect(self, tiles: Sequence[tuple[ImageArray, int]]) -> list[Detections]:
@@ -155,7 +157,7 @@ def _shown_sizes(view: TileView, wanted: tuple[int, int] | None) -> IntArray:
     return sizes
 
 
-def merge(found: Sequence[Detections], tiles: IntArray, iou_threshold: float = 0.5) -> Detections:
+def merge(found: Sequence[Detections], tiles: IntArray, iou_threshold: float = 0.5, across: bool = True) -> Detections:
     """The detections of a frame's tiles as those of the frame.
 
     A box that a seam cuts off goes where another tile saw more of the same person; the rest is suppressed as usual.
@@ -164,6 +166,7 @@ def merge(found: Sequence[Detections], tiles: IntArray, iou_threshold: float = 0
         found: in each tile, in its pixels.
         tiles: ``(T, 4)``, the whole frame first.
         iou_threshold: from which two boxes are one person.
+        across: so are two of different classes.
     """
     if len(tiles) == 1:
         return found[0]
@@ -171,11 +174,13 @@ def merge(found: Sequence[Detections], tiles: IntArray, iou_threshold: float = 0
     boxes: FloatArray = np.concatenate([d.boxes for d in found]) + shifts.astype(np.float64)
     scores = np.concatenate([d.scores for d in found])
     owner = np.repeat(np.arange(len(tiles)), [len(d) for d in found])
+    classes = np.concatenate([d.origin[:, 1] for d in found])
     cut = _cut_off(boxes, tiles[owner], tiles[0])
-    kept = np.flatnonzero(~_seen_better(boxes, scores, cut, owner))
-    boxes, scores = boxes[kept], scores[kept]
-    kept = suppress(boxes, scores, iou_threshold)
-    return Detections(boxes[kept], scores[kept])
+    compared = boxes if across else set_apart(boxes, classes)
+    kept = np.flatnonzero(~_seen_better(compared, scores, cut, owner))
+    kept = kept[suppress(compared[kept], scores[kept], iou_threshold)]
+    told = None if all(d.classes is None for d in found) else classes[kept]
+    return Detections(boxes[kept], scores[kept], classes=told, names=found[0].names)
 
 
 def _cut_off(boxes: FloatArray, tiles: IntArray, frame: IntArray) -> BoolArray:

@@ -37,9 +37,11 @@ from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.rotated import write_rotated_detections
 from tsuiseki.tracking.formats.track3d import write_world
 from tsuiseki.tracking.people.settings import NONE, Detecting
-from tsuiseki.tracking.result import Result, StageTimes, Writer
+from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
+from tsuiseki.tracking.video.source import address_of
 from tsuiseki.tracking.weights import shipped
 
 if TYPE_CHECKING:
@@ -295,7 +297,7 @@ def floor_result(
     }
     return Result(
         tracks,
-        ceiling.source.name,
+        address_of(ceiling.source),
         rate,
         (ceiling.placed.camera.width, ceiling.placed.camera.height),
         settings,

@@ -23,7 +23,7 @@ from tsuiseki.tracking.formats.rotated import (
     read_rotated_detections,
     read_rotated_labels,
 )
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, IntArray
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.tracking.video.image_folder import ImageFolder

@@ -16,7 +16,7 @@ from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, Per
 from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
 from tsuiseki.tracking.features.exported import Describe
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, about_bodies, half_turned
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray
 from tsuiseki.tracking.types.tracks import FloorDetections
 from tsuiseki.tracking.video.image_folder import ImageFolder

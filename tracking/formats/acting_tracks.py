@@ -45,11 +45,15 @@ def write_acting_tracks(path: Path, people: Sequence[ActingTrack], names: Sequen
     path.write_text(head[:-1] + ', "tracks": [\n' + ",\n".join(tracks) + "\n]}\n", encoding="utf-8")
 
 
-def read_acting_tracks(path: Path) -> tuple[list[ActingTrack], tuple[str, ...]]:
+def read_acting_tracks(path: Path, needed: bool = True) -> tuple[list[ActingTrack], tuple[str, ...]]:
     """What `write_acting_tracks` wrote, and the names of the actions.
 
+    Args:
+        path: of the file.
+        needed: whether actions are.
+
     Raises:
-        RequestError: the file is missing, no such file, or says nothing of actions.
+        RequestError: the file is missing, no such file, or says nothing of actions that are needed.
     """
     try:
         values = json.loads(read_text(path, "tracks.json of `tsuiseki track drone`"))
@@ -61,7 +65,7 @@ def read_acting_tracks(path: Path) -> tuple[list[ActingTrack], tuple[str, ...]]:
         if isinstance(error, RequestError):
             raise
         raise RequestError(f"{path}: expected tracks.json of `tsuiseki track drone`, got {error!r}") from error
-    if not names:
+    if not names and needed:
         raise RequestError(f"{path} says nothing of actions; track with `method` flow-saf or flow-maf")
     return people, names
 

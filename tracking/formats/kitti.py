@@ -1,7 +1,7 @@
 """KITTI tracking: ``label_02/0000.txt`` and, where there are pictures, ``image_02/0000/000000.png …``.
 
 A row is ``frame track type truncated occluded alpha left top right bottom …`` with 0-based frames and 0-based pixels;
-what follows, places in space, is not read. Occlusion is 0 none, 1 part, 2 most, 3 not known.
+what follows, places in space and a score, is not read. Occlusion is 0 none, 1 part, 2 most, 3 not known.
 
 How it is evaluated here: pedestrians count. A result on somebody who sits (``Person``, ``Person_sitting``) or on a
 region ``DontCare`` is neither right nor wrong. A result on a cyclist or a vehicle is wrong.
@@ -16,17 +16,24 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.rows import read_rows, whole_number
+from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 
 LABELS, IMAGES = "label_02", "image_02"
 COUNTED = "Pedestrian"
-IGNORED = ("Person", "Person_sitting", "DontCare")
+NAMES = dict(enumerate((COUNTED, "Cyclist", "Car", "Van", "Truck", "Tram", "Misc", "Person", "Person_sitting")))
+# Results on them are neither right nor wrong, as KITTI itself scores.
+ALIKE = {COUNTED: ("Person", "Person_sitting"), "Car": ("Van",)}
 # By occlusion.
 VISIBLE = np.array([1.0, 0.75, 0.25, 0.5])
+# Height, width, length, place and turn of nothing.
+NO_SPACE = "-1 -1 -1 -1000 -1000 -1000 -10"
 EXPECTED = "frame track type truncated occluded alpha left top right bottom"
 
 
@@ -61,12 +68,26 @@ def find_kitti(folder: str | Path) -> list[KittiSequence]:
     return found
 
 
-def read_kitti(path: str | Path, length: int | None = None) -> GroundTruth:
+def write_kitti(path: Path, video: TrackedVideo) -> None:
+    """Write tracks as results; people are of the type ``Pedestrian``, and what is not known has KITTI's numbers."""
+    rows, text = video.boxes, []
+    for frame, number, box, score in zip(
+        rows.frames.tolist(), rows.ids.tolist(), rows.boxes.tolist(), rows.scores.tolist(), strict=True
+    ):
+        kind = video.kind[number]
+        name = COUNTED if kind.lower() in PERSON_NAMES else kind.title().replace(" ", "_")
+        place = " ".join(f"{value:.2f}" for value in box)
+        text.append(f"{frame} {number} {name} -1 -1 -10 {place} {NO_SPACE} {score:.4f}\n")
+    path.write_text("".join(text), encoding="utf-8")
+
+
+def read_kitti(path: str | Path, length: int | None = None, wanted: int | str | None = None) -> GroundTruth:
     """The labels in the file at ``path``, ordered by frame.
 
     Args:
         path: of the text file.
         length: frames of the drive, if known.
+        wanted: name of the type that counts; by default pedestrians.
 
     Raises:
         RequestError: the file is missing, malformed, has no pedestrian, has one twice in a frame, or labels frames
@@ -87,13 +108,20 @@ def read_kitti(path: str | Path, length: int | None = None) -> GroundTruth:
         if not (rows[k, 4] > rows[k, 2] and rows[k, 5] > rows[k, 3]):
             raise given.error(k, "right beyond left and bottom below top")
         ids[k] = whole_number(path, line, "track", cells[1])
-    return _truth(path, [cells[2] for cells in given.cells], ids, rows, length)
+    (number,) = wanted_numbers(wanted, NAMES, (0,), path)
+    return _truth(path, NAMES[number], [cells[2] for cells in given.cells], ids, rows, length)
 
 
-def _truth(path: Path, kinds: list[str], ids: IntArray, rows: FloatArray, length: int | None) -> GroundTruth:
-    counted, ignored = np.array([kind == COUNTED for kind in kinds]), np.isin(kinds, IGNORED)
+def _truth(
+    path: Path, wanted: str, kinds: list[str], ids: IntArray, rows: FloatArray, length: int | None
+) -> GroundTruth:
+    counted, ignored = (
+        np.array([kind == wanted for kind in kinds]),
+        np.isin(kinds, ("DontCare", *ALIKE.get(wanted, ()))),
+    )
     if not counted.any():
-        raise RequestError(f"{path}: no usable box: expected pedestrians, of the type {COUNTED}")
+        what = "pedestrians, of the type " if wanted == COUNTED else ""
+        raise NothingLabelledError(f"{path}: no usable box: expected {what}{wanted}")
     frames = rows[:, 0].astype(np.int64)
     if length is not None and frames.max() >= length:
         raise RequestError(
@@ -104,7 +132,7 @@ def _truth(path: Path, kinds: list[str], ids: IntArray, rows: FloatArray, length
     people, times = np.unique(np.column_stack([frames, ids])[counted], axis=0, return_counts=True)
     if (times > 1).any():
         frame, track = people[times > 1][0]
-        raise RequestError(f"{path}: expected a pedestrian once a frame, got track {track} twice in frame {frame}")
+        raise RequestError(f"{path}: expected a {wanted} once a frame, got track {track} twice in frame {frame}")
     return GroundTruth(
         frames=frames,
         ids=ids,

@@ -15,15 +15,17 @@ Two layouts of ground truth are told apart by their number of columns:
 from __future__ import annotations
 
 import itertools
+import json
 import re
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
 from tsuiseki.tracking.formats.rows import Rows, read_rows, whole_number
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
@@ -31,16 +33,31 @@ from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 
 PEDESTRIAN = 1
+NAMES = dict(
+    enumerate(
+        (
+            *("pedestrian", "person on vehicle", "car", "bicycle", "motorbike", "non motorized vehicle"),
+            *("static person", "distractor", "occluder", "occluder on the ground", "occluder full", "reflection"),
+            "crowd",
+        ),
+        start=PEDESTRIAN,
+    )
+)
 DISTRACTORS = (2, 7, 8, 12)
 MOT20_DISTRACTORS = (2, 6, 7, 8, 12)
 # Fewer scores tell no two scales apart.
 FEWEST_OF_A_SCALE = 20
 
 
-def read_ground_truth(path: str | Path) -> GroundTruth:
+def read_ground_truth(path: str | Path, wanted: int | str | None = None) -> GroundTruth:
     """The labels in a ``gt.txt`` of MOT15, 16, 17 or 20, told apart by the number of columns.
 
     A sequence whose folder is named ``MOT20-…`` follows MOT20's list of distractors.
+
+    Args:
+        path: of the file.
+        wanted: number or name of the class that counts; by default pedestrians. Where column 7 marks no row of another
+            class, as in MOT16 to 20, all of its rows count.
 
     Raises:
         RequestError: the file is missing, malformed, names an id twice in a frame, or has no box to evaluate.
@@ -54,15 +71,21 @@ def read_ground_truth(path: str | Path) -> GroundTruth:
     compare_with_picture(path, boxes_of(rows))
     active = rows[:, 6] != 0
     if rows.shape[1] == 10:
+        wanted_numbers(wanted, {PEDESTRIAN: NAMES[PEDESTRIAN]}, (PEDESTRIAN,), path)
         evaluated, ignored, visibility = active, np.zeros(len(rows), dtype=np.bool_), np.ones(len(rows))
     else:
         is_mot20 = any(part.startswith("MOT20") for part in path.parts)
         classes = rows[:, 7].astype(np.int64)
-        evaluated = active & (classes == PEDESTRIAN)
+        others = {number: str(number) for number in set(classes.tolist()) - NAMES.keys()}
+        (number,) = wanted_numbers(wanted, {**NAMES, **others}, (PEDESTRIAN,), path)
+        evaluated = active & (classes == number)
         ignored = np.isin(classes, MOT20_DISTRACTORS if is_mot20 else DISTRACTORS)
+        if number != PEDESTRIAN:
+            ignored[:] = False
+            evaluated = evaluated if evaluated.any() else classes == number
         visibility = np.where(rows[:, 8] < 0, 1.0, np.clip(rows[:, 8], 0, 1))
     if not evaluated.any():
-        raise RequestError(_nothing_usable(path, rows, active))
+        raise NothingLabelledError(_nothing_usable(path, rows, active, wanted))
     order = np.argsort(frames, kind="stable")
     return GroundTruth(frames, ids, boxes_of(rows), evaluated, ignored, visibility).select(order)
 
@@ -90,25 +113,14 @@ def read_detections(
     Scores of two scales are taken as they are, and told.
 
     Args:
-        path: rows ``frame, -1, x, y, width, height, score, …``; a score that is left out, empty or nan is not known,
-            NaN; an empty file is a video in which nothing was detected, which is said.
+        path: rows ``frame, -1, x, y, width, height, score, class, …``; a score that is left out, empty or nan is not
+            known, NaN; an empty file is a video in which nothing was detected, which is said.
         length: number of frames of the video; by default up to the last frame that has a detection.
         score_range: smallest and largest score to expect; by default any finite number.
 
     Raises:
         RequestError: the file is missing or malformed, its rows are all beyond the video, or have a score outside the
             range.
-    """
-    return read_classed_detections(path, length, score_range)[0]
-
-
-def read_classed_detections(
-    path: str | Path, length: int | None = None, score_range: tuple[float, float] | None = None
-) -> tuple[list[Detections], list[IntArray]]:
-    """The detections in a ``det.txt``, and ``(N,)`` the classes in column 8 of those of each frame.
-
-    The class is -1 where the file has no column 8 or nothing in it. Arguments and errors are those of
-    `read_detections`.
     """
     path = Path(path)
     rows, _, lines = _read(path, 6, "detections", detected=True)
@@ -120,16 +132,29 @@ def read_classed_detections(
         rows, lines = rows[order], lines[order]
     if score_range is not None:
         _refuse_scores_outside(path, rows[:, 6], lines, score_range)
-    rows = rows[_used(path, rows, lines, length)]
+    used = _used(path, rows, lines, length)
+    sources = (np.arange(len(rows)) - np.searchsorted(rows[:, 0], rows[:, 0]))[used]
+    rows = rows[used]
     compare_with_picture(path, boxes_of(rows))
     _tell_two_scales(path, rows[:, 6])
     frames, boxes, scores = rows[:, 0].astype(np.int64) - 1, boxes_of(rows), rows[:, 6]
-    classes = rows[:, 7].astype(np.int64) if rows.shape[1] > 7 else np.full(len(rows), -1)
+    classes = _classes(rows)
     last = int(frames[-1]) + 1 if len(frames) else 0
     starts = np.searchsorted(frames, np.arange((last if length is None else length) + 1))
-    spans, nothing = list(itertools.pairwise(starts)), Detections.empty()
-    found = [Detections(boxes[a:b], scores[a:b]) if b > a else nothing for a, b in spans]
-    return found, [classes[a:b] for a, b in spans]
+    nothing = Detections.empty()
+    return [
+        Detections(boxes[a:b], scores[a:b], None, None, None, None if classes is None else classes[a:b], sources[a:b])
+        if b > a
+        else nothing
+        for a, b in itertools.pairwise(starts)
+    ]
+
+
+def _classes(rows: FloatArray) -> IntArray | None:
+    """``(N,)`` numbers in column 8, -1 for none; None where they are places in the world, or all are missing."""
+    if rows.shape[1] <= 7 or (rows[:, 7] != np.floor(rows[:, 7])).any() or (rows[:, 7] < 0).all():
+        return None
+    return np.maximum(rows[:, 7].astype(np.int64), -1)
 
 
 def _refuse_scores_outside(path: Path, scores: FloatArray, lines: IntArray, score_range: tuple[float, float]) -> None:
@@ -193,7 +218,7 @@ def write_detections(path: Path, detections: Iterable[Detections]) -> None:
 
 
 def read_tracks(path: str | Path) -> list[Track]:
-    """The tracks of a result file ``frame, id, x, y, width, height, score, …``, by id; rows may be in any order.
+    """The tracks of a result file ``frame, id, x, y, width, height, score, class, …``, by id, rows in any order.
 
     An empty file is a result without any track.
 
@@ -214,13 +239,28 @@ def read_tracks(path: str | Path) -> list[Track]:
     boxes = boxes_of(rows)
     compare_with_picture(path, boxes)
     scores = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))
+    classes = _classes(rows)
+    origin = np.full((len(rows), 2), -1)
+    origin[:, 1] = -1 if classes is None else classes
     order = np.lexsort([frames, ids])
     tracks = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
-    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p]) for p in tracks]
+    names = _names_beside(path) if classes is not None else {}
+    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p], origin=origin[p], names=names) for p in tracks]
 
 
-def write_tracks(path: str | Path, tracks: Iterable[Track], class_of: Callable[[int], int] = lambda _: -1) -> None:
-    """Write ``tracks`` as a result file, ordered by frame, then id; column 8 is the class of an id, -1 for none.
+def _names_beside(path: Path) -> dict[int, str]:
+    """Names of classes by number that the run that wrote ``path`` keeps in its run.json; empty where it tells none."""
+    record = path.with_name("run.json")
+    if not record.is_file():
+        return {}
+    try:
+        return {int(n): str(x) for n, x in json.loads(record.read_text(encoding="utf-8"))["facts"]["classes"].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+
+
+def write_tracks(path: str | Path, tracks: Iterable[Track]) -> None:
+    """Write ``tracks`` as a result file, ordered by frame, then id; column 8 is a track's class, -1 for none.
 
     Raises:
         RequestError: the name is that of another format.
@@ -230,8 +270,8 @@ def write_tracks(path: str | Path, tracks: Iterable[Track], class_of: Callable[[
         raise RequestError(f"{path}: expected the name of a text file, such as tracks.txt, got {path.suffix}")
     path.parent.mkdir(parents=True, exist_ok=True)
     rows = [
-        (frame, track.id, box, score, class_of(track.id))
-        for track in tracks
+        (frame, track.id, box, score, kind)
+        for track, kind in ((track, track.class_id) for track in tracks)
         for frame, box, score in zip(
             track.frames.tolist(), boxes_as_text(track.boxes), track.scores.tolist(), strict=True
         )
@@ -247,11 +287,11 @@ def _refuse_repeated(path: Path, lines: IntArray, frames: IntArray, ids: IntArra
         raise RequestError(f"{path}:{lines[row]}: id {ids[row]} stands twice in frame {frames[row] + 1}")
 
 
-def _nothing_usable(path: Path, rows: FloatArray, active: BoolArray) -> str:
+def _nothing_usable(path: Path, rows: FloatArray, active: BoolArray, wanted: int | str | None) -> str:
     if not active.any():
         return f"{path}: no usable box: column 7 marks every row as not to be considered"
     classes = ", ".join(f"{value:g}" for value in np.unique(rows[active, 7]))
-    return f"{path}: no usable box: expected class {PEDESTRIAN} (pedestrian) in column 8, got only {classes}"
+    return f"{path}: no usable box: expected class {wanted or '1 (pedestrian)'} in column 8, got only {classes}"
 
 
 SCORE = 6  # Column of the score, counted from 0.

@@ -8,8 +8,13 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
+import numpy as np
+
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.rows import read_text
+from tsuiseki.tracking.formats.tracked_video import TrackedVideo
+from tsuiseki.tracking.types.labels import GroundTruth
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
@@ -135,6 +140,15 @@ def write_sequence_info(
     lines = ["[Sequence]", f"name={name}", "imDir=img1", f"frameRate={frame_rate:g}", f"seqLength={length}"]
     lines += [f"imWidth={width}", f"imHeight={height}", "imExt=.jpg"]
     (sequence_folder / "seqinfo.ini").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_sequence(folder: Path, video: TrackedVideo) -> None:
+    """Write tracks as labels that all count, ``gt/gt.txt``, and ``seqinfo.ini``; without images."""
+    rows, (width, height) = video.boxes, video.pixels
+    everyone = np.ones(len(rows.frames), dtype=np.bool_)
+    truth = GroundTruth(rows.frames, rows.ids, rows.boxes, everyone, ~everyone, np.ones(len(rows.frames)))
+    write_ground_truth(folder / "gt" / "gt.txt", truth)
+    write_sequence_info(folder, video.stem, video.frame_rate or 25.0, video.frame_count, width, height)
 
 
 def _read_info(path: Path) -> dict[str, str]:

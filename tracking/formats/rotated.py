@@ -51,7 +51,14 @@ def is_rotated(path: Path) -> bool:
         content = json.loads(read_text(path, "JSON"))
     except ValueError:
         return False
-    return isinstance(content, dict) and isinstance(content.get("annotations"), list)
+    entries = content.get("annotations") if isinstance(content, dict) else None
+    return isinstance(entries, list) and not any(_upright(entry) for entry in entries[:1])
+
+
+def _upright(entry: Any) -> bool:
+    """Whether an annotation is COCO's own, of a track or with four numbers."""
+    box = entry.get("bbox") if isinstance(entry, dict) else None
+    return isinstance(box, list) and (len(box) == 4 or "track_id" in entry)
 
 
 def read_rotated_labels(path: Path) -> dict[str, RotatedBoxes]:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.tracks import PointTable
 
@@ -24,6 +25,14 @@ MISSING = "pip install h5py (or tsuiseki[hdf5]), or give CSV: sleap-convert --fo
 USER, PREDICTED = 0, 1
 CENTRED = 1.1
 """Format of projects from which the first pixel's centre is 0, 0."""
+# What is written, and its tables.
+WRITTEN = 1.2
+FRAME = [("frame_id", "u8"), ("video", "u4"), ("frame_idx", "u8"), ("instance_id_start", "u8"),
+         ("instance_id_end", "u8")]  # fmt: skip
+INSTANCE = [("instance_id", "i8"), ("instance_type", "u1"), ("frame_id", "u8"), ("skeleton", "u4"), ("track", "i4"),
+            ("from_predicted", "i8"), ("score", "f4"), ("point_id_start", "u8"), ("point_id_end", "u8"),
+            ("tracking_score", "f4")]  # fmt: skip
+POINT = [("x", "f8"), ("y", "f8"), ("visible", "?"), ("complete", "?")]
 
 
 def is_hdf5(path: Path) -> bool:
@@ -37,6 +46,11 @@ def hdf5_installed() -> bool:
     return importlib.util.find_spec("h5py") is not None
 
 
+def _need_h5py(path: Path) -> None:
+    if not hdf5_installed():
+        raise RequestError(f"{path} is HDF5, which needs h5py: {MISSING}")
+
+
 def read_sleap_hdf5(path: Path) -> PointTable:
     """The points in a project or analysis file; of a project's first video.
 
@@ -45,8 +59,7 @@ def read_sleap_hdf5(path: Path) -> PointTable:
     Raises:
         RequestError: h5py is missing, or the file is neither, such as DeepLabCut's.
     """
-    if not hdf5_installed():
-        raise RequestError(f"{path} is HDF5, which needs h5py: {MISSING}")
+    _need_h5py(path)
     import h5py
 
     try:
@@ -73,7 +86,11 @@ def write_sleap_analysis(path: Path, table: PointTable, length: int) -> None:
         path: file to write.
         table: its tracks name the animals.
         length: frames of the video.
+
+    Raises:
+        RequestError: h5py is missing.
     """
+    _need_h5py(path)
     import h5py
 
     names = list(dict.fromkeys(table.tracks))
@@ -91,6 +108,57 @@ def write_sleap_analysis(path: Path, table: PointTable, length: int) -> None:
             file.create_dataset(name, data=values.T, compression="gzip")
         for name, texts in {"node_names": table.nodes, "track_names": names}.items():
             file.create_dataset(name, data=np.array([text.encode() for text in texts], dtype="S"))
+
+
+def write_sleap_project(path: Path, video: TrackedVideo) -> None:
+    """Write SLEAP's project, with all points as predictions; it names the video, which SLEAP looks for beside it.
+
+    Raises:
+        RequestError: h5py is missing.
+    """
+    _need_h5py(path)
+    import h5py
+
+    table = video.nodes
+    order = np.argsort(table.frames, kind="stable")
+    names, count = list(dict.fromkeys(table.tracks)), len(table.nodes)
+    numbers, starts = np.unique(table.frames[order], return_index=True)
+    ends = np.append(starts, len(order))
+    means = np.nan_to_num(table.scores).mean(axis=1)
+    instances = [
+        (k, PREDICTED, frame, 0, names.index(table.tracks[n]), -1, means[n], k * count, (k + 1) * count, 0.0)
+        for k, (n, frame) in enumerate(
+            zip(order.tolist(), np.repeat(np.arange(len(numbers)), np.diff(ends)).tolist(), strict=True)
+        )
+    ]
+    points = table.points[order].reshape(-1, 2)
+    scores = np.nan_to_num(table.scores[order]).ravel().tolist()
+    rows = [(x, y, bool(np.isfinite(x + y)), False, s) for (x, y), s in zip(points.tolist(), scores, strict=True)]
+    nodes = [{"name": name, "weight": 1.0} for name in table.nodes]
+    skeleton = {"directed": True, "graph": {"name": "animal", "num_edges_inserted": 0}, "links": [],
+                "multigraph": True, "nodes": [{"id": k} for k in range(count)]}  # fmt: skip
+    about = {"version": "2.0.0", "skeletons": [skeleton], "nodes": nodes, "videos": [], "tracks": [],
+             "suggestions": [], "negative_anchors": {}, "provenance": {}}  # fmt: skip
+    film = {"filename": video.name, "backend": {"type": "MediaVideo", "filename": video.name, "grayscale": False}}
+    frames = [(k, 0, int(n), a, b) for k, (n, a, b) in enumerate(zip(numbers, ends[:-1], ends[1:], strict=True))]
+    with h5py.File(path, "w") as file:
+        group = file.create_group("metadata")
+        group.attrs["format_id"], group.attrs["json"] = WRITTEN, np.bytes_(json.dumps(about))
+        texts: dict[str, list[Any]] = {
+            "videos_json": [film],
+            "tracks_json": [[0, name] for name in names],
+            "suggestions_json": [],
+        }
+        for name, lines in texts.items():
+            file.create_dataset(name, data=np.array([json.dumps(line) for line in lines], dtype="S"))
+        arrays: dict[str, tuple[list[Any], Any]] = {
+            "frames": (frames, FRAME),
+            "instances": (instances, INSTANCE),
+            "points": ([], POINT),
+            "pred_points": (rows, [*POINT, ("score", "f8")]),
+        }
+        for name, (values, kind) in arrays.items():
+            file.create_dataset(name, data=np.array(values, dtype=kind))
 
 
 def _project(file: Any) -> PointTable:

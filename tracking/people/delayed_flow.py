@@ -16,6 +16,7 @@ along tracks are those of the frames that have come. What is kept is the undecid
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
 
@@ -52,18 +53,22 @@ class People:
 
 @dataclass(frozen=True)
 class Answer:
-    """The people of a frame, as a row each: id, box, score, and whether a detection supports it."""
+    """The people of a frame, as a row each: id, box, score, whether a detection supports it and which, the class."""
 
     frame: int
     ids: IntArray
     boxes: FloatArray
     scores: FloatArray
     observed: BoolArray
+    origin: IntArray
+    votes: IntArray
 
-    def targets(self) -> Targets:
+    def targets(self, names: Mapping[int, str]) -> Targets:
         """As a tracker answers it."""
         status = np.where(self.observed, "tracking", "searching")
-        return Targets(self.frame, self.ids, self.boxes, np.where(self.observed, self.scores, 0.0), status)
+        origin = np.column_stack([self.origin[:, 0], self.votes])
+        scores = np.where(self.observed, self.scores, 0.0)
+        return Targets(self.frame, self.ids, self.boxes, scores, status, origin, names)
 
 
 class DelayedFlow:
@@ -84,6 +89,7 @@ class DelayedFlow:
         self._frame = self._answered = self._reported = 0
         # Of the detections that the window keeps: their scores, and whose they are; -1 where not settled, or nobody's.
         self._scores, self._owner = np.empty(0), np.empty(0, dtype=np.int64)
+        self._origin = np.empty((0, 2), dtype=np.int64)
         self._people = People()
         self._ids = self.clutter = 0
         self._answers: list[Answer] = []
@@ -100,7 +106,7 @@ class DelayedFlow:
         if asked == self._answered:
             self._decide(asked + max(1, (self.delay + 1) // DECISIONS))
         self._reported = asked + 1
-        return self._answers[asked - self._answers[0].frame].targets()
+        return self._answers[asked - self._answers[0].frame].targets(self.input.names)
 
     def ended(self) -> DelayedFlow:
         """A copy for which the video ends here, so that asking changes nothing: all its frames are answered."""
@@ -112,7 +118,7 @@ class DelayedFlow:
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames that are answered and not forgotten."""
-        return tracks_of(self._answers)
+        return tracks_of(self._answers, self.input.names)
 
     def forget(self) -> None:
         """Drop the answers that were given from `tracks`."""
@@ -133,11 +139,11 @@ class DelayedFlow:
         """Take in the waiting frames."""
         if not self._waiting:
             return
-        table, scores = self.input.rows(self._waiting)
+        table, scores, origin = self.input.rows(self._waiting)
         self._waiting = ()
         self.window.costs = self.input.flow_costs(self.settings.costs)
         self.window.add(table)
-        self._scores = np.append(self._scores, scores)
+        self._scores, self._origin = np.append(self._scores, scores), np.concatenate([self._origin, origin])
         self._owner = np.append(self._owner, np.full(len(table), -1))
 
     def _tracks(self) -> IntArray:
@@ -215,15 +221,16 @@ class DelayedFlow:
         for rows in long_tracks(tracks):
             number = int(ids[tracks[rows[0]]])
             if number and table.frames[rows[-1]] >= self._answered:
-                track = Track(number, table.frames[rows], table.boxes[rows], np.nan_to_num(self._scores[rows]))
-                found.append(track)
+                frames, boxes, scores = table.frames[rows], table.boxes[rows], np.nan_to_num(self._scores[rows])
+                found.append(Track(number, frames, boxes, scores, origin=self._origin[rows]))
                 images.append(table.image[rows])
         smoothing = self._strength(found)
         parts = [
             reported(track, image, self.input, longest, smoothing, self._answered)
             for track, image in zip(found, images, strict=True)
         ]
-        self._answers = [*self._answers, *answers_of(parts, self._answered, before)]
+        votes = [track.class_id for track in found]
+        self._answers = [*self._answers, *answers_of(parts, votes, self._answered, before)]
 
     def _strength(self, tracks: list[Track]) -> SmoothingSettings | None:
         """How far these tracks are smoothed: chosen anew every few seconds."""
@@ -239,7 +246,7 @@ class DelayedFlow:
         numbers, first = self.window.table.numbers, before - self._reach
         self.window.settle(numbers[self._owner >= 0], before, self._frame - 1, joins, first)
         kept = np.isin(numbers, self.window.table.numbers, assume_unique=True)
-        self._scores, self._owner = self._scores[kept], self._owner[kept]
+        self._scores, self._owner, self._origin = self._scores[kept], self._owner[kept], self._origin[kept]
         self.input.camera.forget(min(first, int(self.window.table.frames.min(initial=first))))
         if self.input.path is not None:
             # Others may follow the same path, and have yet to ask how the camera came to the newest frame.
@@ -252,9 +259,11 @@ def mean_of(sums: FloatArray) -> FloatArray:
     return np.asarray(np.divide(sums, length, out=np.full_like(sums, np.nan), where=length > 0))
 
 
-def answers_of(tracks: list[Track], first: int, before: int) -> list[Answer]:
-    """The answers to the frames from ``first`` on and before another."""
-    ids = np.repeat([track.id for track in tracks], [len(track) for track in tracks]).astype(np.int64)
+def answers_of(tracks: list[Track], votes: list[int], first: int, before: int) -> list[Answer]:
+    """The answers to the frames from ``first`` on and before another; ``votes`` are the classes of the tracks."""
+    lengths = [len(track) for track in tracks]
+    ids, classes = (np.repeat(one, lengths).astype(np.int64) for one in ([track.id for track in tracks], votes))
+    origin = np.concatenate([np.empty((0, 2), np.int64), *(track.origin for track in tracks)])
     frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
     boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
     scores = np.concatenate([np.empty(0), *(track.scores for track in tracks)])
@@ -262,17 +271,21 @@ def answers_of(tracks: list[Track], first: int, before: int) -> list[Answer]:
     order = np.lexsort((ids, frames))
     cuts = np.searchsorted(frames[order], np.arange(first, before + 1))
     rows = [order[a:b] for a, b in itertools.pairwise(cuts.tolist())]
-    return [Answer(first + k, ids[row], boxes[row], scores[row], observed[row]) for k, row in enumerate(rows)]
+    return [
+        Answer(first + k, ids[row], boxes[row], scores[row], observed[row], origin[row], classes[row])
+        for k, row in enumerate(rows)
+    ]
 
 
-def tracks_of(answers: list[Answer]) -> list[Track]:
+def tracks_of(answers: list[Answer], names: Mapping[int, str]) -> list[Track]:
     """The tracks in answers, by id."""
     if not answers:
         return []
     frames = np.repeat([answer.frame for answer in answers], [len(answer.ids) for answer in answers])
-    ids, boxes, scores, observed = (
-        np.concatenate([getattr(answer, name) for answer in answers]) for name in ("ids", "boxes", "scores", "observed")
+    ids, boxes, scores, observed, origin = (
+        np.concatenate([getattr(answer, name) for answer in answers])
+        for name in ("ids", "boxes", "scores", "observed", "origin")
     )
     order = np.lexsort((frames, ids))
     pieces = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1) if len(order) else []
-    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p], observed[p]) for p in pieces]
+    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p], observed[p], origin[p], names) for p in pieces]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from statistics import median
@@ -71,6 +71,7 @@ class FlowInput:
         evidence: what the video says of its detections so far.
         duplicates: boxes left out so far.
         stood_still: frames so far that the camera stood still before, by pictures.
+        names: of the classes so far.
     """
 
     settings: InputSettings
@@ -80,6 +81,7 @@ class FlowInput:
     standing: StandingCamera | None = None
     observation: ScoreCost | None = None
     duplicates: int = 0
+    names: Mapping[int, str] = field(default_factory=dict)
     _last: Detections = field(default_factory=Detections.empty)
     _count: int = 0
     _step: CameraStep | None = None
@@ -136,8 +138,8 @@ class FlowInput:
         other.camera, other.evidence = self.camera.copy(), self.evidence.copy()
         return other
 
-    def rows(self, found: Sequence[Detections]) -> tuple[DetectionTable, FloatArray]:
-        """The detections of the next frames, and their scores.
+    def rows(self, found: Sequence[Detections]) -> tuple[DetectionTable, FloatArray, IntArray]:
+        """The detections of the next frames, their scores, and where they come from.
 
         Args:
             found: of at least one frame.
@@ -146,6 +148,8 @@ class FlowInput:
         rows = rows_of(found, first, self._count)
         kept = ~duplicates(rows.frames, rows.boxes, rows.scores)
         self.duplicates += int((~kept).sum())
+        origin = np.concatenate([each.origin for each in found])[kept]
+        self.names = {**self.names, **{number: name for each in found for number, name in each.names.items()}}
         rows = rows.select(kept)
         rows = replace(rows, numbers=self._count + np.arange(len(rows)))
         self._count += len(rows)
@@ -173,7 +177,7 @@ class FlowInput:
             rows.actions,
             self.looks.even,
         )
-        return seen, rows.scores
+        return seen, rows.scores, origin
 
     def on_grid(self, track: Track) -> Track:
         """A track whose frames are as far apart as its times."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
@@ -36,13 +36,14 @@ from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detector
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.box_places import compare_with_picture
-from tsuiseki.tracking.formats.mot import read_classed_detections
+from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.people.score_choice import ScoreChoice
-from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
-from tsuiseki.tracking.result import StageTimes
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray, IntArray
+from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground
+from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
+from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped
 
@@ -193,13 +194,17 @@ class GivenRows(list[Detections]):
         bad: boxes that are none, and left out.
     """
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.bad = BadBoxes()
+    def __init__(self, rows: Iterable[Detections], bad: BadBoxes) -> None:
+        super().__init__(rows)
+        self.bad = bad
 
 
 def given_detections(
-    given: GivenDetections, source: Source, score_range: tuple[float, float] | None = None
+    given: GivenDetections,
+    source: Source,
+    score_range: tuple[float, float] | None = None,
+    choice: ClassChoice | None = None,
+    names: Sequence[str] | None = None,
 ) -> list[Detections]:
     """Detections that are there already, up to the end of the video as far as it is known.
 
@@ -207,11 +212,18 @@ def given_detections(
         given: a file (MOTChallenge ``det.txt``), or one entry a frame.
         source: the video.
         score_range: smallest and largest score that the rows of a file may have; by default any.
+        choice: the classes that are wanted; by default all.
+        names: of the classes in order, from 0, where the detections do not tell them.
 
     Raises:
-        RequestError: see `read_detections` and `as_detections`; or the video is shorter.
+        RequestError: see `read_detections`, `as_detections` and `ClassChoice`; or the video is shorter.
     """
-    if not isinstance(given, str | Path):
+    file = isinstance(given, str | Path)
+    what, bad = given if isinstance(given, str | Path) else "`detections`", BadBoxes()
+    if isinstance(given, str | Path):
+        # The header of a video file only estimates its length: what is too much shows when the video has ended.
+        found = read_detections(given, source.length, score_range)
+    else:
         if not isinstance(given, Iterable) or isinstance(given, Mapping):
             raise RequestError(f"`detections`: expected a file, or boxes of each frame, got {type(given).__name__}")
         given = list(given)
@@ -220,36 +232,30 @@ def given_detections(
                 f"expected detections for {source.length} frames, one entry a frame, got {len(given)}; are these the "
                 "detections of another video?"
             )
-        rows = GivenRows()
-        rows.extend(as_detections(entry, counted=rows.bad) for entry in given)
-        if 2 * rows.bad.bad > rows.bad.given:
+        found = [as_detections(entry, counted=bad) for entry in given]
+        if 2 * bad.bad > bad.given:
             raise RequestError(
-                f"`detections`: {rows.bad.bad} of {rows.bad.given} boxes have no area or are not finite; expected x1, "
-                "y1, x2, y2, not x, y, width, height"
+                f"{what}: {bad.bad} of {bad.given} boxes have no area or are not finite; expected x1, y1, x2, y2, not "
+                "x, y, width, height"
             )
-        compare_with_picture(
-            "`detections`", np.concatenate([np.empty((0, 4)), *(r.boxes for r in rows)]), image_size(source)
-        )
-        return rows
-    # The header of a video file only estimates its length: what is too much shows when the video has ended.
-    found, classes = _read(given, source, score_range)
-    if len(named := classes_of(classes)) > 1:
-        shown = ",".join(map(str, named))
-        warnings.warn(
-            f"{given}: detections of the classes {shown} are tracked as one; give `classes` to track each apart",
-            InputWarning,
-            stacklevel=2,
-        )
-    return found
-
-
-def _read(
-    path: str | Path, source: Source, score_range: tuple[float, float] | None
-) -> tuple[list[Detections], list[IntArray]]:
-    """The detections in a file and their classes, compared with the pictures of the source."""
-    found, classes = read_classed_detections(path, source.length, score_range)
-    compare_with_picture(path, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), image_size(source))
-    return found, classes
+    compare_with_picture(what, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), image_size(source))
+    there = {int(number) for each in found if each.classes is not None for number in np.unique(each.classes)} - {-1}
+    if choice is None:
+        if file and len(there) > 1:
+            warnings.warn(
+                f"{given}: detections of the classes {','.join(map(str, sorted(there)))} are tracked as one; give "
+                "`classes` to track each apart",
+                InputWarning,
+                stacklevel=2,
+            )
+        return GivenRows(found, bad)
+    if any(each.classes is None and len(each) for each in found):
+        raise RequestError(f"`classes`: expected classes with the boxes of {what}, got boxes without; leave it out")
+    told = {number: name for each in found for number, name in each.names.items()}
+    known, told = there | told.keys(), told or dict(enumerate(names or ()))
+    numbers = choice.numbers(told, known, what)
+    chosen = (replace(each.select(np.isin(each.origin[:, 1], numbers)), names=told) for each in found)
+    return GivenRows(chosen, bad)
 
 
 def looks_of(
@@ -285,12 +291,6 @@ def looks_of(
     return looked
 
 
-def classes_of(classes: Iterable[IntArray]) -> list[int]:
-    """The classes that there are among those of every frame; -1 is none."""
-    every = np.concatenate([np.empty(0, np.int64), *classes])
-    return [int(number) for number in np.unique(every[every >= 0])]
-
-
 def people_detect(
     source: Source, finding: FindingOptions, default: str, threads: int | None = None
 ) -> Detect | list[Detections]:
@@ -313,12 +313,14 @@ def people_detect(
     if finding.detections is not None:
         if finding.detector is not None:
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
-        return given_detections(finding.detections, source, finding.score_range)
+        more = finding.score_range, finding.chosen, finding.detector_options.classes
+        return given_detections(finding.detections, source, *more)
     if not source.has_images:
         raise RequestError(f"{source.name} has no images to find people in; give `detections`")
     detector = shipped(default) if finding.detector is None else finding.detector
     threads = finding.threads if threads is None else threads
-    found = as_detector(detector, finding.threshold, threads, finding.detector_options, finding.device)
+    options, chosen = finding.detector_options, finding.chosen
+    found = as_detector(detector, finding.threshold, threads, options, finding.device, classes=chosen)
     if wanted == (1, None) or not isinstance(found, Detector | ForeignDetector):
         return found
     return ViewedDetector(found, wanted, frame_rate=source.frame_rate)
@@ -328,7 +330,7 @@ def ground_of(detect: Detect | Sequence[Detections], wanted: Ground, source: Sou
     """What weighs the boxes of a network by people's heights on one ground; None where nothing shall.
 
     Args:
-        detect: given detections, and those of other people's functions, keep their scores.
+        detect: given detections, those of other people's functions, and other classes than people keep their scores.
         wanted: ``auto`` weighs wherever one ground explains what is found, ``off`` never.
         source: the video.
 
@@ -338,7 +340,7 @@ def ground_of(detect: Detect | Sequence[Detections], wanted: Ground, source: Sou
     if wanted not in get_args(Ground):
         raise RequestError(f"`ground`: expected {' or '.join(get_args(Ground))}, got {wanted!r}")
     network = inner_detector(detect)
-    if wanted == "off" or not isinstance(network, Detector | ForeignDetector):
+    if wanted == "off" or not isinstance(network, Detector | ForeignDetector) or not network.people_only:
         return None
     return GroundPlane(source.frame_rate, score_threshold=network.score_threshold)
 
@@ -373,26 +375,3 @@ def people_describer(
     if appearance is None and not source.has_images:
         return None
     return as_describer(shipped("appearance_people") if appearance is None else appearance, threads, options, device)
-
-
-def classed_detections(source: Source, finding: PeopleFinding) -> tuple[list[Detections], list[IntArray]]:
-    """The detections in a file with classes, an entry a frame, and the class of each row.
-
-    Args:
-        source: the video.
-        finding: names MOTChallenge's det.txt with classes in column 8, and the classes that must be among them.
-
-    Raises:
-        RequestError: no file is given, it is missing or broken, a class is named twice, or there is none of it.
-    """
-    if finding.detections is None:
-        raise RequestError("expected `classes` with `detections`, whose column 8 they stand in, got no detections")
-    wanted = finding.classes or []
-    if twice := [number for number in wanted if wanted.count(number) > 1]:
-        raise RequestError(f"`classes`: expected each class once, got {twice[0]} twice")
-    found, classes = _read(finding.detections, source, finding.score_range)
-    there = classes_of(classes)
-    if missing := [number for number in wanted if number not in there]:
-        named = ", ".join(map(str, there)) or "none"
-        raise RequestError(f"`classes`: expected classes of {finding.detections} ({named}), got {missing[0]}")
-    return found, classes

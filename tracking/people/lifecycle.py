@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -21,8 +21,11 @@ from tsuiseki.tracking.filters.kalman import (
 )
 from tsuiseki.tracking.interchange import BadBoxes
 from tsuiseki.tracking.options import refuse_nan
+from tsuiseki.tracking.people.votes import Votes
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
 
+S = TypeVar("S")
+ReportedBox = Literal["filtered", "detected"]
 _STATUSES = np.array(STATUSES)
 
 
@@ -40,11 +43,34 @@ class LifecycleSettings:
     min_hits: int = 3
     max_age: int = 10
     start_score: float = 0.5
-    boxes: Literal["filtered", "detected"] = "filtered"
+    boxes: ReportedBox = "filtered"
 
     def __post_init__(self) -> None:
         if self.min_hits < 1 or self.max_age < 0:
             raise RequestError(f"expected min_hits >= 1 and max_age >= 0, got {self.min_hits} and {self.max_age}")
+        if self.boxes not in get_args(ReportedBox):
+            raise RequestError(f"expected the boxes {' or '.join(get_args(ReportedBox))}, got {self.boxes!r}")
+
+
+def adjusted(settings: S, **given: Any) -> S:
+    """Settings, in which those that are given and not None are others; names of `LifecycleSettings` go there.
+
+    Raises:
+        RequestError: ``settings`` are none, or a value cannot be used.
+    """
+    if not is_dataclass(settings):
+        raise RequestError(f"expected settings by their names, such as max_age=30, got {settings!r}")
+    old: Any = settings
+    own = {one.name for one in fields(old)}
+    known = {name: value for name, value in given.items() if value is not None}
+    life = {name: known.pop(name) for name in [*known] if name not in own}
+    try:
+        if life:
+            known["lifecycle"] = replace(old.lifecycle, **life)
+        changed: S = replace(old, **known)
+    except TypeError as error:
+        raise RequestError(f"expected numbers in the settings, got {life | known}") from error
+    return changed
 
 
 @dataclass(frozen=True)
@@ -86,6 +112,7 @@ class Lifecycle:
         self._hits = np.empty(0, dtype=np.int64)
         self._misses = np.empty(0, dtype=np.int64)
         self._targets = Targets.empty(0)
+        self._votes = Votes()
         self.longer = 1.0
 
     def predict(self, time: float | None = None) -> FloatArray:
@@ -108,7 +135,9 @@ class Lifecycle:
         """The confirmed tracks where they are expected in the next frame, which nobody looks at."""
         self.clock.skip()
         boxes = predict_boxes(self._belief, self._motion, self.clock.since_look()).boxes
-        return self._answer(np.zeros(len(boxes)), boxes, self._numbers[:0], boxes[:0], skipped=True)
+        nobody = np.empty(0, dtype=np.int64)
+        lost = nobody, boxes[:0], nobody
+        return self._answer(np.zeros(len(boxes)), boxes, self._origin(nobody, nobody), *lost, skipped=True)
 
     @property
     def belief(self) -> BoxBelief:
@@ -135,7 +164,10 @@ class Lifecycle:
 
     def tracks(self) -> list[Track]:
         """All confirmed tracks so far."""
-        return self._record.tracks()
+        return [
+            Track(number, frames, rows[:, :4], scores, origin=rows[:, 4:].astype(np.int64), names=self._votes.names)
+            for number, frames, rows, scores in self._record.parts()
+        ]
 
     def forget(self) -> None:
         """Drop the boxes so far from `tracks`."""
@@ -150,7 +182,7 @@ class Lifecycle:
             detections: all of the frame.
         """
         parts = self._divide(seen, detected, detections)
-        lost = self._numbers[parts.lost], self._belief.boxes[parts.lost]
+        lost = self._numbers[parts.lost], self._belief.boxes[parts.lost], self._votes.classes()[parts.lost]
         updated = update_boxes(select_boxes(self._belief, seen), detections.boxes[detected], self._motion)
         old = np.concatenate([seen, parts.kept])
         started = len(parts.started)
@@ -166,9 +198,18 @@ class Lifecycle:
         self._belief = join_boxes(beliefs) if len(beliefs) > 1 else updated
         self._numbers = np.append(self._numbers[old], self._record.start(started)) if started else self._numbers[old]
         self._hits, self._misses = hits, misses
-        scores, boxes = self._note(parts, detections)
-        self._targets = self._answer(scores, boxes, *lost)
+        present, used = np.flatnonzero(misses == 0), np.concatenate([detected, parts.started])
+        self._votes.follow(old, started, present, used, detections)
+        origin = detections.origin[used]
+        scores, boxes = self._note(present, used, detections, origin)
+        self._targets = self._answer(scores, boxes, self._origin(present, origin[:, 0]), *lost)
         return parts
+
+    def _origin(self, present: IntArray, rows: IntArray) -> IntArray:
+        """``(N, 2)`` the detection of each track, -1 for those that are not ``present``, and its class by vote."""
+        origin = np.column_stack([np.full(len(self._numbers), -1), self._votes.classes()])
+        origin[present, 0] = rows
+        return origin
 
     def _divide(self, seen: IntArray, detected: IntArray, detections: Detections) -> Survivors:
         unseen = self._hits >= self._settings.min_hits
@@ -179,41 +220,53 @@ class Lifecycle:
         kept, lost = np.flatnonzero(unseen & young), np.flatnonzero(unseen & ~young)
         return Survivors(seen, detected, kept, np.flatnonzero(free), lost)
 
-    def _note(self, parts: Survivors, detections: Detections) -> tuple[FloatArray, FloatArray]:
-        """Record the tracks detected in this frame.
+    def _note(
+        self, present: IntArray, detected: IntArray, detections: Detections, origin: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Record the tracks at ``(D,)`` rows, which were detected in this frame.
 
         Returns:
             ``(N,)`` the scores of all live tracks, 0 for those not detected, and ``(N, 4)`` the boxes they report.
         """
-        present = self._misses == 0
-        scores, boxes = np.zeros(len(present)), self._belief.boxes
-        if not present.any():
+        scores, boxes = np.zeros(len(self._misses)), self._belief.boxes
+        if not len(present):
             return scores, boxes
         numbers = self._numbers[present]
         self._record.confirm(numbers[self._hits[present] == self._settings.min_hits])
-        detected = np.concatenate([parts.detected, parts.started])
         scores[present] = np.nan_to_num(detections.scores[detected])
         if self._settings.boxes == "detected":
             boxes = boxes.copy()
             boxes[present] = detections.boxes[detected]
-        self._record.append(self.clock.frame - 1, numbers, boxes[present], scores[present])
+        rows = np.concatenate([boxes[present], origin], axis=1)
+        self._record.append(self.clock.frame - 1, numbers, rows, scores[present])
         return scores, boxes
 
     def _answer(
-        self, scores: FloatArray, boxes: FloatArray, lost: IntArray, lost_boxes: FloatArray, *, skipped: bool = False
+        self,
+        scores: FloatArray,
+        boxes: FloatArray,
+        origin: IntArray,
+        lost: IntArray,
+        lost_boxes: FloatArray,
+        lost_classes: IntArray,
+        *,
+        skipped: bool = False,
     ) -> Targets:
         """The confirmed live tracks, then those deleted in this frame."""
         confirmed = np.flatnonzero(self._hits >= self._settings.min_hits)
         numbers, boxes, scores = self._numbers[confirmed], boxes[confirmed], scores[confirmed]
+        origin = origin[confirmed]
         searched = (self._misses[confirmed] > 0) | skipped
         status = _STATUSES[searched.astype(np.intp)]
         if len(lost):
             numbers, boxes = np.append(numbers, lost), np.concatenate([boxes, lost_boxes])
             scores = np.append(scores, np.zeros(len(lost)))
+            origin = np.concatenate([origin, np.column_stack([np.full(len(lost), -1), lost_classes])])
             status = np.append(status, _STATUSES[np.full(len(lost), 2)])
         # Only a box that was not seen can have shrunk.
         boxes = with_area(boxes) if len(lost) or searched.any() else boxes
-        return Targets(self.clock.frame - 1, self._record.ids(numbers), boxes, scores, status)
+        frame, ids = self.clock.frame - 1, self._record.ids(numbers)
+        return Targets(frame, ids, boxes, scores, status, origin, self._votes.names)
 
 
 class LifecycleTracker:
@@ -314,10 +367,6 @@ class Record:
         self._numbers.append(numbers)
         self._boxes.append(boxes)
         self._scores.append(np.nan_to_num(scores))
-
-    def tracks(self) -> list[Track]:
-        """The confirmed tracks, by id."""
-        return [Track(*part) for part in self.parts()]
 
     def parts(self) -> list[tuple[int, IntArray, FloatArray, FloatArray]]:
         """Id, ``(T,)`` frames, ``(T, 4 + …)`` boxes and ``(T,)`` scores of the confirmed tracks, by id."""

@@ -27,7 +27,8 @@ from tsuiseki.tracking.people.settings import METHODS, NONE, MethodSettings, Peo
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracker import PeopleTracker, skipped, updated
 from tsuiseki.tracking.people.unused import FirstDetections
-from tsuiseki.tracking.types import FloatArray, IntArray, Targets, Track
+from tsuiseki.tracking.types import FloatArray, Targets, Track
+from tsuiseki.tracking.types.class_choice import called
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE
 from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped
@@ -193,51 +194,46 @@ class MotionCompensated:
         return np.concatenate(back)
 
 
+def inner_tracker(tracker: PeopleTracker) -> PeopleTracker:
+    """What links, also where the movement of the camera is taken out before."""
+    return tracker.tracker if isinstance(tracker, MotionCompensated) else tracker
+
+
 class ByClass:
     """A tracker of its own for every class; ids are unique over all of them.
 
     Args:
         make: gives a fresh tracker for a class.
-        classes: ``(N,)`` the class of each detection of every frame, in the order in which frames and detections come;
-            frames after the last of them have no detection.
-        wanted: the classes to track; detections of others are passed over.
+        wanted: the classes to track, numbers or names in small letters. Detections of others are passed over.
 
     Attributes:
-        wanted: each once.
         trackers: by class.
         first: what they were given first, by class.
 
     >>> from tsuiseki.tracking.people.sort import Sort
-    >>> tracker = ByClass(Sort, [np.array([1, 2])] * 4, [1, 2])
+    >>> tracker = ByClass(Sort, [1, 2])
     >>> for _ in range(4):
-    ...     people = tracker.update([[0, 0, 20, 50, 0.9], [1, 0, 21, 50, 0.9]])
-    >>> len(people), [tracker.class_of(track.id) for track in tracker.tracks()]
-    (2, [1, 2])
+    ...     people = tracker.update([[0, 0, 20, 50, 0.9, 1], [1, 0, 21, 50, 0.9, 2]])
+    >>> people.classes, [track.class_id for track in tracker.tracks()]
+    (array([1, 2]), [1, 2])
     """
 
-    def __init__(self, make: Callable[[], PeopleTracker], classes: Sequence[IntArray], wanted: Sequence[int]) -> None:
-        self.wanted = tuple(dict.fromkeys(wanted))
-        self._classes = classes
-        self.first = {number: FirstDetections() for number in self.wanted}
-        self.trackers = {number: make() for number in self.wanted}
-        self._ids: dict[tuple[int, int], int] = {}
-        self._frame = 0
+    def __init__(self, make: Callable[[], PeopleTracker], wanted: Sequence[int | str]) -> None:
+        self.first = {number: FirstDetections() for number in wanted}
+        self.trackers = {number: make() for number in wanted}
+        self._ids: dict[tuple[int | str, int], int] = {}
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
         """Take the next frame; the targets of all classes, where every class has decided on the same frame."""
         found = as_detections(detections)
-        classes = self._classes[self._frame] if self._frame < len(self._classes) else np.empty(0, np.int64)
-        if len(found) != len(classes):
-            raise ValueError(f"expected {len(classes)} detections in frame {self._frame}, got {len(found)}")
-        self._frame += 1
-        every = {number: found.select(classes == number) for number in self.trackers}
+        classes = found.origin[:, 1]
+        every = {one: found.select(np.isin(classes, called(one, found.names))) for one in self.trackers}
         for number, one in every.items():
             self.first[number].add(one)
         return self._joined([updated(tracker, every[number], time) for number, tracker in self.trackers.items()])
 
     def skip(self) -> Targets | None:
         """Nobody looks at the next frame."""
-        self._frame += 1
         return self._joined([skipped(tracker) for tracker in self.trackers.values()])
 
     def _joined(self, every: Sequence[Targets | None]) -> Targets | None:
@@ -245,10 +241,12 @@ class ByClass:
         known = [answer for answer in answers if answer is not None]
         if len(known) < len(answers) or len({answer.frame for answer in known}) != 1:
             return None
-        return Targets(
-            known[0].frame,
-            *(np.concatenate([getattr(k, name) for k in known]) for name in ("ids", "boxes", "scores", "status")),
+        names = {number: name for answer in known for number, name in answer.names.items()}
+        ids, boxes, scores, status, origin = (
+            np.concatenate([getattr(answer, name) for answer in known])
+            for name in ("ids", "boxes", "scores", "status", "origin")
         )
+        return Targets(known[0].frame, ids, boxes, scores, status, origin, names)
 
     def tracks(self) -> list[Track]:
         """The tracks of all classes, by id."""
@@ -259,15 +257,16 @@ class ByClass:
         ]
         return sorted(found, key=lambda track: track.id)
 
-    def class_of(self, number: int) -> int:
-        """The class of the track that bears an id."""
-        return next(key[0] for key, one in self._ids.items() if one == number)
+    def forget(self) -> None:
+        """See `OnlineTracker`."""
+        for tracker in self.trackers.values():
+            inner_tracker(tracker).forget()  # type: ignore[attr-defined]
 
-    def _renumbered(self, number: int, targets: Targets | None) -> Targets | None:
+    def _renumbered(self, number: int | str, targets: Targets | None) -> Targets | None:
         if targets is None:
             return None
         return replace(targets, ids=np.array([self._id(number, one) for one in targets.ids.tolist()], dtype=np.int64))
 
-    def _id(self, number: int, inner: int) -> int:
+    def _id(self, number: int | str, inner: int) -> int:
         """The id over all classes; what was told once stays."""
         return self._ids.setdefault((number, inner), len(self._ids) + 1)

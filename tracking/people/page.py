@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,8 @@ from tsuiseki.tracking.report.page import BOXES_NOTE, embedded_overlay, html_pag
 from tsuiseki.tracking.report.timeline import Bar, timeline
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import Track
+
+PERSON = "person"
 
 
 def people_page(result: Result[Track], folder: Path) -> str:
@@ -22,9 +26,21 @@ def people_page(result: Result[Track], folder: Path) -> str:
         section("Time", seconds_table(result.seconds, len(frames))),
         section("How it was made", listing({name: str(result.settings[name]) for name in ("method", "source")})),
     ]
-    count = f"{len(result)} {'person' if len(result) == 1 else 'people'}"
-    introduction = f"{count} in {len(frames)} frames at {result.frame_rate:g} a second."
-    return html_page(f"People in {result.source}", introduction, sections)
+    introduction = f"{counted(result.tracks)} in {len(frames)} frames at {result.frame_rate:g} a second."
+    return html_page(f"People in {result.name}", introduction, sections)
+
+
+def counted(tracks: Sequence[Track]) -> str:
+    """How many there are, by class where classes are told apart, such as ``4 x person, 2 x car``."""
+    classes = Counter(class_of(track) for track in tracks)
+    if classes.keys() <= {PERSON}:
+        return f"{len(tracks)} {'person' if len(tracks) == 1 else 'people'}"
+    return ", ".join(f"{count} x {name}" for name, count in sorted(classes.items()))
+
+
+def class_of(track: Track) -> str:
+    """Name of a track's class, or class and its number; ``person`` where neither is known."""
+    return track.class_name or (f"class {track.class_id}" if track.class_id >= 0 else PERSON)
 
 
 def _timeline(result: Result[Track]) -> str:
@@ -33,12 +49,12 @@ def _timeline(result: Result[Track]) -> str:
         return "<p>Nobody was followed.</p>"
     first, last = result.frames["frame"][0], result.frames["frame"][-1]
     note = "<p class=note>A bar is the time a person was followed, pale where no detection supports it.</p>"
-    return timeline([followed(track) for track in result], first - 1, last - first + 1, "timeline") + note
+    return timeline([followed(track) for track in result], first, last - first + 1, "timeline") + note
 
 
 def followed(track: Track) -> tuple[str, list[Bar]]:
     """The row of a person: when they were followed, pale where no detection supports it."""
-    name = f"person {track.id}"
+    name = f"{class_of(track)} {track.id}"
     return name, [
         Bar(span.first, span.last, name, track.id, pale=not span.value)
         for span in spans(track.frames, track.observed.astype(np.int64))

@@ -17,6 +17,7 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
     """
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.cli.run import count, frames_expected
+    from tsuiseki.tracking.people.page import counted
     from tsuiseki.tracking.people.tracking import open_people, people_result
 
     source = video.open(timed=True)
@@ -30,6 +31,5 @@ def people(video: Video, output: SeededOutput, finding: PeopleFinding, linking: 
             print(line)
         tell_blank(opened.inputs.detect)
         run.save(result, lambda: video.draw(run, source, result))
-        who, length = count(len(result), "person", "people"), count(run.count, "frame", "frames")
-        run.done(f"{who} in {length}: {output.out / 'tracks.txt'}")
+        run.done(f"{counted(result)} in {count(run.count, 'frame', 'frames')}: {output.out / 'tracks.txt'}")
     return run.status

@@ -17,7 +17,7 @@ from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.ground_plane import GroundPlane
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.view_choice import inner_detector
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.video.source import Source
 

@@ -16,6 +16,7 @@ from tsuiseki.tracking.people.deepsort import DeepSortSettings
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.ocsort import OcSortSettings
 from tsuiseki.tracking.people.sort import SortSettings
+from tsuiseki.tracking.types.class_choice import ClassChoice
 
 PeopleMethod = Literal["flow", "deepsort", "sort", "bytetrack", "ocsort"]
 METHODS: tuple[PeopleMethod, ...] = get_args(PeopleMethod)
@@ -88,6 +89,11 @@ class FindingOptions(Detecting):
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
 
     @property
+    def chosen(self) -> ClassChoice | None:
+        """The classes that are looked for; None for people."""
+        return None
+
+    @property
     def how(self) -> Mapping[str, str]:
         """How the detector looks, where that is not the usual way: plain values that tell its results apart."""
         usual = (self.detector_options, self.view) == (DetectorOptions(), "1")
@@ -110,14 +116,28 @@ class PeopleFinding(FindingOptions):
         appearance: appearance network as ONNX for deepsort and flow; by default the shipped appearance_people.onnx;
             none does without. One of other projects may be anything from crops to features.
         appearance_options: what the file of another project's appearance network does not tell.
-        classes: track the rows of --detections of these classes (column 8), each class apart, such as 1,3; tracks.txt
-            then has the class in column 8. By default all rows, as one class.
+        classes: track these classes, by number or name, such as person,car or 1,3; tracks.txt then has the class in
+            column 8. By default people, and of --detections (column 8) and functions all, as one class.
+        across_classes: with --classes, one track may go through several of them; by default each is tracked apart.
     """
 
     view: str = "auto"
     ground: Ground = "auto"
     appearance_options: AppearanceOptions = field(default_factory=AppearanceOptions)
-    classes: list[int] | None = None
+    classes: list[int | str] | None = None
+    across_classes: bool = False
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        super().check()
+        if self.across_classes and self.classes is None:
+            raise RequestError("expected `across_classes` with `classes`, got it alone")
+        _ = self.chosen
+
+    @property
+    def chosen(self) -> ClassChoice | None:
+        """See `FindingOptions`."""
+        return None if self.classes is None else ClassChoice(self.classes, self.across_classes)
 
 
 @dataclass(frozen=True)

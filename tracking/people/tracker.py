@@ -34,14 +34,14 @@ begin earlier, with the detections that made it believe.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
 
 from tsuiseki.tracking.interchange import DetectionsLike
 from tsuiseki.tracking.people.unused import FirstDetections
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, Targets, Track
 
 
@@ -96,7 +96,7 @@ class FrameLog:
         self.scores.append(float(scores.mean()) if len(scores) else float("nan"))
 
     def columns(self, tracks: Sequence[Track]) -> dict[str, list[Any]]:
-        """One list a column: frame from 1, detections and their mean score, people tracked and their mean score."""
+        """One list a column: frame from 0, detections and their mean score, people tracked and their mean score."""
         numbers = np.asarray(self.frames, dtype=np.int64)
         rows = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
         scores = np.concatenate([np.empty(0), *(track.scores for track in tracks)])
@@ -105,7 +105,7 @@ class FrameLog:
         sums = np.bincount(rows, weights=scores, minlength=size)[numbers]
         means = sums / np.maximum(counts, 1)
         return {
-            "frame": (numbers + 1).tolist(),
+            "frame": numbers.tolist(),
             "detections": list(self.detections),
             "detection_score": [None if np.isnan(s) else round(s, 4) for s in self.scores],
             "people": counts.tolist(),
@@ -164,7 +164,7 @@ def skipped(tracker: PeopleTracker) -> Targets | None:
 
 def shifted(track: Track, frames: int) -> Track:
     """``track`` as many frames later."""
-    return Track(track.id, track.frames + frames, track.boxes, track.scores, track.observed) if frames else track
+    return replace(track, frames=track.frames + frames) if frames else track
 
 
 def run_tracker(detections: Iterable[DetectionsLike], tracker: PeopleTracker) -> list[Track]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,8 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 
 from tsuiseki.tracking.association.looks import stride_of
+from tsuiseki.tracking.cli.progress import progress
+from tsuiseki.tracking.cli.run import frames_expected
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
@@ -29,7 +32,6 @@ from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.inputs import (
     GivenDetections,
     PeopleInputs,
-    classed_detections,
     ground_of,
     looks_of,
     people_describer,
@@ -43,6 +45,7 @@ from tsuiseki.tracking.people.methods import (
     camera_for,
     compares_appearance,
     cost_of_scores,
+    inner_tracker,
     people_affinity,
     people_tracker,
     straddles,
@@ -51,10 +54,13 @@ from tsuiseki.tracking.people.score_choice import above_floor, score_choice
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers, skipped
 from tsuiseki.tracking.people.unused import FirstDetections
-from tsuiseki.tracking.result import Result, StageTimes
-from tsuiseki.tracking.types import Detections, Frame, IntArray, Targets, Track
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types import Detections, Frame, Targets, Track
+from tsuiseki.tracking.types.class_choice import called
 from tsuiseki.tracking.types.frame_range import parse_frames
-from tsuiseki.tracking.video.source import Source, open_source
+from tsuiseki.tracking.types.tracks import targets_at
+from tsuiseki.tracking.video.source import Source, SourceLike, endless, named, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 
@@ -70,7 +76,13 @@ class PeopleKeywords(TypedDict, total=False):
             ``deepsort``; by default the shipped one; ``"none"`` does without.
         affinity: exported link costs for ``flow``; by default the shipped ones after an exported detector, hand-set
             costs otherwise; ``"none"`` takes hand-set costs always.
-        frames: only these frames, counted from 1 with both ends, such as ``"301-400"``.
+        score_threshold: the detector keeps what scores at least this, from 0 to 1; by default 0.3, or what the
+            beginning of the video tells of another project's detector.
+        view: in how many tiles the detector looks at a frame: ``"auto"``, ``"1"``, ``"3x2"`` or ``"tiles"``.
+        frames: only these frames, such as ``"301-400"``, counted from 1 with both ends as on the command line; all
+            other numbers of frames in Python count from 0.
+        frame_rate: frames a second, where the source does not say it, as images do not, or is wrong.
+        progress: show on the terminal how far the run is.
         frames_looked_at: numbers, counted from 0, of the frames that ``detections`` were looked for in, such as
             ``range(0, 300, 10)``; by default the detections tell a stride. Nobody is missed in other frames.
         moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
@@ -83,13 +95,20 @@ class PeopleKeywords(TypedDict, total=False):
             `follow_people` each frame comes so much later.
         ground: ``auto`` lowers the scores of a network's boxes that are not as high as people on one ground are in
             their row, see `GroundPlane`; ``off`` leaves them as they are, like those of ``detections`` and functions.
+        classes: track these, numbers or names, such as ``["person", "car"]``; by default people, and all that
+            ``detections`` and functions give. Each track has its ``class_id``, and each target its ``detection``.
+        across_classes: one track may go through several of them; by default each class is tracked apart.
     """
 
     detections: GivenDetections | None
     detector: DetectorLike | None
     appearance: AppearanceLike | None
     affinity: str | Path | LearntCosts | None
+    score_threshold: float | None
+    view: str
     frames: str | None
+    frame_rate: float | None
+    progress: bool
     frames_looked_at: Iterable[int] | None
     moving_camera: bool
     threads: int
@@ -97,19 +116,22 @@ class PeopleKeywords(TypedDict, total=False):
     seed: int
     delay: float | None
     ground: Ground
+    classes: Sequence[int | str] | None
+    across_classes: bool
 
 
 def track_people(
-    source: str | Path | int, method: PeopleMethod | PeopleTracker = "flow", **keywords: Unpack[PeopleKeywords]
+    source: SourceLike, method: PeopleMethod | PeopleTracker = "flow", **keywords: Unpack[PeopleKeywords]
 ) -> Result[Track]:
     """Everyone in a video, each with an id.
 
     Args:
-        source: a video file, a folder of images, or a MOTChallenge sequence folder; a webcam's number or a stream's
-            address together with ``frames``, since it does not end by itself.
+        source: a video file, a folder of images, a MOTChallenge sequence folder, or images ``(H, W, 3)`` uint8 RGB in a
+            list or as they come; a webcam's number or a stream's address together with ``frames``, since it does not
+            end by itself.
         method: ``flow`` links the whole video at once, which is the most accurate; ``deepsort``, ``sort``,
             ``bytetrack`` and ``ocsort`` go frame by frame; or a tracker with settings of one's own, such as
-            ``Sort(SortSettings(min_iou=0.2))``.
+            ``Sort(max_age=30)``.
         keywords: see `PeopleKeywords`.
 
     Returns:
@@ -119,20 +141,23 @@ def track_people(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
+    shown = keywords.pop("progress", False)
     opened = _opened(source, method, **keywords)
     video = opened.inputs.source
-    if video.live and video.frames_wanted.last is None:
+    if endless(video):
         raise RequestError(f"{video.name} does not end by itself; give frames, or use follow_people")
     name, times = method if isinstance(method, str) else type(method).__name__, StageTimes()
-    made = {"method": name, "source": str(source), "seed": keywords.get("seed", 0)}
-    result, _ = people_result(opened, opened.inputs.found(times=times), times, made)
+    made = {"method": name, "source": named(source), "seed": keywords.get("seed", 0)}
+    found = opened.inputs.found(times=times)
+    watched = progress(found, "tracking", frames_expected(video)) if shown else found
+    result, _ = people_result(opened, watched, times, made)
     if why := result.facts.get("detections_without_track"):
         warnings.warn(why, InputWarning, stacklevel=2)
     return result
 
 
 def follow_people(
-    source: str | Path | int, method: PeopleMethod | PeopleTracker = "sort", **keywords: Unpack[PeopleKeywords]
+    source: SourceLike, method: PeopleMethod | PeopleTracker = "sort", **keywords: Unpack[PeopleKeywords]
 ) -> Iterator[tuple[Frame, Targets]]:
     """Each frame with the people in it, while the video comes.
 
@@ -149,6 +174,7 @@ def follow_people(
         RequestError: see `track_people`; or the method answers at the end only.
         RunError: the video breaks off.
     """
+    shown = keywords.pop("progress", False)
     opened = _opened(source, method, **keywords)
     inputs = opened.inputs
     if not inputs.source.has_images:
@@ -158,7 +184,8 @@ def follow_people(
             "expected a method that answers while it runs, such as sort, or flow with a `delay`, got one that decides "
             "at the end; use track_people"
         )
-    return _followed(replace(inputs, batch_size=1 if inputs.source.live else inputs.batch_size), opened.tracker)
+    followed = _followed(replace(inputs, batch_size=1 if inputs.source.live else inputs.batch_size), opened.tracker)
+    return progress(followed, "following", frames_expected(inputs.source)) if shown else followed
 
 
 @dataclass(frozen=True)
@@ -168,14 +195,12 @@ class OpenedPeople:
     Attributes:
         inputs: where frames and detections come from.
         tracker: a fresh one.
-        class_of: the class of each track id, -1 where classes are not tracked apart.
         floor: score under which given detections were left out, see `above_floor`; None for none.
         bad: counts the boxes that are none; None where networks find all, or a file is read.
     """
 
     inputs: PeopleInputs
     tracker: PeopleTracker
-    class_of: Callable[[int], int] = lambda _: -1
     floor: float | None = None
     bad: BadBoxes | None = None
 
@@ -198,16 +223,11 @@ def open_people(
     if linking.moving_camera and not source.has_images:
         raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
     threads = threads_of_a_call(source, finding.threads)
-    kinds: Sequence[IntArray] = []
     floor: float | None = None
-    bad: BadBoxes | None = None
-    if finding.classes is None:
-        detect = people_detect(source, finding, PEOPLE_DETECTOR, threads)
-        bad = getattr(inner_detector(detect), "bad", None)
-        if isinstance(detect, list) and linking.method == "flow" and finding.score_range is None:
-            detect, floor = above_floor(detect, source.frame_rate)
-    else:
-        detect, kinds = classed_detections(source, finding)
+    detect, chosen = people_detect(source, finding, PEOPLE_DETECTOR, threads), finding.chosen
+    bad = getattr(inner_detector(detect), "bad", None)
+    if isinstance(detect, list) and linking.method == "flow" and finding.score_range is None and chosen is None:
+        detect, floor = above_floor(detect, source.frame_rate)
     compared = compares_appearance(linking.method)
     given, more = finding.appearance, finding.appearance_options
     describe = people_describer(source, compared, given, threads, more, finding.device)
@@ -217,21 +237,21 @@ def open_people(
     unknown = finding.score_threshold is None and not source.live
     choice = score_choice(detect, ground) if unknown else None
     inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks, choice)
-    if not isinstance(linking.method, str):
-        return OpenedPeople(inputs, _own_tracker(inputs, linking), floor=floor, bad=bad)
-    # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
-    known = knows_scores(detect)
-    learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=known)
-    fresh = partial(_fresh_tracker, inputs, linking, learnt, seed)
-    if finding.classes is None:
-        return OpenedPeople(inputs, fresh(), floor=floor, bad=bad)
-    by_class = ByClass(fresh, kinds[source.frames_wanted.first :], finding.classes)
-    return OpenedPeople(inputs, by_class, by_class.class_of)
+    apart = chosen is not None and not chosen.across
+    fresh: Callable[[], PeopleTracker]
+    if isinstance(linking.method, str):
+        # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
+        known = knows_scores(detect)
+        learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=known)
+        fresh = partial(_fresh_tracker, inputs, linking, learnt, seed)
+    else:
+        fresh = partial(_own_tracker, inputs, linking, apart)
+    return OpenedPeople(inputs, ByClass(fresh, chosen.plain) if chosen is not None and apart else fresh(), floor, bad)
 
 
-def _own_tracker(inputs: PeopleInputs, linking: Linking) -> PeopleTracker:
-    """The tracker that a call has given in place of a method's name."""
-    method: Any = linking.method
+def _own_tracker(inputs: PeopleInputs, linking: Linking, copied: bool) -> PeopleTracker:
+    """The tracker that a call has given in place of a method's name; a copy of it where each class has one."""
+    method: Any = deepcopy(linking.method) if copied else linking.method
     if isinstance(method, type) or not (hasattr(method, "update") and hasattr(method, "tracks")):
         raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     for name in ("affinity", "delay"):
@@ -252,10 +272,11 @@ def _fresh_tracker(inputs: PeopleInputs, linking: Linking, learnt: LearntCosts |
 
 
 def _opened(
-    source: str | Path | int,
+    source: SourceLike,
     method: Any,
     *,
     frames: str | None = None,
+    frame_rate: float | None = None,
     frames_looked_at: Iterable[int] | None = None,
     affinity: Any = None,
     moving_camera: bool = False,
@@ -266,7 +287,7 @@ def _opened(
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
     linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
     Seed(seed).check()
-    video = open_source(source, parse_frames(frames))
+    video = open_source(source, parse_frames(frames), frame_rate)
     known = [one.name for one in fields(PeopleFinding)]
     if unknown := [name for name in finding if name not in known]:
         raise RequestError(f"expected the keywords of `PeopleKeywords`, got {unknown[0]!r}")
@@ -293,6 +314,8 @@ def people_result(
     every, log = run_trackers(found, {name: opened.tracker}, times, opened.inputs.looked)
     tracks = every[name]
     facts, lines = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
+    if names := {str(n): name for track in tracks for n, name in track.names.items() if name and n == track.class_id}:
+        facts["classes"] = names
     if unused := _lines_on_unused(opened, log.first, tracks):
         facts["detections_without_track"] = "; ".join(unused)
 
@@ -304,7 +327,7 @@ def people_result(
         seconds=times.seconds,
         frames=log.columns(tracks),
         files={
-            "tracks.txt": lambda path, _: write_tracks(path, tracks, opened.class_of),
+            "tracks.txt": lambda path, _: write_tracks(path, tracks),
             "report.html": lambda path, folder: path.write_text(people_page(result, folder), encoding="utf-8"),
         },
         painter=Overlay(tracks, video.frame_rate).draw,
@@ -366,29 +389,27 @@ def _lines_on_flow(tracker: FlowTracker) -> list[str]:
 
 def _lines_on_unused(opened: OpenedPeople, first: FirstDetections, tracks: Sequence[Track]) -> list[str]:
     """Why most detections, of each class, belong to no track."""
-    tracker, lines = _inner(opened.tracker), []
-    groups = {-1: (first, tracker)}
+    tracker, lines = inner_tracker(opened.tracker), []
+    groups: dict[int | str, tuple[FirstDetections, PeopleTracker]] = {-1: (first, tracker)}
     if isinstance(tracker, ByClass):
-        groups = {number: (tracker.first[number], _inner(one)) for number, one in tracker.trackers.items()}
+        groups = {number: (tracker.first[number], inner_tracker(one)) for number, one in tracker.trackers.items()}
     for number, (given, one) in groups.items():
-        ours = [track for track in tracks if opened.class_of(track.id) == number]
+        ours = [track for track in tracks if number == -1 or track.class_id in called(number, track.names)]
         line = given.line(sum(int(t.observed.sum()) for t in ours), len(ours), getattr(one, "settings", None))
-        lines += [] if line is None else [line if number < 0 else f"class {number}: {line}"]
+        lines += [] if line is None else [line if number == -1 else f"class {number}: {line}"]
     return lines
 
 
 def _answers_while_it_runs(tracker: PeopleTracker) -> bool:
     """One that may have a delay has one, or else it can forget; see `people.tracker`."""
-    inner = _inner(tracker)
+    inner = inner_tracker(tracker)
+    if isinstance(inner, ByClass):
+        return all(map(_answers_while_it_runs, inner.trackers.values()))
     return inner.delay is not None if hasattr(inner, "delay") else hasattr(inner, "forget")
 
 
-def _inner(tracker: PeopleTracker) -> PeopleTracker:
-    return tracker.tracker if isinstance(tracker, MotionCompensated) else tracker
-
-
 def _followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Frame, Targets]]:
-    forget = getattr(_inner(tracker), "forget", None)
+    forget = getattr(inner_tracker(tracker), "forget", None)
     waiting: deque[Frame] = deque()
     first, looked = 0, inputs.looked
     last = Targets.empty(0)
@@ -413,16 +434,6 @@ def _followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Fr
 def expected(targets: Targets, frame: int) -> Targets:
     """The same people in a frame that nothing is known of."""
     here = targets.select(targets.status != "lost")
-    return replace(here, frame=frame, scores=np.zeros(len(here)), status=np.full(len(here), "searching"))
-
-
-def targets_at(tracks: Iterable[Track], frame: int, number: int | None = None) -> Targets:
-    """The targets of the 0-based ``frame``, out of finished tracks; ``number`` is another name of that frame."""
-    rows = [(track, int(row)) for track in tracks for row in np.flatnonzero(track.frames == frame)]
-    return Targets(
-        frame if number is None else number,
-        np.array([track.id for track, _ in rows], dtype=np.int64),
-        np.array([track.boxes[row] for track, row in rows]).reshape(-1, 4),
-        np.array([track.scores[row] if track.observed[row] else 0.0 for track, row in rows], dtype=np.float64),
-        np.array(["tracking" if track.observed[row] else "searching" for track, row in rows], dtype="U9"),
-    )
+    nothing = np.column_stack([np.full(len(here), -1), here.classes])
+    status = np.full(len(here), "searching")
+    return replace(here, frame=frame, scores=np.zeros(len(here)), status=status, origin=nothing)

@@ -42,7 +42,7 @@ class WholeFlow:
         self._waiting: list[Detections] = []
         self._every = DetectionTable.empty(given.frame_rate, given.size)
         self._parts: list[DetectionTable] = []
-        self._scores = np.empty(0)
+        self._scores, self._origin = np.empty(0), np.empty((0, 2), dtype=np.int64)
 
     def update(self, found: Detections) -> None:
         """Take the next frame."""
@@ -92,12 +92,12 @@ class WholeFlow:
         """Take in the waiting frames."""
         if not self._waiting:
             return
-        table, scores = self.input.rows(self._waiting)
+        table, scores, origin = self.input.rows(self._waiting)
         self._waiting = []
         self.window.costs = self.input.flow_costs(self.settings.costs)
         self.window.add(table)
         self._parts.append(replace(table, features=None))
-        self._scores = np.append(self._scores, scores)
+        self._scores, self._origin = np.append(self._scores, scores), np.concatenate([self._origin, origin])
 
     @staticmethod
     def _chained(decision: Decision, table: DetectionTable) -> Chained:
@@ -127,7 +127,9 @@ class WholeFlow:
             if logit[piece].mean() < least:
                 self.clutter += 1
                 continue
-            track = Track(len(tracks) + 1, every.frames[piece], every.boxes[piece], np.nan_to_num(self._scores[piece]))
+            frames, boxes, scores = every.frames[piece], every.boxes[piece], np.nan_to_num(self._scores[piece])
+            origin, names = self._origin[piece], self.input.names
+            track = Track(len(tracks) + 1, frames, boxes, scores, origin=origin, names=names)
             self.actions.append(None if every.actions is None else every.actions[piece])
             tracks.append(track)
             images.append(every.image[piece])
@@ -177,7 +179,7 @@ def reported(
     if smoothing is None:
         boxes = boxes.copy()
         boxes[observed] = image[len(image) - int(observed.sum()) :]
-    return Track(track.id, frames, boxes, filled.scores[asked], observed)
+    return Track(track.id, frames, boxes, filled.scores[asked], observed, filled.origin[asked], track.names)
 
 
 def long_tracks(labels: IntArray, fewest: int = 1) -> list[IntArray]:

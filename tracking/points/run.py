@@ -1,10 +1,8 @@
-"""Any number of objects: coloured or measured in a video, or measured by a sensor; in one call, and by command."""
+"""Any number of objects that are coloured or measured in a video: in one call, and by `tsuiseki track blobs`."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -15,27 +13,24 @@ from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import count, frames_expected
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box, parse_colour
-from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_model, sensing_model, write_sensed_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.sensed_points import is_point_file, read_points, write_point_tracks
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.people.inputs import given_detections
 from tsuiseki.tracking.people.tracker import shifted
-from tsuiseki.tracking.points.observed import points_as_boxes, positions_of, region_of
+from tsuiseki.tracking.points.observed import points_as_boxes
 from tsuiseki.tracking.points.settings import (
     SIZE,
     BlobChoice,
     BlobPreset,
     BlobSettings,
-    Lag,
     PointSettings,
-    SetMethod,
 )
-from tsuiseki.tracking.points.tracker import BlobTracker, MeasurementTracker, PointTracker, SingleBlobTracker
-from tsuiseki.tracking.result import Result, StageTimes, Writer
+from tsuiseki.tracking.points.tracker import BlobTracker, PointTracker, SingleBlobTracker
+from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
-from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.source import Source, SourceLike, endless, named
 
 AnyBlobTracker: TypeAlias = BlobTracker | SingleBlobTracker | PointTracker
 USUAL_EXTENT = (640.0, 480.0)
@@ -43,7 +38,7 @@ ColourLike: TypeAlias = str | ColourRange | ArrayLike
 
 
 def track_blobs(
-    source: str | Path | int,
+    source: SourceLike,
     colour: ColourLike,
     *,
     settings: BlobSettings | None = None,
@@ -66,13 +61,13 @@ def track_blobs(
         RunError: the video breaks off.
     """
     opened, tracker = _prepared(source, colour, settings, frames, seed)
-    if opened.live and opened.frames_wanted.last is None:
+    if endless(opened):
         raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_blobs")
-    return blob_result(opened, tracker, opened.frames(), StageTimes(), {"source": str(source), "seed": seed})
+    return blob_result(opened, tracker, opened.frames(), StageTimes(), {"source": named(source), "seed": seed})
 
 
 def follow_blobs(
-    source: str | Path | int,
+    source: SourceLike,
     colour: ColourLike,
     *,
     settings: BlobSettings | None = None,
@@ -152,9 +147,9 @@ def chosen_colour(source: Source, colour: ColourLike) -> ColourRange:
 
 
 def _prepared(
-    source: str | Path | int, colour: ColourLike, settings: BlobSettings | None, frames: str | None, seed: int
+    source: SourceLike, colour: ColourLike, settings: BlobSettings | None, frames: str | None, seed: int
 ) -> tuple[Source, BlobTracker | SingleBlobTracker]:
-    opened = Video(source=str(source), frames=frames).open(images=True)
+    opened = Video.given(source, frames).open(images=True)
     return opened, colour_tracker(chosen_colour(opened, colour), settings or BlobSettings(), seed)
 
 
@@ -214,7 +209,7 @@ def blob_result(
     for count, step in enumerate(steps, start=1):  # noqa: B007
         with times.measure("track"):
             update(step)
-    columns: dict[str, list[Any]] = {"frame": list(range(first + 1, first + count + 1))}
+    columns: dict[str, list[Any]] = {"frame": list(range(first, first + count))}
     if isinstance(tracker, SingleBlobTracker):
         # It counts frames as the video does.
         columns |= {"score": [e.score for e in tracker.estimates], "status": [e.status for e in tracker.estimates]}
@@ -298,158 +293,4 @@ def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
         run.save(result, lambda: video.draw(run, source, result))
         summary = f"{count(len(result), 'object', 'objects')} in {run.count} frames: {output.out / 'tracks.txt'}"
         run.done("\n".join([summary, *said_of_counts(result.frames.get("expected_count"), choice.preset)]))
-    return run.status
-
-
-def track_measurements(
-    measured: str | Path | Sequence[Scan],
-    model: str | Path | Mapping[str, Any] | SensingModel,
-    *,
-    method: SetMethod = "labelled",
-    particles: int = 1000,
-    shortest: int = 1,
-    period: float = 1.0,
-    seed: int = 0,
-    lag: Lag = 0,
-) -> Result[SensedTrack]:
-    """Targets behind the measurements of a sensor, each with an id, at every scan.
-
-    Args:
-        measured: a CSV of measurements (`tracking.formats.measurements`), or scans in order of time.
-        model: of sensor, targets and clutter: a YAML file, what stands in one, or `SensingModel`.
-        method: labelled multi-Bernoulli filter, or phd.
-        particles: of each target.
-        shortest: tracks of fewer scans are left out.
-        period: seconds from one frame to the next, for a CSV with frames instead of times.
-        seed: of the particles.
-        lag: 1 lets each scan be judged with the next one, too (labelled only).
-
-    Raises:
-        RequestError: something of this cannot be used; the message says what and why.
-    """
-    chosen = as_model(model)
-    scans = read_scans(Path(measured), chosen.sensor.columns, period) if isinstance(measured, str | Path) else measured
-    tracker = MeasurementTracker(with_region(chosen, scans), method, particles, seed, lag)
-    return sensed_result(tracker, scans, shortest, StageTimes(), {"method": method, "seed": seed})
-
-
-def follow_measurements(
-    scans: Iterable[Scan],
-    model: str | Path | Mapping[str, Any] | SensingModel,
-    *,
-    method: SetMethod = "labelled",
-    particles: int = 1000,
-    seed: int = 0,
-    lag: Lag = 0,
-) -> Iterator[SensedTargets]:
-    """The targets of each scan, while the scans come, with a lag of 1 a scan later; see `track_measurements`.
-
-    The model needs a region.
-    """
-    tracker = MeasurementTracker(as_model(model), method, particles, seed, lag)
-    for scan in scans:
-        found = tracker.update(scan)
-        tracker.forget()
-        if found is not None:
-            yield found
-    last = tracker.finish()
-    if last is not None:
-        yield last
-
-
-def as_model(model: str | Path | Mapping[str, Any] | SensingModel) -> SensingModel:
-    """The model of a YAML file, of what stands in one, or as it is."""
-    if isinstance(model, SensingModel):
-        return model
-    return sensing_model(model) if isinstance(model, Mapping) else read_sensing_model(Path(model))
-
-
-def with_region(model: SensingModel, scans: Sequence[Scan]) -> SensingModel:
-    """The model with the region where the measurements lie, if it has none of its own."""
-    return model if model.region else replace(model, region=region_of(scans))
-
-
-def sensed_result(
-    tracker: MeasurementTracker, steps: Iterable[Scan], shortest: int, times: StageTimes, settings: Mapping[str, Any]
-) -> Result[SensedTrack]:
-    """The result of a run.
-
-    Args:
-        tracker: a fresh one.
-        steps: scans in order of time.
-        shortest: tracks of fewer scans are left out.
-        times: of the run.
-        settings: of the run.
-    """
-    model, done = tracker.model, list[Scan]()
-    for scan in steps:
-        with times.measure("track"):
-            tracker.update(scan)
-        done.append(scan)
-    every = tracker.tracks()
-    tracks = [track for track in every if len(track) >= shortest]
-    numbers = Counter(int(scan) for track in every for scan in track.scans)
-
-    def draw(path: Path, _: Path) -> None:
-        from tsuiseki.tracking.points.page import tracks_figure
-
-        figure = tracks_figure(tracks, [positions_of(model, scan.measurements) for scan in done])
-        figure.savefig(path, facecolor="white")
-
-    return Result(
-        tracks,
-        settings=settings,
-        facts={"region": [list(pair) for pair in model.region]},
-        seconds=times.seconds,
-        frames={
-            "frame": list(range(1, len(done) + 1)),
-            "time": [scan.time for scan in done],
-            "measurements": [len(scan.measurements) for scan in done],
-            "targets": [numbers[scan] for scan in range(len(done))],
-        },
-        files={
-            "tracks.csv": lambda path, _: write_sensed_tracks(path, tracks, model.sensor.dimensions),
-            "tracks.png": draw,
-        },
-    )
-
-
-def points(
-    file: Path,
-    /,
-    model: Path,
-    output: SeededOutput,
-    method: SetMethod = "labelled",
-    particles: int = 1000,
-    period: float = 1.0,
-    shortest: int = 3,
-    lag: Lag = 0,
-) -> int:
-    """Track an unknown number of targets from a sensor's measurements, such as a radar's or a lidar's.
-
-    DIR gets tracks.csv (time, id, position, velocity, covariance, probability of existence), tracks.png and run.json.
-
-    Args:
-        file: CSV with the columns time (seconds, which need not be even) or frame, and the sensor's: x,y or x,y,z or
-            bearing,range or bearing,elevation,range; with sd_x,… or cov_x_x,… where errors differ. A row with a time
-            alone says that nothing was measured then.
-        model: YAML with the keys sensor, motion, detection, survival, clutter, region, births (docs/methods/points.md).
-        method: labelled multi-Bernoulli filter, or phd.
-        particles: of each target.
-        period: seconds from one frame to the next, where the file has frames.
-        shortest: tracks of fewer scans are left out.
-        lag: 1 judges each scan with the next one, too, which places targets better and ends them in time (labelled
-            only).
-        seed: of the particles.
-    """
-    if not period > 0 or shortest < 1:
-        raise RequestError(f"expected a `period` above 0 and `shortest` from 1, got {period:g} and {shortest}")
-    chosen = read_sensing_model(model)
-    scans = read_scans(file, chosen.sensor.columns, period)
-    tracker = MeasurementTracker(with_region(chosen, scans), method, particles, output.seed, lag)
-    with output.run() as run:
-        steps = run.steps(scans, total=len(scans))
-        result = sensed_result(tracker, steps, shortest, run.times, output.settings)
-        run.save(result)
-        run.done(f"{count(len(result), 'target', 'targets')} in {run.count} scans: {output.out / 'tracks.csv'}")
     return run.status

@@ -1,4 +1,4 @@
-"""One target through a video, from its box in the first frame: `follow`, and `tsuiseki track single`."""
+"""One target through a video, from its box in the first frame: `follow_single`, and `tsuiseki track single`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.single import find_single_sequences, has_labels, write_boxes
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.report.overlay import Overlay
-from tsuiseki.tracking.result import Result, StageTimes, Writer
+from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.single.settings import (
     SingleChoice,
     SingleMethod,
@@ -28,16 +28,17 @@ from tsuiseki.tracking.single.settings import (
     warn_if_not_asked,
 )
 from tsuiseki.tracking.single.tracker import SingleTracker, as_box, follow_target
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import STATUSES, Estimate, FloatArray, Frame, ImageArray, Status, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
-from tsuiseki.tracking.video.source import Source, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, endless, named, open_source
 
 # Frames that the trail of a target goes back.
 TRAIL = 49
 
 
-def follow(
-    source: str | Path | int,
+def follow_single(
+    source: SourceLike,
     box: Sequence[float] | ArrayLike | None = None,
     method: SingleMethod | SingleTracker = "combined",
     *,
@@ -72,7 +73,7 @@ def follow(
 
 
 def track_single(
-    source: str | Path | int,
+    source: SourceLike,
     box: Sequence[float] | ArrayLike | None = None,
     method: SingleMethod | SingleTracker = "combined",
     *,
@@ -82,20 +83,20 @@ def track_single(
 ) -> Result[Track]:
     """One target of any kind through a whole video: one track, with what is known of the run.
 
-    Arguments and errors are those of `follow`. The track has a box in every frame, where the target is not tracked
-    without support by it; ``frames`` of the result has the score and the status.
+    Arguments and errors are those of `follow_single`. The track has a box in every frame, where the target is not
+    tracked without support by it; ``frames`` of the result has the score and the status.
     """
     opened, wanted = _opened(source, box, frames)
-    if opened.live and opened.frames_wanted.last is None:
-        raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow")
+    if endless(opened):
+        raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_single")
     tracker, times = single_tracker(method, preset, seed), StageTimes()
     followed = follow_frames(opened.frames(), wanted, tracker, times)
     name = method if isinstance(method, str) else type(method).__name__
-    return single_result(opened, followed, times, {"method": name, "source": str(source), "seed": seed})
+    return single_result(opened, followed, times, {"method": name, "source": named(source), "seed": seed})
 
 
 def _opened(
-    source: str | Path | int, box: Sequence[float] | ArrayLike | None, frames: str | None
+    source: SourceLike, box: Sequence[float] | ArrayLike | None, frames: str | None
 ) -> tuple[Source, FloatArray]:
     """The video and the target in its first frame, checked."""
     opened, labelled = open_single(source, frames)
@@ -138,15 +139,15 @@ def follow_frames(
         yield current[0], estimate
 
 
-def open_single(source: str | Path | int, frames: str | None = None) -> tuple[Source, FloatArray | None]:
+def open_single(source: SourceLike, frames: str | None = None) -> tuple[Source, FloatArray | None]:
     """The video, and the labelled box of its first frame where it is a sequence folder with labels.
 
     Raises:
         RequestError: see `open_source` and `find_single_sequences`.
     """
-    stretch, folder = parse_frames(frames), Path(str(source))
-    if not folder.is_dir() or not has_labels(folder):
-        return open_source(str(source), stretch), None
+    stretch, folder = parse_frames(frames), Path(named(source))
+    if not isinstance(source, str | Path) or not folder.is_dir() or not has_labels(folder):
+        return open_source(source, stretch), None
     sequence = find_single_sequences(folder)[0]
     if not sequence.images:
         raise RequestError(f"{folder}: expected images beside its labels, found none")
@@ -211,7 +212,7 @@ def single_result(
         facts={} if constants is None else {"constants": constants},
         seconds=times.seconds,
         frames={
-            "frame": [e.frame + 1 for e in estimates],
+            "frame": [e.frame for e in estimates],
             "score": [round(e.score, 5) for e in estimates],
             "status": [e.status for e in estimates],
         },

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.volume import in_sight
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.result import StageTimes
 from tsuiseki.tracking.sphere.tracker import (
     START_SPEED,
     SphereState,
@@ -21,6 +20,7 @@ from tsuiseki.tracking.sphere.tracker import (
     with_velocities,
 )
 from tsuiseki.tracking.sphere.views import Views
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray, Position
 from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
@@ -80,7 +80,7 @@ class SphereLog:
             "score": [round(p.score, 4) for p in self.positions],
             "status": [p.status for p in self.positions],
             "open": [[round(float(v), 3) for v in p.open] for p in self.positions],
-            "frame_of_each_video": [[None if f is None else f + 1 for f in m.frames] for m in self.moments],
+            "frame_of_each_video": [list(m.frames) for m in self.moments],
         }
 
 

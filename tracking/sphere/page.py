@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
 from itertools import takewhile
 from pathlib import Path
@@ -20,10 +20,12 @@ from tsuiseki.tracking.formats.track3d import write_track3d
 from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, scrolling, section
 from tsuiseki.tracking.report.plots import COLOURS, inline_svg
-from tsuiseki.tracking.result import Result, StageTimes
+from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.following import SphereLog, SphereRun
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import STATUSES, FloatArray, Frame, ImageArray, Position
 from tsuiseki.tracking.types.tracks import Path3D
+from tsuiseki.tracking.video.source import address_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -198,20 +200,26 @@ def write_sphere_overlay(path: Path, frames: Iterable[Frame], chosen: SphereRun,
     Raises:
         RunError: the video breaks off, or cannot be written.
     """
-    placed = chosen.placed[view]
-    frame_rate = placed.frame_rate or chosen.sources[view].frame_rate
+    frame_rate = chosen.placed[view].frame_rate or chosen.sources[view].frame_rate
+    last = max((number for m in log.moments if (number := m.frames[view]) is not None), default=-1)
+    draw = sphere_painter(chosen, log, view)
+    write_drawn(path, takewhile(lambda frame: frame.index <= last, frames), frame_rate, draw)
+
+
+def sphere_painter(chosen: SphereRun, log: SphereLog, view: int) -> Callable[[Frame], ImageArray]:
+    """What draws the ball's outline into the frames of camera ``view``."""
+    camera = chosen.placed[view].camera
     at = {m.frames[view]: k for k, m in enumerate(log.moments) if m.frames[view] is not None}
     points = np.array([p.point for p in log.positions])
-    last = max((frame for frame in at if frame is not None), default=-1)
 
     def draw(frame: Frame) -> ImageArray:
         moment = at.get(frame.index)
         if moment is None:
             return frame.image
         trail = points[max(moment - TRAIL_MOMENTS, 0) : moment + 1]
-        return draw_sphere(frame.image, placed.camera, log.positions[moment], chosen.radius, view, trail)
+        return draw_sphere(frame.image, camera, log.positions[moment], chosen.radius, view, trail)
 
-    write_drawn(path, takewhile(lambda frame: frame.index <= last, frames), frame_rate, draw)
+    return draw
 
 
 def sphere_result(
@@ -238,13 +246,18 @@ def sphere_result(
     def page(path: Path, folder: Path) -> None:
         path.write_text(sphere_page(chosen, log, truth, folder, times.seconds, settings), encoding="utf-8")
 
+    first, camera = next(iter(chosen.sources), None), cameras[0].camera
+    rate = cameras[0].frame_rate or (0.0 if first is None else first.frame_rate)
     return Result(
         positions,
-        source=", ".join(source.name for source in chosen.sources),
+        "" if first is None else address_of(first),
+        rate or 0.0,
+        (camera.width, camera.height),
         settings=settings,
         seconds=times.seconds,
         frames=log.columns(),
         files={"track3d.csv": lambda path, _: write_track3d(path, positions), "path.png": plot, "report.html": page},
+        painter=sphere_painter(chosen, log, 0) if chosen.radius > 0 else None,
     )
 
 

@@ -14,12 +14,13 @@ from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.resampling import Covering
 from tsuiseki.tracking.formats.correspondences import read_ball_points
-from tsuiseki.tracking.result import Result, StageTimes
+from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.following import Seen, SphereRun, Start
 from tsuiseki.tracking.sphere.page import sphere_result
 from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.tracker import SphereTracker
 from tsuiseki.tracking.sphere.views import PointLikelihood, Views
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray, Position
 from tsuiseki.tracking.video.synchronise import Moment
 

@@ -16,7 +16,7 @@ from tsuiseki.tracking.cameras.volume import check_volume, common_volume
 from tsuiseki.tracking.cli.options import Drawing, SeededOutput
 from tsuiseki.tracking.cli.run import Run
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.result import Result, StageTimes
+from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.following import Seen, SphereLog, SphereRun, Start, check_start
 from tsuiseki.tracking.sphere.page import distances_to_truth, sphere_result, write_sphere_overlay
 from tsuiseki.tracking.sphere.search import find_ball
@@ -29,6 +29,7 @@ from tsuiseki.tracking.sphere.views import (
     ViewLikelihood,
     median_background,
 )
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray, Frame, Position
 from tsuiseki.tracking.types.tracks import Path3D
 from tsuiseki.tracking.video.image_folder import read_image

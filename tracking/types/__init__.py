@@ -6,7 +6,7 @@ exactly the first pixel of an image is ``0, 0, 1, 1``. Frame numbers are 0-based
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
@@ -73,6 +73,9 @@ class Detections(ComparedByValue):
         features: ``(N, D)`` unit-length appearance features, or None when nothing described them.
         actions: ``(N, A)`` probabilities of what each person does, or None when nothing recognised it.
         angles: ``(N,)`` radians by which each box is turned clockwise about its centre; None where all stand upright.
+        classes: ``(N,)`` numbers of their classes, -1 where it has none; None where nothing tells classes apart.
+        sources: ``(N,)`` rows in what the detector or the user gave for the frame; None where nothing was left out.
+        names: of the classes, by number, where they are known.
     """
 
     boxes: FloatArray
@@ -80,6 +83,9 @@ class Detections(ComparedByValue):
     features: FloatArray | None = None
     actions: FloatArray | None = None
     angles: FloatArray | None = None
+    classes: IntArray | None = None
+    sources: IntArray | None = None
+    names: Mapping[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "boxes", check_boxes(self.boxes))
@@ -92,6 +98,11 @@ class Detections(ComparedByValue):
             object.__setattr__(self, "angles", np.asarray(self.angles, dtype=np.float64))
             if self.angles.shape != (len(self.boxes),) or not np.isfinite(self.angles).all():
                 raise ValueError(f"expected {len(self.boxes)} finite angles, got shape {self.angles.shape}")
+        for name in ("classes", "sources"):
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, np.asarray(given, dtype=np.int64))
+                if np.shape(given) != (len(self.boxes),):
+                    raise ValueError(f"expected {len(self.boxes)} {name}, got shape {np.shape(given)}")
 
     def _check_rows(self, name: str) -> None:
         given = getattr(self, name)
@@ -115,7 +126,16 @@ class Detections(ComparedByValue):
         features = None if self.features is None else self.features[which]
         actions = None if self.actions is None else self.actions[which]
         angles = None if self.angles is None else self.angles[which]
-        return Detections(self.boxes[which], self.scores[which], features, actions, angles)
+        classes = None if self.classes is None else self.classes[which]
+        boxes, scores, sources = self.boxes[which], self.scores[which], self.origin[which, 0]
+        return Detections(boxes, scores, features, actions, angles, classes, sources, self.names)
+
+    @property
+    def origin(self) -> IntArray:
+        """``(N, 2)`` the row of each in what was given for the frame, and its class, -1 where none is known."""
+        count = len(self.boxes)
+        rows = np.arange(count) if self.sources is None else self.sources
+        return np.column_stack([rows, np.full(count, -1) if self.classes is None else self.classes])
 
     def with_features(self, features: FloatArray) -> Detections:
         """The same detections, described by ``features`` ``(N, D)``."""
@@ -131,12 +151,18 @@ class Target(ComparedByValue):
         box: ``(4,)`` pixels.
         score: how sure the tracker is of the box; 0 where nothing in the frame supports it.
         status: ``tracking``, ``searching`` or ``lost``.
+        detection: row of the detection, in what was given for the frame, that supports it; -1 where none does.
+        class_id: number of the class that most of its detections so far have; -1 where none is known.
+        class_name: of that class; empty where none is known.
     """
 
     id: int
     box: FloatArray
     score: float
     status: Status
+    detection: int = -1
+    class_id: int = -1
+    class_name: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +175,8 @@ class Targets(ComparedByValue):
         boxes: ``(N, 4)`` pixels.
         scores: ``(N,)`` how sure the tracker is of each box; 0 where nothing in the frame supports it.
         status: ``(N,)`` of ``tracking``, ``searching`` and ``lost``.
+        origin: ``(N, 2)`` `detection` and `classes`; by default -1.
+        names: of the classes, by number, where they are known.
     """
 
     frame: int
@@ -156,18 +184,32 @@ class Targets(ComparedByValue):
     boxes: FloatArray
     scores: FloatArray
     status: StatusArray
+    origin: IntArray = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    names: Mapping[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        lengths = (len(self.ids), len(self.boxes), len(self.scores), len(self.status))
-        if lengths.count(lengths[0]) != 4:
-            raise ValueError(f"expected ids, boxes, scores and status of one length, got {lengths}")
+        object.__setattr__(self, "origin", _origin(self.origin, len(self.ids)))
+        lengths = (len(self.ids), len(self.boxes), len(self.scores), len(self.status), len(self.origin))
+        if lengths.count(lengths[0]) != 5:
+            raise ValueError(f"expected ids, boxes, scores, status and origin of one length, got {lengths}")
 
     def __len__(self) -> int:
         return len(self.ids)
 
     def __iter__(self) -> Iterator[Target]:
-        for row in zip(self.ids.tolist(), self.boxes, self.scores.tolist(), self.status.tolist(), strict=True):
-            yield Target(*row)
+        columns = self.ids.tolist(), self.boxes, self.scores.tolist(), self.status.tolist(), self.origin.tolist()
+        for number, box, score, status, (row, kind) in zip(*columns, strict=True):
+            yield Target(number, box, score, status, row, kind, self.names.get(kind, ""))
+
+    @property
+    def detection(self) -> IntArray:
+        """``(N,)`` row of the detection of each, in what was given for the frame; -1 where none supports it."""
+        return self.origin[:, 0]
+
+    @property
+    def classes(self) -> IntArray:
+        """``(N,)`` the class that most detections of each had so far; -1 where none is known."""
+        return self.origin[:, 1]
 
     @classmethod
     def empty(cls, frame: int) -> Targets:
@@ -176,7 +218,8 @@ class Targets(ComparedByValue):
 
     def select(self, which: BoolArray | IntArray) -> Targets:
         """The targets at a mask or at indices."""
-        return Targets(self.frame, self.ids[which], self.boxes[which], self.scores[which], self.status[which])
+        ids, boxes, scores, status = self.ids[which], self.boxes[which], self.scores[which], self.status[which]
+        return Targets(self.frame, ids, boxes, scores, status, self.origin[which], self.names)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +232,8 @@ class Track(ComparedByValue):
         boxes: ``(T, 4)`` pixels.
         scores: ``(T,)`` how sure the tracker is of each box.
         observed: ``(T,)`` False where the box was filled in and no detection supports it.
+        origin: ``(T, 2)`` `detection` and `classes`; by default -1.
+        names: of the classes, by number, where they are known.
     """
 
     id: int
@@ -196,9 +241,12 @@ class Track(ComparedByValue):
     boxes: FloatArray
     scores: FloatArray
     observed: BoolArray = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
+    origin: IntArray = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    names: Mapping[int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "frames", np.asarray(self.frames, dtype=np.int64))
+        object.__setattr__(self, "origin", _origin(self.origin, len(self.frames)))
         object.__setattr__(self, "boxes", check_boxes(self.boxes))
         object.__setattr__(self, "scores", np.asarray(self.scores, dtype=np.float64))
         if self.observed.size == 0:
@@ -207,12 +255,37 @@ class Track(ComparedByValue):
             raise ValueError(f"expected a positive track id, got {self.id}")
         if np.any(np.diff(self.frames) <= 0):
             raise ValueError(f"expected strictly increasing frames in track {self.id}")
-        lengths = {len(self.frames), len(self.boxes), len(self.scores), len(self.observed)}
+        lengths = {len(self.frames), len(self.boxes), len(self.scores), len(self.observed), len(self.origin)}
         if len(lengths) != 1:
             raise ValueError(f"expected arrays of one length in track {self.id}, got {sorted(lengths)}")
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    @property
+    def detection(self) -> IntArray:
+        """``(T,)`` row of the detection in what was given for the frame; -1 where none supports the box."""
+        return self.origin[:, 0]
+
+    @property
+    def classes(self) -> IntArray:
+        """``(T,)`` class of that detection; -1 where none is known."""
+        return self.origin[:, 1]
+
+    @property
+    def class_id(self) -> int:
+        """Number of the class that most of its detections have, the smaller one of two; -1 where none is known."""
+        numbers, counts = np.unique(self.classes[self.classes >= 0], return_counts=True)
+        return int(numbers[counts.argmax()]) if len(numbers) else -1
+
+    @property
+    def class_name(self) -> str:
+        """Name of `class_id`; empty where none is known."""
+        return self.names.get(self.class_id, "")
+
+
+def _origin(given: IntArray, count: int) -> IntArray:
+    return given if len(given) or not count else np.full((count, 2), -1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Status, Track
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Status, Targets, Track
 
 
 @dataclass(frozen=True)
@@ -163,3 +164,17 @@ class FloorDetections:
 
     def __len__(self) -> int:
         return len(self.detections)
+
+
+def targets_at(tracks: Iterable[Track], frame: int, number: int | None = None) -> Targets:
+    """The targets of the 0-based ``frame``, out of finished tracks; ``number`` is another name of that frame."""
+    rows = [(track, int(row)) for track in tracks for row in np.flatnonzero(track.frames == frame)]
+    return Targets(
+        frame if number is None else number,
+        np.array([track.id for track, _ in rows], dtype=np.int64),
+        np.array([track.boxes[row] for track, row in rows]).reshape(-1, 4),
+        np.array([track.scores[row] if track.observed[row] else 0.0 for track, row in rows], dtype=np.float64),
+        np.array(["tracking" if track.observed[row] else "searching" for track, row in rows], dtype="U9"),
+        np.array([(track.detection[row], track.class_id) for track, row in rows], dtype=np.int64).reshape(-1, 2),
+        {number: name for track, _ in rows for number, name in track.names.items()},
+    )

@@ -40,6 +40,7 @@ class ImageFolder:
     rate_missing: bool = False
     timed_by: TimedBy = "frame rate"
     times: NotedTimes = field(default_factory=NotedTimes, compare=False)
+    address: str = ""
 
     @classmethod
     def open(cls, folder: Path, wanted: FrameRange) -> ImageFolder:
@@ -60,7 +61,7 @@ class ImageFolder:
         if images or text_length:
             wanted = wanted.within(len(images) or text_length)
         size = _common_size(images) if images else size
-        return cls(name, frame_rate, images, size, text_length, wanted, rate_missing=rate_missing)
+        return cls(name, frame_rate, images, size, text_length, wanted, rate_missing=rate_missing, address=str(folder))
 
     @property
     def has_images(self) -> bool:

@@ -1,6 +1,6 @@
-"""Video out: WebM (VP8 or VP9), which every browser plays and OpenCV from pip can write, or MP4 where it can.
+"""Video out: WebM (VP8 or VP9), which every browser plays and OpenCV from pip can write, or MP4.
 
-The same pictures give the same bytes.
+MP4 has H.264 where OpenCV or PyAV writes it, or else VP9. The same pictures give the same bytes.
 """
 
 from __future__ import annotations
@@ -12,17 +12,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.video.h264 import X264Writer
 
 WebmCodec = Literal["VP80", "VP90"]
-# H.264 plays everywhere, but few builds of OpenCV write it; browsers also play VP9 in MP4.
-MP4_CODECS = ("avc1", "vp09")
+# H.264 plays everywhere, but few builds of OpenCV write it, and PyAV need not be there; browsers also play VP9 in MP4.
+MP4_CODECS = ("avc1", "libx264", "vp09")
 # Of smaller pictures OpenCV's VP8 makes files that nothing reads.
 SMALLEST_SIDE = 16
 # EBML identifiers of a track's number, which FFmpeg draws at random: in the header, and in the tags that refer to it.
@@ -54,7 +55,7 @@ class VideoWriter:
     def __init__(self, path: Path, frame_rate: float, codec: WebmCodec = "VP80") -> None:
         self.path, self.frame_rate = path, frame_rate
         self._codecs = MP4_CODECS if path.suffix.lower() == ".mp4" else (codec,)
-        self._writer: cv2.VideoWriter | None = None
+        self._writer: Any = None
         self._size = (0, 0)
         self._written = 0
 
@@ -73,10 +74,10 @@ class VideoWriter:
         self._writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
         self._written += 1
 
-    def _opened(self) -> cv2.VideoWriter:
+    def _opened(self) -> Any:
         fast = min(FASTEST, MOST_BITS / (BITS_A_PIXEL * self._size[0] * self._size[1]))
         for codec in self._codecs:
-            self._codec, self._fast = codec, codec != "avc1"  # H.264 is coded by quality
+            self._codec, self._fast = codec, codec in ("VP80", "VP90", "vp09")  # H.264 is coded by quality
             rate = max(self.frame_rate, round(fast)) if self._fast else self.frame_rate
             writer = self._writing(self._coding if self._fast else self.path, rate, [])
             if writer.isOpened():
@@ -93,7 +94,9 @@ class VideoWriter:
     def _coding(self) -> Path:
         return self.path.with_suffix(CODING + self.path.suffix)
 
-    def _writing(self, path: Path, rate: float, options: list[int]) -> cv2.VideoWriter:
+    def _writing(self, path: Path, rate: float, options: list[int]) -> Any:
+        if self._codec == "libx264":
+            return X264Writer(path, rate, self._size)
         with _silent_stderr():
             fourcc = cv2.VideoWriter.fourcc(*self._codec)
             return cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, fourcc, rate, self._size, options)

@@ -87,7 +87,7 @@ def link_samples(
         path.follow(one.motion or CameraStep(STANDS_STILL))
     given = FlowInput(flow.input, Looks(frame_rate), size, path)
     found = [replace(o.detections, actions=averaged(o.actions)) for o in observations if o.actions is not None]
-    seen, scores = given.rows(found)
+    seen, scores, _ = given.rows(found)
     assert seen.actions is not None
     window = FlowWindow(costs, frame_rate, size)
     window.add(seen)

@@ -41,7 +41,7 @@ def sequence_graphs(
     """
     settings = settings or FlowSettings().alike()
     preparing = FlowInput(settings.input, Looks(video.frame_rate), video.size, video.path())
-    seen, scores = preparing.rows(list(video.detections) or [Detections.empty()])
+    seen, scores, _ = preparing.rows(list(video.detections) or [Detections.empty()])
     settings = replace(settings, costs=preparing.flow_costs(settings.costs))
     probability = preparing.probability(scores)
     observation = settings.input.detection(probability, video.frame_rate)

@@ -18,7 +18,7 @@ from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.fisheye.unrolled import looking
 from tsuiseki.tracking.fisheye.view import CeilingView, Crops
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import FloorDetections

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import json
+import os
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import onnx
 import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.onnx import CALLS
+from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.video import image_folder
 
 # A lock that is taken twice: the call never returns, no signal interrupts it, and no Python runs in its thread.
 SCRIPT = """
@@ -61,3 +74,62 @@ def test_a_signal_ends_a_native_call_without_end(where: str, number: signal.Sign
     assert line.startswith("tsuiseki: interrupted")
     assert line.endswith("nothing was written")
     assert list((tmp_path / "out").glob(".*")) == []
+
+
+def make_endless(path: Path, brightness: float) -> None:
+    """The detector at ``path`` adds 0 without end where a batch is brighter than ``brightness``, of 255."""
+    model = onnx.load(path)
+    graph, number = model.graph, helper.make_tensor_value_info
+    body = helper.make_graph(
+        [helper.make_node("Identity", ["go"], ["on"]), helper.make_node("Add", ["x", "nothing"], ["y"])],
+        "body",
+        [number("n", TensorProto.INT64, []), number("go", TensorProto.BOOL, []), number("x", TensorProto.FLOAT, None)],
+        [number("on", TensorProto.BOOL, []), number("y", TensorProto.FLOAT, None)],
+    )
+    constants = {"level": np.float32(brightness / 255 / 0.226 - 0.449 / 0.226), "many": np.array(10**15)}
+    graph.initializer.extend(numpy_helper.from_array(np.array(value), name) for name, value in constants.items())
+    before = [
+        helper.make_node("ReduceMean", ["images"], ["bright"], keepdims=0),
+        helper.make_node("Greater", ["bright", "level"], ["brighter"]),
+        helper.make_node("Cast", ["brighter"], ["times"], to=TensorProto.INT64),
+        helper.make_node("Mul", ["times", "many"], ["rounds"]),
+        helper.make_node("Loop", ["rounds", "", "mean"], ["looped"], body=body),
+    ]
+    nodes = [*graph.node]
+    nodes[1].input[0] = "looped"
+    del graph.node[:]
+    graph.node.extend([nodes[0], *before, *nodes[1:]])
+    onnx.save(model, path)
+
+
+@pytest.mark.parametrize("threads", ["1", "2"])
+def test_a_signal_drops_the_networks_under_way_and_keeps_what_is_finished(
+    threads: str, inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    detector = tmp_path / "endless.onnx"
+    shutil.copy(inputs.detector, detector)
+    # Of the batches of frames 0-3, 4-7 and 8-11 the last.
+    make_endless(detector, 60 + 5 * 8.5)
+    begin = list[float]()
+
+    def stop() -> None:
+        begin.append(time.monotonic())
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    read = image_folder.read_image
+
+    def reading(path: Path, *more: Any) -> ImageArray:
+        if path.stem == "000012":
+            threading.Timer(1, stop).start()
+        return read(path, *more)
+
+    monkeypatch.setattr(image_folder, "read_image", reading)
+    words = ["track", "people", str(inputs.images), "--detector", str(detector), "--view", "1", "--method", "sort"]
+    out = tmp_path / "out"
+    assert main([*words, "--threads", threads, "--out", str(out)]) == 128 + signal.SIGTERM
+    # A second where the machine has nothing else to do.
+    assert time.monotonic() - begin[0] < 4
+    record = json.loads((out / "run.json").read_text())
+    assert record["partial"] is True
+    assert record["frames"]["frame"] == list(range(1, 9))
+    assert CALLS.terminate is False

@@ -14,7 +14,7 @@ from tsuiseki.tracking.features.exported import Appearance, Detector, decode_box
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.onnx import FORMAT_VERSION, METADATA_KEY, ModelCard, OnnxModel, cores_of, open_session
 from tsuiseki.tracking.preprocessing import crop_boxes, fit_image, normalise
-from tsuiseki.tracking.result import StageTimes
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 from tsuiseki.tracking.weights import shipped
 

@@ -8,7 +8,6 @@ import pytest
 from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot import (
-    read_classed_detections,
     read_detections,
     read_ground_truth,
     read_tracks,
@@ -251,11 +250,32 @@ def test_detections_of_no_use_are_left_out_and_told(tmp_path):
 
 def test_classes_stand_in_column_8(tmp_path):
     path = write(tmp_path, "1,-1,1,1,5,5,0.5,3,-1,-1\n1,-1,9,1,5,5,0.5,1,-1,-1\n3,-1,1,1,5,5,0.5,1,-1,-1", "det.txt")
-    found, classes = read_classed_detections(path, 4)
-    assert [one.tolist() for one in classes] == [[3, 1], [], [1], []]
-    assert [len(one) for one in found] == [2, 0, 1, 0]
-    _, classes = read_classed_detections(write(tmp_path, "1,-1,1,1,5,5,0.5", "det.txt"))
-    assert classes[0].tolist() == [-1]
+    found = read_detections(path, 4)
+    assert [one.origin[:, 1].tolist() for one in found] == [[3, 1], [], [1], []]
+    for none in ("1,-1,1,1,5,5,0.5", "1,-1,1,1,5,5,0.5,-1,-1,-1", "1,-1,1,1,5,5,0.5,3.5,-2.25,0"):
+        assert read_detections(write(tmp_path, none, "det.txt"))[0].classes is None
+
+
+def test_rows_that_are_left_out_count_among_those_of_the_frame(tmp_path):
+    lines = [
+        "2,-1,1,1,5,5,0.5,3",
+        "1,-1,1,1,0,5,0.5,3",
+        "1,-1,9,1,5,5,0.5,1",
+        "1,-1,9,1,5,5,0.5,1",
+        "1,-1,8,1,5,5,0.4,2",
+    ]
+    with pytest.warns(InputWarning):
+        first, second = read_detections(write(tmp_path, "\n".join(lines), "det.txt"))
+    assert (first.origin.tolist(), second.origin.tolist()) == ([[1, 1], [3, 2]], [[0, 3]])
+
+
+def test_the_class_of_a_track_is_that_of_most_detections(tmp_path):
+    origin = np.array([[0, 2], [5, 7], [-1, -1], [1, 7]])
+    track = Track(1, np.arange(4), np.tile([0.0, 0, 5, 9], (4, 1)), np.ones(4), origin=origin, names={7: "truck"})
+    assert (track.class_id, track.class_name, track.classes.tolist()) == (7, "truck", [2, 7, -1, 7])
+    write_tracks(tmp_path / "t.txt", [track])
+    (read,) = read_tracks(tmp_path / "t.txt")
+    assert (read.class_id, read.detection.tolist()) == (7, [-1] * 4)
 
 
 def test_real_sequences_are_read(data_folder):

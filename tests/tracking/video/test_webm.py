@@ -35,7 +35,7 @@ def test_the_same_pictures_give_the_same_bytes(kind: str, size: tuple[int, int],
 def test_a_full_disk_is_noticed(kind: str, tmp_path: Path) -> None:
     # Python ignores the signal of this limit, so that writing fails as on a full disk.
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, before[1]))
     try:
         with pytest.raises(RunError, match=r"not written to its end; is the disk full\?"):
             write(tmp_path / f"a.{kind}", 96, 128, 60)

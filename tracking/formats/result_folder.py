@@ -1,0 +1,146 @@
+"""What a run wrote into its folder, read again: the tracks, and what ``run.json`` says of them.
+
+The tracks are in ``tracks.csv``, ``states.csv`` or ``track3d.csv`` (tables, see `formats.track_tables`), in
+``tracks.json`` (people and actions), ``tracks.txt`` (MOTChallenge text) or ``boxes.txt`` (one target). ``run.json`` has
+under ``results``, for the folder (``.``) and each folder in it, where the video is, its rate and size, and by id the
+frames, from 1, in which a box was filled in.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
+from tsuiseki.tracking.formats.body_points import read_poses_file
+from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows
+from tsuiseki.tracking.formats.single import read_boxes
+from tsuiseki.tracking.formats.track_tables import names_in, read_table, tracks_of
+from tsuiseki.tracking.output import RUN_FILE, columns_shifted
+from tsuiseki.tracking.types import FloatArray, IntArray, Track
+from tsuiseki.tracking.types.tracks import FloorTrack
+
+POINTS = "points.sleap.csv"
+TABLES = ("tracks.csv", "states.csv", "track3d.csv")
+PLACES = ("x", "y", "rx", "ry", "rw", "rh", "degrees")
+
+
+def filled_frames(tracks: Sequence[Any]) -> dict[str, str]:
+    """By id the frames, from 1, in which no detection supports the box, such as ``"12-15,20"``."""
+    boxes = [getattr(track, "track", track) for track in tracks]
+    known = [(track.id, track.frames[~track.observed]) for track in boxes if isinstance(track, Track)]
+    return {str(number): _spans(frames) for number, frames in known if len(frames)}
+
+
+def _spans(frames: IntArray) -> str:
+    runs = np.split(frames + 1, np.flatnonzero(np.diff(frames) != 1) + 1)
+    return ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
+
+
+def _numbers(spans: str) -> list[int]:
+    """The 0-based frames of `_spans`."""
+    ends = [[int(end) for end in span.split("-")] for span in spans.split(",")]
+    return [number - 1 for span in ends for number in range(span[0], span[-1] + 1)]
+
+
+def read_folder(folder: Path) -> tuple[list[Any], dict[str, Any]]:
+    """The tracks of a run, and what is known of them: attributes of `Result`.
+
+    Raises:
+        RequestError: there is no result in the folder, or several, or ``run.json`` is broken.
+    """
+    record, name = _record(folder)
+    results = record.get("results", {})
+    if name == "." and name not in results and results:
+        raise RequestError(f"{folder} holds several results; load one of {', '.join(str(folder / n) for n in results)}")
+    about = results.get(name, {})
+    known: dict[str, Any] = {key: record[key] for key in ("settings", "facts", "seconds") if key in record}
+    known["frames"] = columns_shifted(record.get("frames", {}), -1)
+    read = _read_by_name(folder)
+    if read is None:
+        raise RequestError(f"{folder}: expected a result, such as tracks.txt, found none")
+    tracks, names = read(folder, known["frames"])
+    if record.get("partial"):
+        warnings.warn(f"{folder} is a partial result: {record.get('reason', 'stopped')}", InputWarning, stacklevel=4)
+    if (folder / POINTS).is_file():
+        known["points"] = read_poses_file(folder / POINTS)
+    return [_with_filled(track, about.get("filled", {})) for track in tracks], {**known, **about, "names": names}
+
+
+def _record(folder: Path) -> tuple[dict[str, Any], str]:
+    """``run.json`` of a folder or of the one around it, and the name that the folder has there."""
+    for place, name in ((folder, "."), (folder.parent, folder.name)):
+        try:
+            content = json.loads((place / RUN_FILE).read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            continue
+        except (OSError, ValueError) as error:
+            raise RequestError(f"{place / RUN_FILE}: expected JSON, got something else") from error
+        if not isinstance(content, dict):
+            raise RequestError(f"{place / RUN_FILE}: expected what a run writes, got other JSON")
+        if name == "." or name in content.get("results", {}):
+            return content, name
+    return {}, "."
+
+
+Reader = Callable[[Path, Mapping[str, Any]], tuple[list[Any], tuple[str, ...]]]
+
+
+def _read_by_name(folder: Path) -> Reader | None:
+    """What reads the tracks in a folder."""
+    readers: dict[str, Reader] = dict.fromkeys(TABLES, _of_table)
+    readers["tracks.json"] = lambda place, _: read_acting_tracks(place / "tracks.json", needed=False)
+    readers["world.csv"] = _of_floor
+    readers["tracks.txt"] = lambda place, _: (list(read_tracks(place / "tracks.txt")), ())
+    readers["boxes.txt"] = _of_one
+    return next((read for name, read in readers.items() if (folder / name).is_file()), None)
+
+
+def _of_table(folder: Path, _: Mapping[str, Any]) -> tuple[list[Any], tuple[str, ...]]:
+    table = read_table(next(folder / name for name in TABLES if (folder / name).is_file()))[0]
+    return tracks_of(table), names_in(table)
+
+
+def _of_floor(folder: Path, _: Mapping[str, Any]) -> tuple[list[Any], tuple[str, ...]]:
+    """People on a floor: their boxes in ``tracks.txt``, and where they are in the rows of ``world.csv``."""
+    path = folder / "world.csv"
+    rows = read_named_rows(path, "places on a floor", ("id", *PLACES)).rows
+    ids = np.array([finite_number(path, line, "id", row["id"]) for line, row in rows])
+    values = np.array([[finite_number(path, line, n, row[n]) for n in PLACES] for line, row in rows]).reshape(-1, 7)
+    values[:, -1] = np.radians(values[:, -1])
+    found = []
+    for track in read_tracks(folder / "tracks.txt"):
+        own: FloatArray = values[ids == track.id]
+        if len(own) != len(track):
+            raise RequestError(f"{path}: expected {len(track)} rows of id {track.id} as in tracks.txt, got {len(own)}")
+        found.append(FloorTrack(track, own[:, 2:], own[:, :2]))
+    return found, ()
+
+
+def _of_one(folder: Path, columns: Mapping[str, Any]) -> tuple[list[Any], tuple[str, ...]]:
+    """One target, whose scores and statuses are in ``run.json``."""
+    boxes = read_boxes(folder / "boxes.txt")
+    count = len(boxes)
+    frames, scores = np.asarray(columns.get("frame", range(count))), columns.get("score", np.ones(count))
+    tracking = np.array([status == "tracking" for status in columns.get("status", ["tracking"] * count)])
+    if not len(frames) == len(scores) == len(tracking) == count:
+        raise RequestError(f"{folder}: expected as many boxes as frames in {RUN_FILE}, got {count} and {len(frames)}")
+    here = np.isfinite(boxes).all(axis=1)
+    return [Track(1, frames[here], boxes[here], np.asarray(scores)[here], tracking[here])], ()
+
+
+def _with_filled(track: Any, filled: Mapping[str, str]) -> Any:
+    if isinstance(track, FloorTrack):
+        return replace(track, track=_with_filled(track.track, filled))
+    spans = filled.get(str(getattr(track, "id", "")))
+    if spans is None or not isinstance(track, Track):
+        return track
+    return replace(track, observed=~np.isin(track.frames, _numbers(spans)))

@@ -1,0 +1,313 @@
+"""Tracks of any kind as one table, and back: a row for each moment of a track, a column for each number.
+
+The columns tell the kind: ``frame,id,x1,y1,x2,y2,score,observed`` of boxes, where they are known with ``detection``,
+its row, ``class_id,class_name`` of the track and ``detection_class``, with ``single_…`` and ``multi_…`` what
+people do, with ``x,y,rx,ry,rw,rh,angle`` where they are on a floor; ``frame,id,…,score,status`` of bodies;
+``frame,time,id,x,y,…,existence`` of sensed targets; ``time,x,y,z,…,score,status`` of a ball in space. Frames count from
+0 here and from 1 in files; boxes are in pixels from 0 in both, angles in radians.
+"""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from itertools import combinations_with_replacement
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text
+from tsuiseki.tracking.formats.track3d import COVARIANCE
+from tsuiseki.tracking.types import IntArray, Position, Track
+from tsuiseki.tracking.types.measurements import SensedTrack
+from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, FloorTrack
+
+Columns: TypeAlias = dict[str, NDArray[Any]]
+CORNERS = ("x1", "y1", "x2", "y2")
+ROTATED = ("rx", "ry", "rw", "rh", "angle")
+TEXTS = ("status", "class_name")
+WHOLE = ("frame", "id", "detection", "class_id", "detection_class")
+TRIANGLE = np.triu_indices(3)
+# Under this key a file has what is known beside the tracks.
+KNOWN = "tsuiseki"
+
+
+def needed(module: str, what: str) -> ModuleType:
+    """A module of a package that not everybody has.
+
+    Raises:
+        RequestError: it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise RequestError(f"{what} needs {module}, which is not installed; give `pip install {module}`") from error
+
+
+def table_of(tracks: Sequence[Any], names: Sequence[str] = ()) -> Columns:
+    """The table of tracks of one kind, by frame, then by id.
+
+    Args:
+        tracks: of a kind in `tracking.types`, or positions of a ball.
+        names: of the numbers of a body's state, or of the actions; by default they are counted from 1.
+    """
+    if tracks and isinstance(tracks[0], Position):
+        return _positions(tracks)
+    parts = [_columns(track, names) for track in tracks] or [_boxes(NOBODY)]
+    table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    told = {"detection": -1, "class_id": -1, "class_name": "", "detection_class": -1}
+    table = {name: column for name, column in table.items() if name not in told or (column != told[name]).any()}
+    order = np.lexsort([table["id"], table["frame"]])
+    return {name: column[order] for name, column in table.items()}
+
+
+def tracks_of(table: Columns) -> list[Any]:
+    """The tracks of a table, by id; positions in the order of time.
+
+    Raises:
+        RequestError: its columns are of no kind, or what they say is no track.
+    """
+    try:
+        if {"time", "x", "y", "z", "xx", "status"} <= table.keys():
+            return _positions_of(table)
+        if not {"frame", "id"} <= table.keys() or not {"x1", "status", "existence"} & table.keys():
+            raise KeyError("frame, id, x1, y1, x2, y2")
+        order = np.lexsort([table["frame"], table["id"]])
+        ends = np.flatnonzero(np.diff(table["id"][order])) + 1
+        make = _boxed if "x1" in table else _sensed if "existence" in table else _body
+        return [make({name: table[name][rows] for name in table}) for rows in np.split(order, ends) if len(rows)]
+    except KeyError as error:
+        shown = ", ".join(table) or "none"
+        raise RequestError(f"expected columns of tracks, such as {error.args[0]}, got {shown}") from error
+    except ValueError as error:
+        raise RequestError(f"expected rows of tracks: {error}") from error
+
+
+def names_in(table: Columns) -> tuple[str, ...]:
+    """The names that `table_of` was given."""
+    if "status" in table and "id" in table:
+        return tuple(name for name in table if name not in ("frame", "id", "score", "status"))
+    return tuple(name.removeprefix("single_") for name in table if name.startswith("single_"))
+
+
+NOBODY = Track(1, np.empty(0, np.int64), np.empty((0, 4)), np.empty(0), np.empty(0, np.bool_))
+
+
+def _columns(track: Any, names: Sequence[str]) -> Columns:
+    if isinstance(track, SensedTrack):
+        return _of_sensed(track)
+    if isinstance(track, BodyTrack):
+        named = _named(names, track.states.shape[1])
+        state = dict(zip(named, track.states.T, strict=True))
+        head = {"frame": track.frames, "id": np.full(len(track), track.id)}
+        return {**head, **state, "score": track.scores, "status": np.array(track.statuses, dtype="U9")}
+    table = _boxes(getattr(track, "track", track))
+    if isinstance(track, FloorTrack):
+        floor = np.column_stack([track.places, track.rotated])
+        table |= dict(zip(("x", "y", *ROTATED), floor.T, strict=True))
+    if isinstance(track, ActingTrack) and track.single is not None and track.multi is not None:
+        for kind, values in (("single", track.single), ("multi", track.multi)):
+            table |= {f"{kind}_{n}": row for n, row in zip(_named(names, values.shape[1]), values.T, strict=True)}
+    return table
+
+
+def _named(names: Sequence[str], count: int) -> list[str]:
+    return list(names) if len(names) == count else [str(number + 1) for number in range(count)]
+
+
+def _boxes(track: Track) -> Columns:
+    corners = dict(zip(CORNERS, track.boxes.T, strict=True))
+    head = {"frame": track.frames, "id": np.full(len(track), track.id)}
+    kind = {"class_id": np.full(len(track), track.class_id), "class_name": np.full(len(track), track.class_name)}
+    origin = {"detection": track.detection, **kind, "detection_class": track.classes}
+    return {**head, **corners, "score": track.scores, "observed": track.observed, **origin}
+
+
+def _boxed(part: Columns) -> Any:
+    count = len(part["frame"])
+    track = Track(
+        int(part["id"][0]),
+        part["frame"],
+        np.column_stack([part[name] for name in CORNERS]),
+        part.get("score", np.ones(count)),
+        np.asarray(part.get("observed", np.ones(count)), dtype=np.bool_),
+        _origin_of(part),
+        {int(part["class_id"][0]): str(part["class_name"][0])} if "class_name" in part else {},
+    )
+    if "rx" in part:
+        places, rotated = (np.column_stack([part[name] for name in some]) for some in (("x", "y"), ROTATED))
+        return FloorTrack(track, rotated, places)
+    actions = [[column for name, column in part.items() if name.startswith(kind)] for kind in ("single_", "multi_")]
+    return ActingTrack(track, *map(np.column_stack, actions)) if all(actions) else track
+
+
+def _origin_of(part: Columns) -> IntArray:
+    """Rows and classes of detections; a track whose class alone is known has it throughout."""
+    none = np.full(len(part["frame"]), -1)
+    rows, classes = part.get("detection", none), part.get("detection_class", part.get("class_id", none))
+    return np.column_stack([rows, classes]).astype(np.int64)
+
+
+def _body(part: Columns) -> BodyTrack:
+    state = np.column_stack([part[name] for name in part if name not in ("frame", "id", "score", "status")])
+    statuses = tuple(part["status"].tolist())
+    return BodyTrack(int(part["id"][0]), part["frame"], state, part["score"], statuses)
+
+
+def _axes(dimensions: int) -> tuple[str, list[str], list[tuple[int, int]]]:
+    """Names of axes and of the state x, vx, y, …, and the places in the covariance's upper triangle."""
+    axes = "xyz"[:dimensions]
+    state = [name for axis in axes for name in (axis, f"v{axis}")]
+    return axes, state, list(combinations_with_replacement(range(len(state)), 2))
+
+
+def _of_sensed(track: SensedTrack) -> Columns:
+    axes, state, triangle = _axes(track.positions.shape[1])
+    modes = {f"mode{k + 1}": column for k, column in enumerate(track.modes.T)}
+    return {
+        **{"frame": track.scans, "time": track.times, "id": np.full(len(track), track.id)},
+        **dict(zip(axes, track.positions.T, strict=True)),
+        **dict(zip([f"v{axis}" for axis in axes], track.velocities.T, strict=True)),
+        **{f"cov_{state[a]}_{state[b]}": track.covariances[:, a, b] for a, b in triangle},
+        **{"existence": track.existence, **modes},
+    }
+
+
+def _sensed(part: Columns) -> SensedTrack:
+    axes, state, triangle = _axes(3 if "z" in part else 2)
+    covariances = np.empty((len(part["id"]), len(state), len(state)))
+    for a, b in triangle:
+        covariances[:, a, b] = covariances[:, b, a] = part[f"cov_{state[a]}_{state[b]}"]
+    positions, velocities = (np.column_stack([part[before + axis] for axis in axes]) for before in ("", "v"))
+    modes = np.array([column for name, column in part.items() if name.startswith("mode")]).reshape(-1, len(covariances))
+    times, existence = part["time"], part["existence"]
+    number = int(part["id"][0])
+    return SensedTrack(number, part["frame"], times, positions, velocities, covariances, existence, modes.T)
+
+
+def _positions(path: Sequence[Position]) -> Columns:
+    axes, points = "xyz", np.array([p.point for p in path])
+    covariances = np.array([p.covariance[TRIANGLE] for p in path])
+    open_ = np.array([p.open for p in path])
+    return {
+        "time": np.array([p.time for p in path]),
+        **dict(zip(axes, points.T, strict=True)),
+        **dict(zip(COVARIANCE, covariances.T, strict=True)),
+        "score": np.array([p.score for p in path]),
+        "status": np.array([p.status for p in path], dtype="U9"),
+        **dict(zip((f"v{axis}" for axis in axes), np.array([p.velocity for p in path]).T, strict=True)),
+        **{f"open{k + 1}": column for k, column in enumerate(open_.T)},
+    }
+
+
+def _positions_of(table: Columns) -> list[Position]:
+    count, axes = len(table["time"]), "xyz"
+    covariances = np.zeros((count, 3, 3))
+    for name, a, b in zip(COVARIANCE, *TRIANGLE, strict=True):
+        covariances[:, a, b] = covariances[:, b, a] = table[name]
+    points = np.column_stack([table[axis] for axis in axes])
+    velocities = np.column_stack([table.get(f"v{axis}", np.zeros(count)) for axis in axes])
+    open_ = np.array([column for name, column in table.items() if name.startswith("open")]).reshape(-1, count).T
+    rows = zip(table["time"].tolist(), points, covariances, table["score"].tolist(), table["status"].tolist(),
+               velocities, open_, strict=True)  # fmt: skip
+    return [Position(*row) for row in rows]
+
+
+def cut_to(track: Any, frame: int) -> Any | None:
+    """The part of a track in one 0-based frame; None where it is not there."""
+    frames = track.frames if hasattr(track, "frames") else track.scans
+    row = np.flatnonzero(frames == frame)
+    if not len(row):
+        return None
+    values = ((one.name, getattr(track, one.name)) for one in fields(track))
+    cut = {name: np.asarray(value)[row] if np.ndim(value) else value for name, value in values}
+    return type(track)(**cut | ({"statuses": tuple(cut["statuses"].tolist())} if "statuses" in cut else {}))
+
+
+def write_table(path: Path, table: Columns, known: Mapping[str, Any]) -> None:
+    """Write a table by the ending of the file: ``.csv``, ``.json`` or ``.parquet``; the last two keep ``known``, too.
+
+    Raises:
+        RequestError: Parquet needs pyarrow, which is not installed.
+    """
+    table = {name: column + 1 if name == "frame" else column for name, column in table.items()}
+    ending = path.suffix.lower()
+    if ending == ".csv":
+        shown = [_shown(column) for column in table.values()]
+        with path.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(table)
+            writer.writerows(zip(*shown, strict=True))
+    elif ending == ".json":
+        columns = ",\n".join(f"{json.dumps(name)}: {json.dumps(column.tolist())}" for name, column in table.items())
+        head = json.dumps(known, default=str)
+        path.write_text(f'{{"{KNOWN}": {head},\n"columns": {{\n{columns}\n}}}}\n', encoding="utf-8")
+    else:
+        needed("pyarrow", "Parquet")
+        import pyarrow
+        import pyarrow.parquet
+
+        written = pyarrow.table(table).replace_schema_metadata({KNOWN: json.dumps(known, default=str)})
+        pyarrow.parquet.write_table(written, path)
+
+
+def _shown(column: NDArray[Any]) -> list[Any]:
+    values: list[Any] = (column.astype(np.int64) if column.dtype == np.bool_ else column).tolist()
+    return [f"{value:.9g}" for value in values] if column.dtype.kind == "f" else values
+
+
+def read_table(path: Path) -> tuple[Columns, dict[str, Any]]:
+    """What `write_table` wrote: the table, and what is known beside it.
+
+    Raises:
+        RequestError: there is no such file, it has something else, or Parquet needs pyarrow, which is not installed.
+    """
+    ending, known = path.suffix.lower(), dict[str, Any]()
+    if ending == ".csv":
+        table = _read_csv(path)
+    elif ending == ".json":
+        try:
+            content = json.loads(read_text(path, "tracks as JSON"))
+            table, known = {name: np.asarray(column) for name, column in content["columns"].items()}, content[KNOWN]
+        except (json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
+            raise RequestError(f"{path}: expected tracks as `Result.save` writes them, got other JSON") from error
+    else:
+        table, known = _read_parquet(path)
+    if "frame" in table:
+        table["frame"] = np.asarray(table["frame"], dtype=np.int64) - 1
+    return table, known
+
+
+def _read_csv(path: Path) -> Columns:
+    rows = read_named_rows(path, "tracks with a heading")
+    table: Columns = {}
+    for name in rows.names:
+        cells = [row[name] for _, row in rows.rows]
+        try:
+            column = np.array(cells, dtype=np.str_) if name in TEXTS else np.array(cells, dtype=np.float64)
+        except ValueError:
+            column = np.array([finite_number(path, line, name, row[name]) for line, row in rows.rows])
+        table[name] = column.astype(np.int64) if name in WHOLE else column
+    return table
+
+
+def _read_parquet(path: Path) -> tuple[Columns, dict[str, Any]]:
+    needed("pyarrow", "Parquet")
+    import pyarrow
+    import pyarrow.parquet
+
+    if not path.is_file():
+        raise RequestError(f"expected tracks as Parquet at {path}, found no such file")
+    try:
+        read = pyarrow.parquet.read_table(path)
+    except (pyarrow.ArrowException, OSError) as error:
+        raise RequestError(f"{path}: expected Parquet, got something else") from error
+    table = {name: np.asarray(read[name].to_pylist()) for name in read.column_names}
+    return table, json.loads((read.schema.metadata or {}).get(KNOWN.encode(), b"{}"))

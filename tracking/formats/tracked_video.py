@@ -1,0 +1,281 @@
+"""Tracked video, as it goes into the files of other programs and comes out of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
+from tsuiseki.tracking.formats.rows import read_text
+from tsuiseki.tracking.geometry import centres
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.class_choice import PERSON_NAMES
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.types.tracks import PointTable
+
+Size: TypeAlias = tuple[int, int] | None
+PERSON = "person"
+
+
+NONE = np.empty(0, np.int64)
+
+
+class TrackedBoxes(NamedTuple):
+    """The boxes of all tracks, by frame, then by id: ``(N,)`` each, ``(N, 4)`` the boxes."""
+
+    frames: IntArray
+    ids: IntArray
+    boxes: FloatArray
+    scores: FloatArray
+    observed: BoolArray
+
+
+@dataclass(frozen=True)
+class TrackedVideo:
+    """Tracks of boxes or of points, and what files say of the video.
+
+    Attributes:
+        tracks: of boxes; none where there are other tracks.
+        name: of the video's file or folder.
+        frame_rate: frames a second; 0 where not known.
+        size: width and height of a frame, pixels; None where not known.
+        length: number of frames; 0 where not known.
+        images: names of the images by frame; empty for a video file.
+        points: of animals, where they have any.
+        shares: boxes are shares of a picture whose size the file does not say.
+        table: all tracks, of whatever kind, see `formats.track_tables`.
+        known: what a table keeps beside the tracks.
+    """
+
+    tracks: Sequence[Track]
+    name: str = "video"
+    frame_rate: float = 0.0
+    size: Size = None
+    length: int = 0
+    images: tuple[str, ...] = ()
+    points: PointTable | None = None
+    shares: bool = False
+    table: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    known: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def boxes(self) -> TrackedBoxes:
+        """All boxes."""
+        if not self.tracks:
+            return TrackedBoxes(NONE, NONE, np.empty((0, 4)), np.empty(0), np.empty(0, np.bool_))
+        frames = np.concatenate([track.frames for track in self.tracks])
+        ids = np.concatenate([np.full(len(track), track.id) for track in self.tracks])
+        order = np.lexsort([ids, frames])
+        boxes, scores, observed = (
+            np.concatenate([getattr(track, name) for track in self.tracks])[order]
+            for name in ("boxes", "scores", "observed")
+        )
+        return TrackedBoxes(frames[order], ids[order], boxes, scores, observed)
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """`size`, where a format needs it.
+
+        Raises:
+            RequestError: it is not known.
+        """
+        if self.size is None:
+            raise RequestError("expected the size of the frames, which this result does not tell; give its `video`")
+        return self.size
+
+    @property
+    def frame_count(self) -> int:
+        """`length`, or where that is not known, the frames up to the last that has something."""
+        frames = [one.frames for one in (self.boxes, self.points) if one is not None]
+        return max(self.length, *(int(some.max(initial=-1)) + 1 for some in [*frames, self.table.get("frame", NONE)]))
+
+    @property
+    def stem(self) -> str:
+        """`name` without what the ending says."""
+        return PurePosixPath(self.name).stem or "video"
+
+    @cached_property
+    def nodes(self) -> PointTable:
+        """`points`; of bodies their ends and middles; or else the centres of boxes.
+
+        The centre of the first pixel is 0, 0.
+
+        Raises:
+            RequestError: there is nothing of this.
+        """
+        if self.points is not None:
+            return self.points
+        table, ends = self.table, np.zeros(1)
+        names: tuple[str, ...] = ("centre",)
+        if "x1" in table or not table:
+            frames, ids, _, scores, _ = self.boxes
+            middle = along = centres(self.boxes.boxes)
+        elif {"a", "b"} <= table.keys():
+            frames, ids, scores = (table[name] for name in ("frame", "id", "score"))
+            middle = along = np.column_stack([table["a"], table["b"]])
+            if {"theta", "length"} <= table.keys():
+                names, ends = ("head", "centre", "tail"), np.array([0.5, 0.0, -0.5])
+                along = np.column_stack([np.cos(table["theta"]), np.sin(table["theta"])]) * table["length"][:, None]
+        else:
+            raise RequestError(f"expected animals or boxes, got tracks of {', '.join(list(table)[:8])}")
+        told = tuple(f"track_{number}" for number in ids.tolist())
+        places = middle[:, None] + along[:, None] * ends[:, None] - 0.5
+        return PointTable(names, frames, told, places, np.repeat(scores[:, None], len(names), axis=1))
+
+    @cached_property
+    def kind(self) -> Mapping[int, str]:
+        """By id the name of its class; who has none is a person."""
+        told = ((track, f"class {track.class_id}" if track.class_id >= 0 else PERSON) for track in self.tracks)
+        return {track.id: track.class_name or other for track, other in told}
+
+    @cached_property
+    def kinds(self) -> Mapping[str, int]:
+        """The number of each class by its name, from 0 where not all are known; in their order."""
+        known = {self.kind[track.id]: track.class_id for track in self.tracks} or {PERSON: 0}
+        if min(known.values()) < 0 or len({*known.values()}) < len(known):
+            known = {kind: number for number, kind in enumerate(sorted(known))}
+        return dict(sorted(known.items(), key=lambda item: item[1]))
+
+    def image(self, frame: int) -> str:
+        """The name of a frame's image; those of a video file are counted from 1, as FFmpeg does."""
+        return self.images[frame] if frame < len(self.images) else f"{frame + 1:06d}.jpg"
+
+    def in_pixels(self, where: object, size: Size = None) -> TrackedVideo:
+        """The same with boxes in pixels; ``size`` counts where they are `shares`.
+
+        Raises:
+            RequestError: they are, and there is none.
+        """
+        if not self.shares:
+            return self
+        if size is None:
+            raise RequestError(f"{where}: its boxes are shares of the picture; expected the `size` of it, got none")
+        tracks = [replace(track, boxes=track.boxes * np.tile(size, 2)) for track in self.tracks]
+        return replace(self, tracks=tracks, size=size, shares=False)
+
+    def labels(self, path: Path, wanted: int | str | None = None) -> GroundTruth:
+        """The boxes as labels.
+
+        Args:
+            path: they were read from.
+            wanted: number or name of the class that counts; by default people, or all where no class is called so.
+
+        Raises:
+            RequestError: there is no box, or no such class, or boxes cannot be pixels of the picture.
+        """
+        rows, names = self.boxes, {number: kind for kind, number in self.kinds.items()}
+        if not len(rows.frames):
+            raise NothingLabelledError(f"{path}: expected labelled boxes, found none")
+        compare_with_picture(path, rows.boxes, self.size)
+        people = [number for number, kind in names.items() if kind.lower() in PERSON_NAMES] or list(names)
+        counted = {names[number] for number in wanted_numbers(wanted, names, people, path)}
+        evaluated = np.isin(rows.ids, [track.id for track in self.tracks if self.kind[track.id] in counted])
+        nobody = np.zeros(len(rows.ids), dtype=np.bool_)
+        return GroundTruth(rows.frames, rows.ids, rows.boxes, evaluated, nobody, np.ones(len(rows.ids)))
+
+
+def runs_of(frames: IntArray) -> list[IntArray]:
+    """The rows of each stretch of frames without a gap.
+
+    >>> [run.tolist() for run in runs_of(np.array([4, 5, 9]))]
+    [[0, 1], [2]]
+    """
+    return np.split(np.arange(len(frames)), np.flatnonzero(np.diff(frames) != 1) + 1)
+
+
+def between_keys(frames: IntArray, boxes: FloatArray, last: int = 0) -> tuple[IntArray, FloatArray, IntArray]:
+    """Every frame from the first key to the last one, or to ``last``: on straight lines between keys, then still.
+
+    Args:
+        frames: ``(K,)`` of the keys, increasing.
+        boxes: ``(K, 4)`` there.
+        last: 0-based.
+
+    Returns:
+        ``(T,)`` the frames, ``(T, 4)`` the boxes, and ``(T,)`` the number of the key at or before each.
+    """
+    every = np.arange(frames[0], max(int(frames[-1]), last) + 1)
+    values = np.column_stack([np.interp(every, frames, column) for column in boxes.T])
+    return every, values, np.searchsorted(frames, every, side="right") - 1
+
+
+def tracks_of_rows(
+    path: Path,
+    rows: Iterable[tuple[int, int, Sequence[float], float, bool]],
+    classes: Mapping[int, tuple[int, str]],
+) -> list[Track]:
+    """Tracks of rows; ids from 0 become ids from 1.
+
+    Args:
+        path: of the file, for messages.
+        rows: 0-based frame, id, box, score, and whether it was observed.
+        classes: by id, number and name; a negative number stands for the place among the names.
+
+    Raises:
+        RequestError: an id stands twice in a frame, a number is impossible, or a box has no area.
+    """
+    given = list(rows)
+    if not given:
+        return []
+    try:
+        frames, ids = (np.array([row[k] for row in given], dtype=np.int64) for k in (0, 1))
+        boxes = np.array([row[2] for row in given], dtype=np.float64).reshape(-1, 4)
+        scores = np.array([row[3] for row in given], dtype=np.float64)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise RequestError(f"{path}: expected numbers of frames, ids and boxes: {error}") from error
+    if frames.min() < 0 or frames.max() >= LAST_FRAME or ids.min() < 0:
+        raise RequestError(
+            f"{path}: expected frames up to {LAST_FRAME} and ids from 0, got frame {frames[frames.argmax()]} and id "
+            f"{ids.min()}"
+        )
+    flat = ~np.isfinite(boxes).all(axis=1) | (boxes[:, 2:] <= boxes[:, :2]).any(axis=1)
+    if flat.any():
+        row = int(flat.argmax())
+        raise RequestError(
+            f"{path}: expected boxes with an area, got {boxes[row].tolist()} of id {ids[row]} in frame {frames[row]}, "
+            "counted from 0"
+        )
+    order = np.lexsort([frames, ids])
+    twice = np.flatnonzero((np.diff(frames[order]) == 0) & (np.diff(ids[order]) == 0))
+    if len(twice):
+        row = order[twice[0]]
+        raise RequestError(f"{path}: id {ids[row]} stands twice in frame {frames[row]}, counted from 0")
+    observed, shift = np.array([row[4] for row in given], dtype=np.bool_), 1 if ids.min() == 0 else 0
+    parts = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
+    names = sorted({name for _, name in classes.values()})
+    found = []
+    for p in parts:
+        kind, name = classes[int(ids[p[0]])]
+        kind = names.index(name) if kind < 0 and name else kind
+        origin = np.column_stack([np.full(len(p), -1), np.full(len(p), kind)])
+        number = int(ids[p[0]]) + shift
+        found.append(Track(number, frames[p], boxes[p], scores[p], observed[p], origin, {kind: name} if name else {}))
+    return found
+
+
+def read_json(path: Path, what: str) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        RequestError: there is none, or it is something else.
+    """
+    try:
+        return json.loads(read_text(path, what))
+    except (ValueError, RecursionError) as error:
+        raise RequestError(f"{path}: expected {what}, got no JSON") from error
+
+
+def inside(name: object) -> str | None:
+    """The name of a file below a folder, without an address; None where it would lead out of the folder."""
+    path = PurePosixPath(str(name).split("?")[0].replace("\\", "/"))
+    return None if path.is_absolute() or ".." in path.parts or not path.name else str(path)

@@ -1,0 +1,136 @@
+"""YOLO's rows with ids: ``labels/NAME_1.txt …``, one file a frame that has boxes, and ``data.yaml``.
+
+A row is ``class x y width height score id``: the centre and the size as shares of the picture, as ultralytics writes
+them with ``save_txt`` and ``save_conf``. Without a score the id stands last, too. A frame is the number at the end of a
+file's name, from 1, or the place of the image of that name in ``images/``. ``data.yaml`` names the classes; width,
+height, frames and frame_rate in it are ours.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import yaml
+from PIL import Image
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot_sequence import list_images
+from tsuiseki.tracking.formats.rows import read_rows, read_text, whole
+from tsuiseki.tracking.formats.tracked_video import Size, TrackedVideo, tracks_of_rows
+from tsuiseki.tracking.geometry import centres
+
+LABELS, ABOUT, IMAGES = "labels", "data.yaml", "images"
+EXPECTED = "class x y width height [score] id"
+
+
+def is_yolo(folder: Path) -> bool:
+    """Whether a folder has ``labels`` of this kind."""
+    return (folder / LABELS).is_dir() and ((folder / ABOUT).is_file() or any((folder / LABELS).glob("*.txt")))
+
+
+def write_yolo(folder: Path, video: TrackedVideo) -> None:
+    """Write the boxes; classes keep their numbers, where these are known."""
+    size = np.tile(video.pixels, 2)
+    (folder / LABELS).mkdir(parents=True)
+    about: dict[str, Any] = {"train": IMAGES, "val": IMAGES, "names": {k: kind for kind, k in video.kinds.items()}}
+    about |= {"width": int(size[0]), "height": int(size[1]), "frames": video.frame_count}
+    about |= {"frame_rate": video.frame_rate}
+    (folder / ABOUT).write_text(yaml.safe_dump(about, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    rows = video.boxes
+    middle = centres(rows.boxes)
+    shares = np.concatenate([middle, rows.boxes[:, 2:] - rows.boxes[:, :2]], axis=1) / size
+    texts: dict[int, list[str]] = {}
+    for frame, number, box, score in zip(
+        rows.frames.tolist(), rows.ids.tolist(), shares.tolist(), rows.scores.tolist(), strict=True
+    ):
+        place = " ".join(f"{value:.6f}" for value in box)
+        texts.setdefault(frame, []).append(f"{video.kinds[video.kind[number]]} {place} {score:.4f} {number}\n")
+    for frame, lines in texts.items():
+        stem = PurePosixPath(video.images[frame]).stem if video.images else f"{video.stem}_{frame + 1}"
+        (folder / LABELS / f"{stem}.txt").write_text("".join(lines), encoding="utf-8")
+
+
+def read_yolo(folder: Path) -> TrackedVideo:
+    """The tracks in a folder.
+
+    Raises:
+        RequestError: a row is broken or without an id.
+    """
+    files = sorted((folder / LABELS).glob("*.txt"))
+    about = _about(folder)
+    images = list_images(folder / IMAGES)
+    size = _size(about) or (_size_of(images[0]) if images else None)
+    names = about.get("names") or {}
+    named = dict(enumerate(names)) if isinstance(names, list) else names if isinstance(names, dict) else {}
+    places = {image.stem: frame for frame, image in enumerate(images)}
+    found = [(_frame(path, places), row) for path in files for row in _rows(path, size or (1, 1))]
+    classes = {number: (kind, str(named.get(kind, kind))) for _, (kind, number, _, _) in found}
+    rows = ((frame, number, box, score, True) for frame, (_, number, box, score) in found)
+    tracks = tracks_of_rows(folder, rows, classes)
+    return TrackedVideo(
+        tracks,
+        (re.sub(r"_?\d+$", "", files[0].stem) if files else "") or folder.resolve().name,
+        float(about.get("frame_rate") or 0),
+        size,
+        int(about.get("frames") or len(images)),
+        images=tuple(image.name for image in images),
+        shares=size is None,
+    )
+
+
+def _about(folder: Path) -> dict[str, Any]:
+    path = folder / ABOUT
+    if not path.exists():
+        return {}
+    try:
+        content = yaml.safe_load(read_text(path, "YOLO's settings"))
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise RequestError(f"{path}: expected YAML, got something else") from error
+    if not isinstance(content, dict) or not all(
+        isinstance(content.get(name, 0), int | float) for name in ("width", "height", "frames", "frame_rate")
+    ):
+        raise RequestError(f"{path}: expected names of classes, and numbers of width, height, frames and frame_rate")
+    return content
+
+
+def _size(about: Mapping[str, Any]) -> Size:
+    width, height = int(about.get("width") or 0), int(about.get("height") or 0)
+    return (width, height) if min(width, height) > 0 else None
+
+
+def _size_of(image: Path) -> Size:
+    try:
+        with Image.open(image) as opened:
+            return opened.size
+    except OSError as error:
+        raise RequestError(f"{image}: expected an image, got something that cannot be decoded") from error
+
+
+def _frame(path: Path, places: Mapping[str, int]) -> int:
+    if places:
+        if path.stem not in places:
+            raise RequestError(f"{path}: expected an image {path.stem} in {IMAGES}, found none")
+        return places[path.stem]
+    number = re.search(r"\d{1,9}$", path.stem)
+    if number is None:
+        raise RequestError(f"{path}: expected the number of a frame at the end of its name, such as {path.stem}_1.txt")
+    return int(number[0]) - 1
+
+
+def _rows(path: Path, size: tuple[int, int]) -> Iterator[tuple[int, int, tuple[float, ...], float]]:
+    given = read_rows(path, "YOLO's rows")
+    for k, cells in enumerate(given.cells):
+        number, kind = whole(cells[-1]), whole(cells[0])
+        try:
+            x, y, width, height, *score = [float(cell) for cell in cells[1:-1]]
+        except ValueError:
+            raise given.error(k, EXPECTED) from None
+        if number is None or kind is None or len(score) > 1:
+            raise given.error(k, f"{EXPECTED}, with a whole number as id")
+        corners = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
+        box = tuple(share * side for share, side in zip(corners, (*size, *size), strict=True))
+        yield kind, number, box, score[0] if score else 1.0

@@ -1,0 +1,174 @@
+"""Targets from the measurements of a sensor: `track_measurements`, and `tsuiseki track points`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from tsuiseki.tracking.cli.options import SeededOutput
+from tsuiseki.tracking.cli.run import count
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_model, sensing_model, write_sensed_tracks
+from tsuiseki.tracking.points.observed import positions_of, region_of
+from tsuiseki.tracking.points.settings import Lag, SetMethod
+from tsuiseki.tracking.points.tracker import MeasurementTracker
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
+
+
+def track_measurements(
+    measured: str | Path | Sequence[Scan],
+    model: str | Path | Mapping[str, Any] | SensingModel,
+    *,
+    method: SetMethod = "labelled",
+    particles: int = 1000,
+    shortest: int = 1,
+    period: float = 1.0,
+    seed: int = 0,
+    lag: Lag = 0,
+) -> Result[SensedTrack]:
+    """Targets behind the measurements of a sensor, each with an id, at every scan.
+
+    Args:
+        measured: a CSV of measurements (`tracking.formats.measurements`), or scans in order of time.
+        model: of sensor, targets and clutter: a YAML file, what stands in one, or `SensingModel`.
+        method: labelled multi-Bernoulli filter, or phd.
+        particles: of each target.
+        shortest: tracks of fewer scans are left out.
+        period: seconds from one frame to the next, for a CSV with frames instead of times.
+        seed: of the particles.
+        lag: 1 lets each scan be judged with the next one, too (labelled only).
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+    """
+    chosen = as_model(model)
+    scans = read_scans(Path(measured), chosen.sensor.columns, period) if isinstance(measured, str | Path) else measured
+    tracker = MeasurementTracker(with_region(chosen, scans), method, particles, seed, lag)
+    return sensed_result(tracker, scans, shortest, StageTimes(), {"method": method, "seed": seed})
+
+
+def follow_measurements(
+    scans: Iterable[Scan],
+    model: str | Path | Mapping[str, Any] | SensingModel,
+    *,
+    method: SetMethod = "labelled",
+    particles: int = 1000,
+    seed: int = 0,
+    lag: Lag = 0,
+) -> Iterator[SensedTargets]:
+    """The targets of each scan, while the scans come, with a lag of 1 a scan later; see `track_measurements`.
+
+    The model needs a region.
+    """
+    tracker = MeasurementTracker(as_model(model), method, particles, seed, lag)
+    for scan in scans:
+        found = tracker.update(scan)
+        tracker.forget()
+        if found is not None:
+            yield found
+    last = tracker.finish()
+    if last is not None:
+        yield last
+
+
+def as_model(model: str | Path | Mapping[str, Any] | SensingModel) -> SensingModel:
+    """The model of a YAML file, of what stands in one, or as it is."""
+    if isinstance(model, SensingModel):
+        return model
+    return sensing_model(model) if isinstance(model, Mapping) else read_sensing_model(Path(model))
+
+
+def with_region(model: SensingModel, scans: Sequence[Scan]) -> SensingModel:
+    """The model with the region where the measurements lie, if it has none of its own."""
+    return model if model.region else replace(model, region=region_of(scans))
+
+
+def sensed_result(
+    tracker: MeasurementTracker, steps: Iterable[Scan], shortest: int, times: StageTimes, settings: Mapping[str, Any]
+) -> Result[SensedTrack]:
+    """The result of a run.
+
+    Args:
+        tracker: a fresh one.
+        steps: scans in order of time.
+        shortest: tracks of fewer scans are left out.
+        times: of the run.
+        settings: of the run.
+    """
+    model, done = tracker.model, list[Scan]()
+    for scan in steps:
+        with times.measure("track"):
+            tracker.update(scan)
+        done.append(scan)
+    every = tracker.tracks()
+    tracks = [track for track in every if len(track) >= shortest]
+    numbers = Counter(int(scan) for track in every for scan in track.scans)
+
+    def draw(path: Path, _: Path) -> None:
+        from tsuiseki.tracking.points.page import tracks_figure
+
+        figure = tracks_figure(tracks, [positions_of(model, scan.measurements) for scan in done])
+        figure.savefig(path, facecolor="white")
+
+    return Result(
+        tracks,
+        settings=settings,
+        facts={"region": [list(pair) for pair in model.region]},
+        seconds=times.seconds,
+        frames={
+            "frame": list(range(len(done))),
+            "time": [scan.time for scan in done],
+            "measurements": [len(scan.measurements) for scan in done],
+            "targets": [numbers[scan] for scan in range(len(done))],
+        },
+        files={
+            "tracks.csv": lambda path, _: write_sensed_tracks(path, tracks, model.sensor.dimensions),
+            "tracks.png": draw,
+        },
+    )
+
+
+def points(
+    file: Path,
+    /,
+    model: Path,
+    output: SeededOutput,
+    method: SetMethod = "labelled",
+    particles: int = 1000,
+    period: float = 1.0,
+    shortest: int = 3,
+    lag: Lag = 0,
+) -> int:
+    """Track an unknown number of targets from a sensor's measurements, such as a radar's or a lidar's.
+
+    DIR gets tracks.csv (time, id, position, velocity, covariance, probability of existence), tracks.png and run.json.
+
+    Args:
+        file: CSV with the columns time (seconds, which need not be even) or frame, and the sensor's: x,y or x,y,z or
+            bearing,range or bearing,elevation,range; with sd_x,… or cov_x_x,… where errors differ. A row with a time
+            alone says that nothing was measured then.
+        model: YAML with the keys sensor, motion, detection, survival, clutter, region, births (docs/methods/points.md).
+        method: labelled multi-Bernoulli filter, or phd.
+        particles: of each target.
+        period: seconds from one frame to the next, where the file has frames.
+        shortest: tracks of fewer scans are left out.
+        lag: 1 judges each scan with the next one, too, which places targets better and ends them in time (labelled
+            only).
+        seed: of the particles.
+    """
+    if not period > 0 or shortest < 1:
+        raise RequestError(f"expected a `period` above 0 and `shortest` from 1, got {period:g} and {shortest}")
+    chosen = read_sensing_model(model)
+    scans = read_scans(file, chosen.sensor.columns, period)
+    tracker = MeasurementTracker(with_region(chosen, scans), method, particles, output.seed, lag)
+    with output.run() as run:
+        steps = run.steps(scans, total=len(scans))
+        result = sensed_result(tracker, steps, shortest, run.times, output.settings)
+        run.save(result)
+        run.done(f"{count(len(result), 'target', 'targets')} in {run.count} scans: {output.out / 'tracks.csv'}")
+    return run.status
