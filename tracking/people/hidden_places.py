@@ -6,8 +6,8 @@ after the last it moves on as the track did, for `HOLD` seconds. Each side is wi
     m(t) = s (BASE + SCORE (1 - score(t))) + RESIDUAL r(t) + SPREAD h g(t),
 
 where s is the width or height and h the height of the person, r how far the box lies from the mean of its neighbours
-(what smoothing would change), and g the seconds to the nearest detection, at most `HOLD`. The weights are chosen on
-generated streets and on MOT17-13.
+(what smoothing would change), and g the seconds to the nearest detection, at most `HOLD`. The weights are chosen
+on generated streets.
 """
 
 from __future__ import annotations
