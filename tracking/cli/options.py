@@ -41,7 +41,7 @@ class Drawing(Shared):
         folder: str = "",
         frames: Callable[[], Iterable[Frame]] | None = None,
     ) -> None:
-        """Write a video with ``result`` drawn in, where that is wanted, on the finished frames or others; `Run.save`."""
+        """Write a video with ``result`` drawn in, where that is wanted, on the finished frames or ``frames``."""
         from tsuiseki.tracking.report.overlay import write_drawn
 
         if self.overlay and result.painter is not None:
