@@ -145,5 +145,6 @@ COMMANDS: Tree = {
     "hide": Command("tracking.people.hiding:hide_people", "hide people in a video that was tracked"),
     "count": Command("tracking.answers.run:count", "who crosses lines and stays in zones, from a finished result"),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
+    "convert": Command("tracking.cli.convert:convert", "write a result into the file of another program"),
     "reproduce": Group(f"{PAPER} {EXTRA}", "trainers.experiments", REPRODUCE),
 }

@@ -27,7 +27,7 @@ class Drawing(Shared):
 
     Attributes:
         overlay: also write a video with the result drawn in.
-        overlay_format: of that video; mp4 where OpenCV can write it.
+        overlay_format: of that video; mp4 has H.264 where OpenCV or PyAV (pip install av) writes it, or else VP9.
     """
 
     overlay: bool = False

@@ -43,7 +43,7 @@ def write_cvat(path: Path, video: TrackedVideo) -> None:
     _text(original, "width", width)
     _text(original, "height", height)
     for track in video.tracks:
-        names = {"id": str(track.id), "label": video.kind(track.id), "source": "auto"}
+        names = {"id": str(track.id), "label": video.kind[track.id], "source": "auto"}
         _write_track(ElementTree.SubElement(root, "track", names), track, video.frame_count)
     ElementTree.indent(root)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
@@ -74,7 +74,7 @@ def read_cvat(path: Path) -> TrackedVideo:
     """The tracks of boxes in a file.
 
     Raises:
-        RequestError: it is something else or broken, or has no track, as a task of single images.
+        RequestError: it is something else or broken, or a task of single images.
     """
     text = read_text(path, "CVAT's XML")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
@@ -84,19 +84,17 @@ def read_cvat(path: Path) -> TrackedVideo:
     except ElementTree.ParseError as error:
         raise RequestError(f"{path}: expected CVAT's XML, got a broken one: {error}") from error
     found = root.findall("track")
-    if root.tag != "annotations" or not found:
+    if root.tag != "annotations" or (not found and root.find("image") is not None):
         there = ", ".join(sorted({child.tag for child in root})[:5]) or "nothing"
         raise RequestError(f"{path}: expected `track` of CVAT for video 1.1, got {root.tag} with {there}")
     size = [_whole(root, f".//original_size/{side}") for side in ("width", "height")]
-    tracks = tracks_of_rows(path, (row for track in found for row in _rows(path, track)))
-    shift = 1 if any(track.get("id") == "0" for track in found) else 0
-    classes = {int(track.get("id", -1)) + shift: track.get("label", "") for track in found}
+    classes = {int(track.get("id", -1)): (-1, track.get("label", "")) for track in found}
+    tracks = tracks_of_rows(path, (row for track in found for row in _rows(path, track)), classes)
     return TrackedVideo(
         tracks,
         name=root.findtext(".//task/source") or root.findtext(".//job/source") or path.stem,
         size=(size[0], size[1]) if min(size) > 0 else None,
         length=_whole(root, ".//task/size") or _whole(root, ".//job/size"),
-        classes=classes,
     )
 
 
@@ -108,8 +106,7 @@ def _whole(root: ElementTree.Element, place: str) -> int:
 def _rows(path: Path, track: ElementTree.Element) -> Iterator[tuple[int, int, Any, float, bool]]:
     try:
         number = int(track.attrib["id"])
-        keys = sorted((int(box.attrib["frame"]), k) for k, box in enumerate(track.findall("box")))
-        boxes = [track.findall("box")[k] for _, k in keys]
+        boxes = sorted(track.findall("box"), key=lambda box: int(box.attrib["frame"]))
         corners = np.array([[float(box.attrib[name]) for name in CORNERS] for box in boxes])
         scores = [float(box.findtext("attribute[@name='score']") or 1) for box in boxes]
     except (KeyError, ValueError) as error:
@@ -117,13 +114,15 @@ def _rows(path: Path, track: ElementTree.Element) -> Iterator[tuple[int, int, An
             f"{path}: expected id, frame, {', '.join(CORNERS)} of each box in numbers, got {error} in a track "
             f"{dict(track.attrib)}"
         ) from error
-    frames = np.array([frame for frame, _ in keys], dtype=np.int64)
-    if not len(frames) or not np.isfinite(corners).all():
+    frames = np.array([int(box.attrib["frame"]) for box in boxes], dtype=np.int64)
+    if not len(frames):
         return
+    if not np.isfinite(corners).all():
+        raise RequestError(f"{path}: expected finite corners of each box, got others in track {number}")
     if frames[0] < 0 or frames[-1] >= LAST_FRAME or (np.diff(frames) == 0).any():
         raise RequestError(f"{path}: expected each frame from 0 to {LAST_FRAME - 1} once in track {number}")
     outside, hidden = (np.array([box.get(name) == "1" for box in boxes]) for name in ("outside", "occluded"))
-    every, values, key = between_keys(frames, corners)
+    every, values, key = between_keys(path, frames, corners)
     seen = (frames[key] == every) & ~hidden[key]
     for row in np.flatnonzero(~outside[key]).tolist():
         yield int(every[row]), number, values[row], scores[key[row]], bool(seen[row])

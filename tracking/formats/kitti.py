@@ -19,8 +19,9 @@ from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.rows import read_rows, whole_number
-from tsuiseki.tracking.formats.tracked_video import PEOPLE, TrackedVideo
+from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -73,8 +74,8 @@ def write_kitti(path: Path, video: TrackedVideo) -> None:
     for frame, number, box, score in zip(
         rows.frames.tolist(), rows.ids.tolist(), rows.boxes.tolist(), rows.scores.tolist(), strict=True
     ):
-        kind = video.kind(number)
-        name = COUNTED if kind.lower() in PEOPLE else kind.title().replace(" ", "_")
+        kind = video.kind[number]
+        name = COUNTED if kind.lower() in PERSON_NAMES else kind.title().replace(" ", "_")
         place = " ".join(f"{value:.2f}" for value in box)
         text.append(f"{frame} {number} {name} -1 -1 -10 {place} {NO_SPACE} {score:.4f}\n")
     path.write_text("".join(text), encoding="utf-8")

@@ -236,10 +236,10 @@ def _exported(path: Path) -> LabelledVideo:
     name = known.stem if known.name else path.stem
 
     def read(size: Size, wanted: Wanted) -> GroundTruth:
-        wanted_numbers(wanted, {}, (), path)
-        return known.in_pixels(path, size).labels(path)
+        return known.in_pixels(path, size).labels(path, wanted)
 
-    return LabelledVideo(name, files, length, read, None, known.size)
+    names = {number: kind for kind, number in known.kinds.items()}
+    return LabelledVideo(name, files, length, read, None, known.size, names)
 
 
 # By layout: whether a folder has it, and the videos there. What fits none is read as MOTChallenge sequences.

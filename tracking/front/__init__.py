@@ -66,6 +66,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.points.settings import PointSettings as PointSettings
     from tsuiseki.tracking.points.tracker import PointTracker as PointTracker
     from tsuiseki.tracking.result import Result as Result
+    from tsuiseki.tracking.result import convert as convert
     from tsuiseki.tracking.single.run import follow_single as follow_single
     from tsuiseki.tracking.single.run import track_single as track_single
     from tsuiseki.tracking.sphere.points import track_sphere_points as track_sphere_points

@@ -91,6 +91,7 @@ ELSEWHERE = {
     "evaluate points": "tests/tracking/points/test_blob_commands.py::test_a_clip_is_tracked_and_scored",
     "evaluate states": "tests/tracking/evaluation/test_states.py::test_the_command_compares_results",
     "evaluate action": "tests/tracking/drone/test_track_drone.py::test_report_overlay_and_evaluation",
+    "convert": "tests/tracking/cli/test_convert.py::test_a_folder_becomes_a_file_of_each_format",
     "reproduce multi-correlation-filter": (
         "tests/tracking/single/test_single_commands.py::test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache"
     ),
