@@ -131,6 +131,8 @@ class Result(Sequence[T_co]):
             if len(found):
                 scores = np.ones(len(found)) if found.confidence is None else found.confidence
                 told = as_detections(found)
+                if len(told) < len(found):
+                    raise RequestError(f"expected boxes that have an area, got others in frame {frame}")
                 names |= told.names
                 columns = np.full(len(found), frame), found.tracker_id, found.xyxy, scores, told.origin[:, 1]
                 parts.append(np.column_stack(columns))
@@ -243,11 +245,13 @@ class Result(Sequence[T_co]):
         edges = np.searchsorted(table["frame"], np.arange(last + 2))
         corners = np.column_stack([table[name] for name in ("x1", "y1", "x2", "y2")])
         told = {"class_id": table["class_id"]} if "class_id" in table else {}
+        names = {"class_name": table["class_name"]} if "class_name" in table else {}
         return [
             make(
                 xyxy=corners[a:b],
                 confidence=table["score"][a:b],
                 tracker_id=table["id"][a:b],
+                data={name: column[a:b] for name, column in names.items()},
                 **{name: column[a:b] for name, column in told.items()},
             )
             for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)

@@ -164,6 +164,18 @@ def test_what_is_no_result_is_said(text: str, name: str, said: str, tmp_path: Pa
         Result.load(tmp_path / "missing.csv")
 
 
+def test_one_of_several_results_is_loaded(result: Result[Track], tmp_path: Path) -> None:
+    known = {name: result.known() | {"frame_rate": rate} for name, rate in (("a", 10.0), ("b", 20.0))}
+    (tmp_path / "run.json").write_text(json.dumps({"settings": {"seed": 1}, "results": known}))
+    for name in known:
+        (tmp_path / name).mkdir()
+        write_tracks(tmp_path / name / "tracks.txt", result)
+    loaded: Result[Track] = Result.load(tmp_path / "b")
+    assert ([one.id for one in loaded], loaded.frame_rate, loaded.settings) == ([3, 8], 20.0, {"seed": 1})
+    with pytest.raises(RequestError, match="holds several results; load one of"):
+        Result.load(tmp_path)
+
+
 def test_a_partial_result_is_said(result: Result[Track], tmp_path: Path) -> None:
     folder = result.save(tmp_path / "out")
     record = json.loads((folder / "run.json").read_text())

@@ -47,7 +47,7 @@ def track_animals(
     """Several animals before a fixed camera: place, heading and size of each in every frame.
 
     Args:
-        source: a video file, a folder of images, or a MOTChallenge sequence folder.
+        source: a video file, a folder of images, a MOTChallenge sequence folder, or images in a list.
         contrast: how animals differ from what lies behind them; ``auto`` finds out.
         threshold: difference in grey levels from which a pixel belongs to an animal; by default found.
         skeleton: what is known of their points.

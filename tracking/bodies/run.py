@@ -60,7 +60,7 @@ def track_deformable(source: SourceLike, body: str = "goldfish", **keywords: Unp
     """Bodies that bend: place, heading and bend of each in every frame.
 
     Args:
-        source: a video file, a folder of images, or a MOTChallenge sequence folder.
+        source: a video file, a folder of images, a MOTChallenge sequence folder, or images in a list.
         body: ``goldfish`` or ``ball``, with its sizes in pixels where they differ, such as
             ``"goldfish,length=40,width=14,tail=20"``, or a file of `tsuiseki train body`.
         keywords: see `BodyKeywords`.

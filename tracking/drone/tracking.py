@@ -60,7 +60,7 @@ def track_drone(
     """Everyone in a video from a drone, each with an id and with what they do.
 
     Args:
-        source: a video file, a folder of images or a MOTChallenge sequence folder.
+        source: a video file, a folder of images, a MOTChallenge sequence folder, or images in a list.
         method: ``flow`` links by place and appearance; ``flow-saf`` also by actions of single frames; ``flow-maf``
             averages actions along the tracks, links again and repeats.
         detections: use these instead of a detector: a file (MOTChallenge ``det.txt``), or one entry a frame of

@@ -147,7 +147,8 @@ def track_people(
     if endless(video):
         raise RequestError(f"{video.name} does not end by itself; give frames, or use follow_people")
     name, times = method if isinstance(method, str) else type(method).__name__, StageTimes()
-    made = {"method": name, "source": named(source), "seed": keywords.get("seed", 0)}
+    plain = {key: value for key, value in keywords.items() if isinstance(value, str | int | float | Path)}
+    made = {"method": name, "source": named(source), "seed": 0, **plain}
     found = opened.inputs.found(times=times)
     watched = progress(found, "tracking", frames_expected(video)) if shown else found
     result, _ = people_result(opened, watched, times, made)

@@ -48,7 +48,7 @@ def track_blobs(
     """Every object of a colour in a video, each with an id.
 
     Args:
-        source: a video file, a folder of images, or a MOTChallenge sequence folder.
+        source: a video file, a folder of images, a MOTChallenge sequence folder, or images in a list.
         colour: ``red``, ``orange``, ``yellow``, ``green``, ``cyan``, ``blue``, ``magenta``, ``black``, ``white``;
             ``"H1-H2,S1-S2,V1-V2"`` with hues in degrees; or the ``(4,)`` box of an object in the first frame, x1, y1,
             x2, y2, whose colour is taken.

@@ -49,8 +49,8 @@ def follow_single(
     """One target of any kind: each frame with the target's box, a score, and whether to believe it.
 
     Args:
-        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, VOT, UAV123), the number of a
-            webcam or the address of a stream.
+        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, VOT, UAV123), images in a
+            list or as they come, the number of a webcam or the address of a stream.
         box: ``(4,)`` the target in the first frame, x1, y1, x2, y2 in 0-based pixels; a labelled sequence folder has
             its own.
         method: ``combined`` is a correlation filter with colours and sizes that particles help when the target is
