@@ -15,11 +15,12 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
+from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.coded_size import CodedSizes, Size
 from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, container_time, stated_rate, uneven
-from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder
+from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder, one_image
 from tsuiseki.tracking.video.live import LiveSource
 
 PLAYLIST_HEADERS = (b"#EXTM3U", b"ffconcat")
@@ -140,6 +141,8 @@ class VideoFile:
         with path.open("rb") as file:
             if file.read(16).startswith(PLAYLIST_HEADERS):
                 raise RequestError(f"{path} is a playlist, which may lead anywhere; give the video itself")
+        if path.suffix.lower() in IMAGE_SUFFIXES:
+            one_image(path)
         capture = cv2.VideoCapture(str(path))
         try:
             readable = capture.isOpened()
