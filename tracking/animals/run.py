@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from tsuiseki.tracking.animals.skeleton import (
 )
 from tsuiseki.tracking.animals.tracker import AnimalTracker
 from tsuiseki.tracking.cli.options import Output, Video
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, an_instance
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.result import Result, Writer
@@ -74,8 +74,11 @@ def track_animals(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
+    if contrast not in get_args(Contrast):
+        raise RequestError(f"`contrast`: expected {', '.join(get_args(Contrast))}, got {contrast!r}")
     opened = Video(source=str(source), frames=frames).open(images=True, replayable=True)
-    skeleton, made = skeleton or SkeletonSettings(), {"contrast": contrast, "source": str(source), "seed": seed}
+    skeleton = an_instance(skeleton or SkeletonSettings(), SkeletonSettings, "skeleton")
+    made = {"contrast": contrast, "source": str(source), "seed": seed}
     return animal_result(
         opened,
         opened.frames(),
@@ -83,7 +86,7 @@ def track_animals(
         skeleton.table(),
         contrast,
         threshold,
-        settings or SETTINGS,
+        an_instance(settings or SETTINGS, AnimalSettings, "settings"),
         StageTimes(),
         made,
     )

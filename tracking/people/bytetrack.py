@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, an_instance
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -72,7 +72,7 @@ class ByteTrack(LifecycleTracker):
     """
 
     def __init__(self, settings: ByteTrackSettings | None = None, seed: int = 0) -> None:
-        self.settings, self.seed = settings or ByteTrackSettings(), seed
+        self.settings, self.seed = an_instance(settings or ByteTrackSettings(), ByteTrackSettings, "settings"), seed
         super().__init__(self.settings.lifecycle, self.settings.motion)
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:

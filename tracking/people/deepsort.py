@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, an_instance
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -62,7 +62,7 @@ class DeepSort(LifecycleTracker):
     """Appearance first, then position, each with its own gate. It draws no random numbers."""
 
     def __init__(self, settings: DeepSortSettings | None = None, seed: int = 0) -> None:
-        self.settings, self.seed = settings or DeepSortSettings(), seed
+        self.settings, self.seed = an_instance(settings or DeepSortSettings(), DeepSortSettings, "settings"), seed
         super().__init__(self.settings.lifecycle, self.settings.motion)
         self._appearance = np.empty((0, 0))
 

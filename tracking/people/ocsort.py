@@ -27,7 +27,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, an_instance
 from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
     BoxMotion,
@@ -90,7 +90,7 @@ class OcSort(LifecycleTracker):
     """
 
     def __init__(self, settings: OcSortSettings | None = None, seed: int = 0) -> None:
-        self.settings, self.seed = settings or OcSortSettings(), seed
+        self.settings, self.seed = an_instance(settings or OcSortSettings(), OcSortSettings, "settings"), seed
         super().__init__(self.settings.lifecycle, self.settings.motion)
         self._history = _no_history(self.settings)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tsuiseki.tracking.association.assignment import assign
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, an_instance
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -48,7 +48,7 @@ class Sort(LifecycleTracker):
     """
 
     def __init__(self, settings: SortSettings | None = None, seed: int = 0) -> None:
-        self.settings, self.seed = settings or SortSettings(), seed
+        self.settings, self.seed = an_instance(settings or SortSettings(), SortSettings, "settings"), seed
         super().__init__(self.settings.lifecycle, self.settings.motion)
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:

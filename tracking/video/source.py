@@ -23,6 +23,8 @@ from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, container_t
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder, one_image
 from tsuiseki.tracking.video.live import LiveSource
 
+# FFmpeg draws the letters of a text file.
+DRAWN_TEXT = cv2.VideoWriter.fourcc(*"ansi")
 PLAYLIST_HEADERS = (b"#EXTM3U", b"ffconcat")
 
 
@@ -145,7 +147,7 @@ class VideoFile:
             one_image(path)
         capture = cv2.VideoCapture(str(path))
         try:
-            readable = capture.isOpened()
+            readable = capture.isOpened() and int(capture.get(cv2.CAP_PROP_FOURCC)) != DRAWN_TEXT
             rate = stated_rate(capture)
             promised = int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT))) if readable else 0
             if not readable or not capture.grab():

@@ -140,6 +140,8 @@ def test_what_is_no_video_is_refused(tmp_path: Path, webm: Path, images: Path) -
     (tmp_path / "header.webm").write_bytes(webm.read_bytes()[:300])
     refused(tmp_path / "missing.mp4", "found no")
     refused(tmp_path / "text.mp4", "OpenCV can decode")
+    (tmp_path / "gt.txt").write_text("1,1,10,10,20,40,1,1,1\n" * 200)
+    refused(tmp_path / "gt.txt", "OpenCV can decode")
     refused(tmp_path / "empty.webm", "OpenCV can decode")
     refused(tmp_path / "header.webm", "OpenCV can decode")
     refused(tmp_path / "list.m3u8", "playlist")
