@@ -194,8 +194,9 @@ def run_session(
 
 
 def _reason(error: Exception) -> str:
-    """What onnxruntime says, in one line of bearable length."""
-    return " ".join(str(error).split())[:160]
+    """What onnxruntime says, in one line of bearable length, without the path that is named before it."""
+    words = " ".join(str(error).split())
+    return words.rpartition(" failed:")[2][:160]
 
 
 def image_input(session: onnxruntime.InferenceSession, path: Path, *, floats: bool = False) -> WantedInput:

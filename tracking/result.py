@@ -12,15 +12,18 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
+from tsuiseki.tracking.formats.exports import SUFFIXES, format_at, format_named, read_exported
+from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.result_folder import filled_frames, read_folder
 from tsuiseki.tracking.formats.track_tables import cut_to, needed, read_table, table_of, tracks_of, write_table
+from tsuiseki.tracking.formats.tracked_video import TrackedVideo
+from tsuiseki.tracking.interchange import as_detections
 from tsuiseki.tracking.output import RunRecord, columns_shifted, output_file, output_folder
 from tsuiseki.tracking.types import Frame, ImageArray, Position, Targets, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
-from tsuiseki.tracking.types.tracks import targets_at
+from tsuiseki.tracking.types.tracks import PointTable, targets_at
 from tsuiseki.tracking.video.frame_times import uneven
-from tsuiseki.tracking.video.source import Source, address_of, image_size, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, address_of, endless, image_size, open_source
 
 if TYPE_CHECKING:
     import pandas
@@ -60,6 +63,7 @@ class Result(Sequence[T_co]):
         files: what `save` writes into a folder, by name and in this order; by default the tracks.
         painter: gives the image of a frame with the tracks drawn in; by default boxes are.
         names: of what a track has beside its place: the numbers of a body's state, or what people do.
+        points: of all animals, where a skeleton is known.
     """
 
     tracks: Sequence[T_co]
@@ -73,6 +77,7 @@ class Result(Sequence[T_co]):
     files: Mapping[str, Writer] = field(default_factory=dict)
     painter: Callable[[Frame], ImageArray] | None = None
     names: tuple[str, ...] = ()
+    points: PointTable | None = None
 
     @classmethod
     def of(cls, source: Source, tracks: Sequence[Any], **known: Any) -> Self:
@@ -87,16 +92,22 @@ class Result(Sequence[T_co]):
     def load(cls, path: str | Path) -> Self:
         """What `save` or a command wrote: a folder, or a file ``.csv``, ``.json``, ``.parquet`` or ``.txt``.
 
-        A folder, JSON and Parquet also tell the source, its rate and size, the settings and the facts.
+        A folder, JSON and Parquet also tell the source, its rate and size, the settings and the facts. Tracks of CVAT,
+        COCO, Label Studio and YOLO are read, too.
 
         Raises:
             RequestError: there is nothing of this, or something else; Parquet needs pyarrow.
         """
-        path = Path(path)
-        if path.is_dir():
+        path, known = Path(path), dict[str, Any]()
+        tracks: list[Any]
+        if format_at(path):
+            read = read_exported(path).in_pixels(path)
+            tracks, known = [*read.tracks], {"frame_rate": read.frame_rate, "size": read.size}
+            known["frames"] = {"frame": list(range(read.length))} if read.length else {}
+        elif path.is_dir():
             tracks, known = read_folder(path)
         elif path.suffix.lower() == ".txt":
-            tracks, known = list(read_tracks(path)), {}
+            tracks = list(read_tracks(path))
         elif path.suffix.lower() in FILES:
             table, known = read_table(path)
             tracks, known["frames"] = tracks_of(table), columns_shifted(known.get("frames", {}), -1)
@@ -112,20 +123,26 @@ class Result(Sequence[T_co]):
         Raises:
             RequestError: a detection has no ``tracker_id``.
         """
-        parts, numbers = [], []
+        parts, numbers, names = [], [], dict[int, str]()
         for frame, found in enumerate(detections):
             numbers.append(frame)
             if len(found) and found.tracker_id is None:
                 raise RequestError(f"expected detections with tracker_id, got none in frame {frame}; track them first")
             if len(found):
                 scores = np.ones(len(found)) if found.confidence is None else found.confidence
-                parts.append(np.column_stack([np.full(len(found), frame), found.tracker_id, found.xyxy, scores]))
-        rows = np.concatenate(parts) if parts else np.empty((0, 7))
+                told = as_detections(found)
+                if len(told) < len(found):
+                    raise RequestError(f"expected boxes that have an area, got others in frame {frame}")
+                names |= told.names
+                columns = np.full(len(found), frame), found.tracker_id, found.xyxy, scores, told.origin[:, 1]
+                parts.append(np.column_stack(columns))
+        rows = np.concatenate(parts) if parts else np.empty((0, 8))
         # supervision counts ids from 0 or from 1, as its tracker does.
         ids = rows[:, 1] + (1 if len(rows) and rows[:, 1].min() == 0 else 0)
-        table = dict(zip(("x1", "y1", "x2", "y2", "score"), rows[:, 2:].T, strict=True))
+        table = dict(zip(("x1", "y1", "x2", "y2", "score", "detection_class"), rows[:, 2:].T, strict=True))
         table |= {"frame": rows[:, 0].astype(np.int64), "id": ids.astype(np.int64)}
-        return Result(tracks_of(table), **{"frames": {"frame": numbers}, **known})
+        tracks = [replace(track, names=names) for track in tracks_of(table)]
+        return Result(tracks, **{"frames": {"frame": numbers}, **known})
 
     def __len__(self) -> int:
         return len(self.tracks)
@@ -161,7 +178,7 @@ class Result(Sequence[T_co]):
     @property
     def name(self) -> str:
         """Of the source, for people."""
-        short = Path(self.source.split("?")[0]).name or self.source
+        short = Path(self.source.split("?")[0]).name or self.source or "images"
         return f"webcam {short}" if short.isdecimal() else short
 
     @cached_property
@@ -178,7 +195,16 @@ class Result(Sequence[T_co]):
         return boxes if all(isinstance(track, Track) for track in boxes) else None
 
     def _table(self) -> dict[str, Any]:
-        return table_of(self.tracks, self.names)
+        """The table of the tracks; of boxes with ``time``, where it is known."""
+        table = table_of(self.tracks, self.names)
+        return self._timed(table) if "x1" in table else table
+
+    def _timed(self, table: dict[str, Any]) -> dict[str, Any]:
+        if "frame" not in table or "time" in table or not self.frame_rate > 0:
+            return table
+        numbers, times = self.frames.get("frame", ()), self.frames.get("time")
+        even = table["frame"] / self.frame_rate
+        return table | {"time": even if times is None else np.interp(table["frame"], numbers, times)}
 
     def at(self, frame: int) -> Targets | list[T_co]:
         """What is in a frame: the `Targets` there, of bodies and sensed targets their tracks, cut to this frame.
@@ -201,12 +227,7 @@ class Result(Sequence[T_co]):
         Raises:
             RequestError: pandas is not installed.
         """
-        table = self._table()
-        if "frame" in table and "time" not in table and self.frame_rate > 0:
-            numbers, times = self.frames.get("frame", ()), self.frames.get("time")
-            even = table["frame"] / self.frame_rate
-            table["time"] = even if times is None else np.interp(table["frame"], numbers, times)
-        frame: pandas.DataFrame = needed("pandas", "a data frame").DataFrame(table)
+        frame: pandas.DataFrame = needed("pandas", "a data frame").DataFrame(self._timed(self._table()))
         return frame
 
     def to_supervision(self) -> list[supervision.Detections]:
@@ -223,8 +244,16 @@ class Result(Sequence[T_co]):
         last = max([*self.frames.get("frame", ()), *table["frame"][-1:].tolist()], default=-1)
         edges = np.searchsorted(table["frame"], np.arange(last + 2))
         corners = np.column_stack([table[name] for name in ("x1", "y1", "x2", "y2")])
+        told = {"class_id": table["class_id"]} if "class_id" in table else {}
+        names = {"class_name": table["class_name"]} if "class_name" in table else {}
         return [
-            make(xyxy=corners[a:b], confidence=table["score"][a:b], tracker_id=table["id"][a:b])
+            make(
+                xyxy=corners[a:b],
+                confidence=table["score"][a:b],
+                tracker_id=table["id"][a:b],
+                data={name: column[a:b] for name, column in names.items()},
+                **{name: column[a:b] for name, column in told.items()},
+            )
             for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
         ]
 
@@ -255,7 +284,7 @@ class Result(Sequence[T_co]):
             raise RequestError(f"expected an image of {width}x{height} pixels, got shape {image.shape}")
         return self._paint(Frame(frame, frame / (self.frame_rate or 1.0), image))
 
-    def overlay(self, path: str | Path, source: str | Path | None = None, overwrite: bool = False) -> Path:
+    def overlay(self, path: str | Path, source: SourceLike | None = None, overwrite: bool = False) -> Path:
         """Write the video with the tracks drawn in; returns its path.
 
         Args:
@@ -272,13 +301,15 @@ class Result(Sequence[T_co]):
         path = Path(path)
         if path.suffix.lower() not in VIDEOS:
             raise RequestError(f"expected the name of a video {' or '.join(VIDEOS)}, got {path}")
-        if not (source or self.source):
+        if source is None and not self.source:
             raise RequestError("expected a `source` to draw on, for the tracks come from none")
         numbers = self.frames.get("frame")
         wanted = self.settings.get("frames")
         stretch = parse_frames(wanted if isinstance(wanted, str) else None)
-        opened = open_source(source or self.source, FrameRange(numbers[0], numbers[-1]) if numbers else stretch)
-        if opened.live or not opened.has_images:
+        opened = open_source(
+            self.source if source is None else source, FrameRange(numbers[0], numbers[-1]) if numbers else stretch
+        )
+        if endless(opened) or not opened.has_images:
             raise RequestError(f"{opened.name} has no pictures that can be played again; give a `source` that has")
         frames = opened.frames()
         with output_file(path, overwrite) as work:
@@ -293,37 +324,62 @@ class Result(Sequence[T_co]):
         about = {"source": source, "frame_rate": self.frame_rate, "size": self.size}
         return about | ({"filled": filled} if filled else {})
 
-    def save(self, path: str | Path, overwrite: bool = False) -> Path:
+    def save(
+        self, path: str | Path, overwrite: bool = False, to: str | None = None, video: str | Path | None = None
+    ) -> Path:
         """Write the tracks into a file, or the files that the command writes and ``run.json`` into a folder.
 
         Args:
-            path: ``.csv``, ``.json`` and ``.parquet`` hold a table, see `formats.track_tables`, ``.txt`` is
-                MOTChallenge's text; any other name is that of a folder, which is made where it does not exist.
+            path: a file of a format by its suffix, such as ``.csv``, ``.parquet``, ``.txt`` (MOTChallenge) or ``.xml``
+                (CVAT); any other name is that of a folder, which is made where it does not exist.
             overwrite: replace an earlier result.
+            to: name of the format, see `formats.exports`; it is needed where several have the suffix, or a folder.
+            video: the source, where a format needs the size of the frames and the result does not know it.
 
         Returns:
             The path.
 
         Raises:
             RequestError: the file exists, or the folder holds files, and ``overwrite`` is False; it cannot be written
-                to; the file cannot hold these tracks; or Parquet needs pyarrow.
+                to; there is no such format, or it cannot hold these tracks; or it needs a package.
         """
-        path = Path(path)
-        ending = path.suffix.lower()
-        if path.is_dir() or not ending[1:].isalnum() or ending[1:].isdecimal():
+        path, ending = Path(path), Path(path).suffix.lower()
+        if to is None and (path.is_dir() or not ending[1:].isalnum() or ending[1:].isdecimal()):
             return self._save_folder(path, overwrite)
-        if ending not in FILES:
-            raise RequestError(f"expected the name of a folder, or of a file {', '.join(FILES)}, got {path}")
-        with output_file(path, overwrite) as work:
-            if ending != ".txt":
-                about = {name: getattr(self, name) for name in ("settings", "facts", "seconds", "names")}
-                about |= {"frames": columns_shifted(self.frames, 1)}
-                write_table(work, self._table(), self.known() | about)
-            elif (boxes := self._boxed) is not None:
-                write_tracks(work, boxes)
-            else:
-                raise RequestError(f"{path}: MOTChallenge's text holds boxes, and these tracks have none; save as .csv")
+        if to is None and ending not in SUFFIXES:
+            raise RequestError(f"expected the name of a folder, or of a file {', '.join(SUFFIXES)}, got {path}")
+        name = SUFFIXES[ending] if to is None else to
+        form = format_named(name)
+        what = self._tracked_video(video, form.sized)
+        form.check(name, path, what)
+        with (output_file if form.suffix else output_folder)(path, overwrite) as work:
+            form.write(work, what)
         return path
+
+    def _tracked_video(self, video: str | Path | None, sized: bool) -> TrackedVideo:
+        """The tracks for a file, of which some need the size of the frames."""
+        source = str(video or self.source)
+        there = bool(video) or (bool(source) and Path(source).exists())
+        opened = open_source(source) if there and (video or sized) else None
+        size, seen = self.size, image_size(opened) if opened else None
+        if size is not None and video and seen is not None and seen != size:
+            raise RequestError(f"{video}: expected frames of {size[0]}x{size[1]}, as tracked, got {seen[0]}x{seen[1]}")
+        size = size or seen
+        if sized and size is None:
+            raise RequestError("expected the size of the frames, which this result does not tell; give its `video`")
+        boxes, about = self._boxed or [], ("settings", "facts", "seconds", "names")
+        known = self.known() | {name: getattr(self, name) for name in about}
+        return TrackedVideo(
+            boxes,
+            Path(source).name or "video",
+            self.frame_rate or (opened.frame_rate if opened else 0.0),
+            size,
+            (opened.length if opened else None) or max(self.frames.get("frame", ()), default=-1) + 1,
+            images=tuple(path.name for path in getattr(opened, "images", ())),
+            points=self.points,
+            table=self._table(),
+            known=known | {"frames": columns_shifted(self.frames, 1)},
+        )
 
     def _save_folder(self, folder: Path, overwrite: bool) -> Path:
         files = self.files or {"tracks.csv": lambda path, _: write_table(path, self._table(), {})}
@@ -334,3 +390,27 @@ class Result(Sequence[T_co]):
             record = RunRecord(["tsuiseki"], self.settings, seed, self.seconds, self.frames, facts=self.facts)
             replace(record, results={".": self.known()}).write(work)
         return folder
+
+
+def convert(
+    result: str | Path | Result[Any],
+    to: str,
+    out: str | Path,
+    video: str | Path | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Write a result into the file of another program; returns its path.
+
+    Args:
+        result: what a command wrote, see `Result.load`; or a result.
+        to: name of the format, see `formats.exports`.
+        out: file or folder to write.
+        video: the source, where the format needs the size of the frames and the result does not know it.
+        overwrite: replace an earlier file.
+
+    Raises:
+        RequestError: the result cannot be read, or see `Result.save`.
+    """
+    format_named(to)
+    loaded: Result[Any] = result if isinstance(result, Result) else Result.load(result)
+    return loaded.save(out, overwrite, to, video)

@@ -135,7 +135,7 @@ def test_text_holds_boxes_only(tmp_path: Path) -> None:
         Result(KINDS["ball"][0]).save(tmp_path / "b.txt")
     with pytest.raises(RequestError, match="already exists"):
         given.save(tmp_path / "a.txt")
-    with pytest.raises(RequestError, match=r"\.csv, \.json, \.parquet, \.txt, got"):
+    with pytest.raises(RequestError, match=r"\.csv, \.json, \.parquet, \.txt, \.xml, \.slp, \.h5, got"):
         given.save(tmp_path / "a.xlsx")
 
 
@@ -150,7 +150,7 @@ def test_frames_in_files_count_from_1(tmp_path: Path) -> None:
         ("a,b\n1,2\n", "a.csv", "expected columns of tracks"),
         ("frame,id,x1,y1,x2,y2\n1,1,5,5,2,9\n", "a.csv", "expected rows of tracks"),
         ("frame,id,x1,y1,x2,y2\n1,1,5,b,7,9\n", "a.csv", "a.csv:2: expected a finite number in column y1"),
-        ('{"a": 1}', "a.json", "got other JSON"),
+        ('{"a": 1}', "a.json", "expected COCO's JSON"),
         ("no", "a.xlsx", "expected the folder of a result"),
         ("no", "run.json", "run.json: expected JSON"),
         ("{}", "run.json", "expected a result, such as tracks.txt, found none"),
@@ -162,6 +162,18 @@ def test_what_is_no_result_is_said(text: str, name: str, said: str, tmp_path: Pa
         Result.load(tmp_path if name == "run.json" else tmp_path / name)
     with pytest.raises(RequestError, match="found no such file"):
         Result.load(tmp_path / "missing.csv")
+
+
+def test_one_of_several_results_is_loaded(result: Result[Track], tmp_path: Path) -> None:
+    known = {name: result.known() | {"frame_rate": rate} for name, rate in (("a", 10.0), ("b", 20.0))}
+    (tmp_path / "run.json").write_text(json.dumps({"settings": {"seed": 1}, "results": known}))
+    for name in known:
+        (tmp_path / name).mkdir()
+        write_tracks(tmp_path / name / "tracks.txt", result)
+    loaded: Result[Track] = Result.load(tmp_path / "b")
+    assert ([one.id for one in loaded], loaded.frame_rate, loaded.settings) == ([3, 8], 20.0, {"seed": 1})
+    with pytest.raises(RequestError, match="holds several results; load one of"):
+        Result.load(tmp_path)
 
 
 def test_a_partial_result_is_said(result: Result[Track], tmp_path: Path) -> None:
@@ -249,6 +261,24 @@ class Found(SimpleNamespace):
 def test_from_what_looks_like_supervision() -> None:
     found = Found(xyxy=np.array([[1.0, 1, 5, 9]]), confidence=None, tracker_id=np.array([0]))
     (one,) = Result.from_supervision([Found(xyxy=np.empty((0, 4)), confidence=None, tracker_id=None), found])
-    assert plain(one)[1] == [1, [1], [[1, 1, 5, 9]], [1], [True]]
+    assert plain(one)[1][:5] == [1, [1], [[1, 1, 5, 9]], [1], [True]]
     with pytest.raises(RequestError, match="expected detections with tracker_id, got none in frame 0"):
         Result.from_supervision([Found(xyxy=found.xyxy, confidence=None, tracker_id=None)])
+
+
+@pytest.mark.parametrize("ending", ["csv", "json"])
+def test_classes_and_rows_of_detections_are_kept(tmp_path: Path, ending: str) -> None:
+    origin, boxes = np.array([[3, 2], [-1, -1], [0, 7], [1, 2]]), np.tile([1.0, 2, 5, 9], (4, 1))
+    car = Track(1, np.arange(4), boxes, np.ones(4), origin[:, 0] >= 0, origin, {2: "parking meter", 7: "truck"})
+    Result([car]).save(tmp_path / f"tracks.{ending}")
+    (again,) = Result.load(tmp_path / f"tracks.{ending}")
+    assert again.origin.tolist() == origin.tolist()
+    assert (again.class_id, again.class_name) == (2, "parking meter")
+    assert Result([car]).at(2).origin.tolist() == [[0, 2]]
+
+
+def test_classes_come_from_supervision() -> None:
+    named = {"class_name": np.array(["car"])}
+    one = Found(xyxy=np.array([[1.0, 1, 5, 9]]), confidence=None, tracker_id=np.array([4]), class_id=[2], data=named)
+    (track,) = Result.from_supervision([one, one])
+    assert (track.class_id, track.class_name) == (2, "car")

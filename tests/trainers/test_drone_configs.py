@@ -120,14 +120,14 @@ def test_a_detector_starts_from_what_fits_of_another(tmp_path):
 def test_broken_labels_are_one_line_on_the_command_line(tmp_path, capsys):
     settings = DroneSceneSettings(width=160, height=90, frames=2, people=2, clutter=0, layout="okutama")
     folder = write_clip(tmp_path / "okutama", plan_drone(settings, 0))
-    labels = folder / "Labels" / "SingleActionTrackingLabels" / "3840x2160" / "1.1.1.txt"
+    (labels,) = (folder / "Labels" / "SingleActionTrackingLabels" / "3840x2160").iterdir()
     text = labels.read_text()
     words = ["train", "detector", "--config", str(CONFIGS / "detector_okutama.yaml"), "--out", str(tmp_path / "out")]
     words += [*TINY, "--model.weights=null", "--trainer.precision=32"]
     words += ["--data.train", f"[{{folder: {folder}}}]", "--data.val", f"[{{folder: {folder}}}]"]
     for broken, complaint in (
-        (text.replace('"Person"', "Person"), "1.1.1.txt:1: expected names in double quotes"),
-        (text.replace(' "Person"', ' "Person" "Flying"'), "1.1.1.txt:1: unknown action 'Flying'"),
+        (text.replace('"Person"', "Person"), f"{labels.name}:1: expected names in double quotes"),
+        (text.replace(' "Person"', ' "Person" "Flying"'), f"{labels.name}:1: unknown action 'Flying'"),
         (text + text.splitlines()[0].replace(" 0 0 0 0 ", " 700 0 0 0 ") + "\n", "labels reach frame 700"),
     ):
         labels.write_text(broken)

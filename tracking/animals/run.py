@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import Any, get_args
 
 import numpy as np
@@ -25,28 +24,18 @@ from tsuiseki.tracking.cli.options import Output, Video
 from tsuiseki.tracking.errors import RequestError, an_instance
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.formats.body_states import write_states
+from tsuiseki.tracking.formats.result_folder import POINTS
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.source import Source, SourceLike, named
 
 SETTINGS = AnimalSettings()
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class AnimalResult(Result[BodyTrack]):
-    """Animals, and their points.
-
-    Attributes:
-        points: of all animals, where a skeleton is known.
-    """
-
-    points: PointTable | None = None
-
-
 def track_animals(
-    source: str | Path | int,
+    source: SourceLike,
     *,
     contrast: Contrast = "auto",
     threshold: float | None = None,
@@ -54,11 +43,11 @@ def track_animals(
     frames: str | None = None,
     settings: AnimalSettings | None = None,
     seed: int = 0,
-) -> AnimalResult:
+) -> Result[BodyTrack]:
     """Several animals before a fixed camera: place, heading and size of each in every frame.
 
     Args:
-        source: a video file, a folder of images, or a MOTChallenge sequence folder.
+        source: a video file, a folder of images, a MOTChallenge sequence folder, or images in a list.
         contrast: how animals differ from what lies behind them; ``auto`` finds out.
         threshold: difference in grey levels from which a pixel belongs to an animal; by default found.
         skeleton: what is known of their points.
@@ -76,9 +65,9 @@ def track_animals(
     """
     if contrast not in get_args(Contrast):
         raise RequestError(f"`contrast`: expected {', '.join(get_args(Contrast))}, got {contrast!r}")
-    opened = Video(source=str(source), frames=frames).open(images=True, replayable=True)
+    opened = Video.given(source, frames).open(images=True, replayable=True)
     skeleton = an_instance(skeleton or SkeletonSettings(), SkeletonSettings, "skeleton")
-    made = {"contrast": contrast, "source": str(source), "seed": seed}
+    made = {"contrast": contrast, "source": named(source), "seed": seed}
     return animal_result(
         opened,
         opened.frames(),
@@ -103,7 +92,7 @@ def animal_result(
     times: StageTimes,
     made: Mapping[str, Any],
     scale: float | None = None,
-) -> AnimalResult:
+) -> Result[BodyTrack]:
     """The result of a run.
 
     Args:
@@ -144,7 +133,7 @@ def animal_result(
 
         return draw_animals(frame, tracks, placed)
 
-    return AnimalResult.of(
+    return Result[BodyTrack].of(
         source,
         tracks,
         settings=made,
@@ -280,7 +269,7 @@ def _point_files(placed: PointTable, frames: int) -> dict[str, Writer]:
     from tsuiseki.tracking.formats.sleap_hdf5 import hdf5_installed, write_sleap_analysis
 
     files: dict[str, Writer] = {
-        "points.sleap.csv": lambda path, _: write_sleap(path, placed),
+        POINTS: lambda path, _: write_sleap(path, placed),
         "points.dlc.csv": lambda path, _: write_deeplabcut(path, placed, frames),
     }
     if hdf5_installed():

@@ -29,7 +29,7 @@ from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.source import Source, SourceLike, endless, named
 
 
 class BodyKeywords(TypedDict, total=False):
@@ -56,13 +56,11 @@ class BodyKeywords(TypedDict, total=False):
     seed: int
 
 
-def track_deformable(
-    source: str | Path | int, body: str = "goldfish", **keywords: Unpack[BodyKeywords]
-) -> Result[BodyTrack]:
+def track_deformable(source: SourceLike, body: str = "goldfish", **keywords: Unpack[BodyKeywords]) -> Result[BodyTrack]:
     """Bodies that bend: place, heading and bend of each in every frame.
 
     Args:
-        source: a video file, a folder of images, or a MOTChallenge sequence folder.
+        source: a video file, a folder of images, a MOTChallenge sequence folder, or images in a list.
         body: ``goldfish`` or ``ball``, with its sizes in pixels where they differ, such as
             ``"goldfish,length=40,width=14,tail=20"``, or a file of `tsuiseki train body`.
         keywords: see `BodyKeywords`.
@@ -75,14 +73,14 @@ def track_deformable(
         RunError: the video breaks off.
     """
     opened, tracker = _opened(source, body, **keywords)
-    if opened.live and opened.frames_wanted.last is None:
+    if endless(opened):
         raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_deformable")
-    made = {"body": body, "source": str(source), "seed": keywords.get("seed", 0)}
+    made = {"body": body, "source": named(source), "seed": keywords.get("seed", 0)}
     return body_result(opened, tracker, opened.frames(), StageTimes(), made)
 
 
 def follow_deformable(
-    source: str | Path | int, body: str = "goldfish", **keywords: Unpack[BodyKeywords]
+    source: SourceLike, body: str = "goldfish", **keywords: Unpack[BodyKeywords]
 ) -> Iterator[tuple[Frame, list[BodyTrack]]]:
     """Each frame with the bodies in it, each as a track of this one frame, while the video comes.
 
@@ -99,8 +97,8 @@ def follow_deformable(
     return each()
 
 
-def _opened(source: str | Path | int, body: str, **keywords: Unpack[BodyKeywords]) -> tuple[Source, DeformableTracker]:
-    opened = Video(source=str(source), frames=keywords.get("frames")).open(images=True)
+def _opened(source: SourceLike, body: str, **keywords: Unpack[BodyKeywords]) -> tuple[Source, DeformableTracker]:
+    opened = Video.given(source, keywords.get("frames")).open(images=True)
     init, motion = keywords.get("init"), keywords.get("motion")
     choice = BodyChoice(
         body,

@@ -142,6 +142,9 @@ COMMANDS: Tree = {
     "models": Group("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
     "calibrate": Group("find out where cameras are and how they see", "tracking.calibrate.run", CALIBRATE),
     "track": Group("follow something through a video with exported models", "tracking", TRACK),
+    "hide": Command("tracking.people.hiding:hide_people", "hide people in a video that was tracked"),
+    "count": Command("tracking.answers.run:count", "who crosses lines and stays in zones, from a finished result"),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
+    "convert": Command("tracking.cli.convert:convert", "write a result into the file of another program"),
     "reproduce": Group(f"{PAPER} {EXTRA}", "trainers.experiments", REPRODUCE),
 }

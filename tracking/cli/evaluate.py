@@ -100,7 +100,8 @@ class Labels(Stretch):
             right nor wrong; published, as in the numbers published with the data, leaves out the first frame and all
             labels of hidden people, so that results on them are wrong.
         size: width and height of the frames that were tracked, to which labels of Okutama-Action are scaled, given in
-            pixels of 3840x2160; by default those of the frames that lie with the labels, or else 1280,720.
+            pixels of 3840x2160; by default those of the frames that lie with the labels, or else 1280,720. Of other
+            labels, the size of the picture that their shares or percent are of.
     """
 
     protocol: Protocol = "lenient"
@@ -205,24 +206,33 @@ def detection(
     given.report(detection_table(scores, iou), evaluation_values(scores))
 
 
-def people(given: PlottedComparison, labels: Labels) -> None:
+def people(given: PlottedComparison, labels: Labels, classes: list[int | str] | None = None) -> None:
     """Score tracked people against ground truth: HOTA, DetA, AssA, MOTA, MOTP, IDF1, switches, errors.
 
     Args:
         truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
-            folder of Okutama-Action, VisDrone-MOT or KITTI tracking; the folder of Drone-Action; the JSON of CEPDOF, of
+            folder of Okutama-Action, VisDrone-MOT, KITTI tracking or BDD100K; the folder of Drone-Action; CVAT's XML,
+            the JSON of COCO with track_id or of Label Studio, a folder of YOLO's rows with ids; the JSON of CEPDOF, of
             whose rotated boxes the upright ones about them are taken, images in the order of their names.
         results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence NAME
-            (for a single sequence also tracks.txt); several are compared.
+            (for a single sequence also tracks.txt, or a file of CVAT, COCO or Label Studio); several are compared.
+        classes: score these, each apart, by the labels' names or numbers, such as person,car; person is people as
+            without this option. Results have classes in column 8: a run's by the names in its run.json, others by the
+            labels' numbers.
     """
     from tsuiseki.tracking.evaluation.multi import evaluate_sequences
     from tsuiseki.tracking.evaluation.result_files import match_results
     from tsuiseki.tracking.evaluation.tables import evaluation_values, people_table
     from tsuiseki.tracking.evaluation.truths import read_truths
     from tsuiseki.tracking.report.plots import save_comparison
+    from tsuiseki.tracking.types.class_choice import ClassChoice
 
-    truths = read_truths(given.truth, labels.range, labels.protocol, labels.size)
-    scores = {name: evaluate_sequences(match_results(truths, result)) for name, result in given.named().items()}
+    scores = {}
+    for wanted in [None] if classes is None else ClassChoice(classes).plain:
+        truths = read_truths(given.truth, labels.range, labels.protocol, labels.size, wanted)
+        for name, result in given.named().items():
+            of_class = name if wanted is None else f"{name} {wanted}"
+            scores[of_class] = evaluate_sequences(match_results(truths, result))
     given.report(people_table(scores), evaluation_values(scores))
     given.draw(lambda path: save_comparison(scores, path))
 

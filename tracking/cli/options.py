@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.options import BY_PLACE, NO_OPTION, Seed, Shared
@@ -25,7 +25,7 @@ class Drawing(Shared):
 
     Attributes:
         overlay: also write a video with the result drawn in.
-        overlay_format: of that video; mp4 where OpenCV can write it.
+        overlay_format: of that video; mp4 has H.264 where OpenCV or PyAV (pip install av) writes it, or else VP9.
     """
 
     overlay: bool = False
@@ -54,6 +54,11 @@ class Video(Drawing):
     source: str = field(metadata=BY_PLACE)
     frames: str | None = None
     fps: float | None = None
+
+    @classmethod
+    def given(cls, source: Any, frames: str | None = None) -> Self:
+        """For a call from Python, whose source may also be images."""
+        return cls(source=source, frames=frames)
 
     def check(self) -> None:
         """See `Shared.check`."""
@@ -84,7 +89,9 @@ class Video(Drawing):
         if images and not opened.has_images:
             raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
         if replayable and opened.live:
-            raise RequestError("expected a video that can be played again, got a live source; record it first")
+            raise RequestError(
+                "expected a video that can be played again, got a live source; record it, or give a list of images"
+            )
         if self.overlay and not opened.has_images:
             raise RequestError(f"{opened.name} has no images to draw on; leave `overlay` out")
         return opened

@@ -216,6 +216,9 @@ def _normalised(words: Sequence[str], parser: Parser, command: Sequence[str]) ->
             continue
         if shown in switches and not equals:
             equals, value = "=", "true"
+        if shown == "--hide" and not equals and rest[:1] == ["all-but"]:
+            ids = [word for word in rest[1:2] if not word.startswith("--")]
+            equals, value, rest = "=", " ".join(["all-but", *ids]), rest[1 + len(ids) :]
         if shown in several and (equals or rest):
             value = value if equals else rest.pop(0)
             equals, value = "=", value if value.startswith("[") else f"[{value}]"

@@ -35,7 +35,7 @@ from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
-from tsuiseki.tracking.video.source import Source, image_size
+from tsuiseki.tracking.video.source import Source, SourceLike, image_size, named
 
 # Probability above which an action is named.
 NAMED = 0.4
@@ -43,7 +43,7 @@ METHODS: tuple[DroneMethod, ...] = ("flow", "flow-saf", "flow-maf")
 
 
 def track_drone(
-    source: str | Path,
+    source: SourceLike,
     method: DroneMethod = "flow-maf",
     *,
     detections: GivenDetections | None = None,
@@ -60,7 +60,7 @@ def track_drone(
     """Everyone in a video from a drone, each with an id and with what they do.
 
     Args:
-        source: a video file, a folder of images or a MOTChallenge sequence folder.
+        source: a video file, a folder of images, a MOTChallenge sequence folder, or images in a list.
         method: ``flow`` links by place and appearance; ``flow-saf`` also by actions of single frames; ``flow-maf``
             averages actions along the tracks, links again and repeats.
         detections: use these instead of a detector: a file (MOTChallenge ``det.txt``), or one entry a frame of
@@ -83,7 +83,7 @@ def track_drone(
     """
     if method not in METHODS:
         raise RequestError(f"expected the method {', '.join(METHODS)}, got {method!r}")
-    opened = Video(source=str(source), frames=frames).open(images=True, replayable=True)
+    opened = Video.given(source, frames).open(images=True, replayable=True)
     given: Any = {"detections": detections, "detector": detector}
     finding = FindingOptions(**given, threads=threads, device=device, view="auto")
     streams = None if actions is None else [a_path(path, "actions") for path in actions]
@@ -91,7 +91,7 @@ def track_drone(
     times = StageTimes()
     changes = None if affinity is None else CostNetwork(affinity, threads)
     observations = observe(opened.frames(), models.observers, times)
-    made = {"method": method, "source": str(source), "seed": seed}
+    made = {"method": method, "source": named(source), "seed": seed}
     return link(observations, opened, models, method, settings or DroneSettings(), times, made, changes)
 
 

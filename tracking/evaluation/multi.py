@@ -136,7 +136,14 @@ def restrict(tracks: Iterable[Track], frames: FrameRange) -> list[Track]:
         inside = frames.mask(track.frames)
         if inside.any():
             parts.append(
-                Track(track.id, track.frames[inside], track.boxes[inside], track.scores[inside], track.observed[inside])
+                replace(
+                    track,
+                    frames=track.frames[inside],
+                    boxes=track.boxes[inside],
+                    scores=track.scores[inside],
+                    observed=track.observed[inside],
+                    origin=track.origin[inside],
+                )
             )
     return parts
 

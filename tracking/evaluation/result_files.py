@@ -21,9 +21,10 @@ from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
 from tsuiseki.tracking.evaluation.truths import Truth
 from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.exports import format_at, read_exported
+from tsuiseki.tracking.formats.label_classes import PEOPLE, same_class
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
 from tsuiseki.tracking.output import RUN_FILE, is_partial
-from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
 
 # What results of different runs are called alike tells nothing apart.
@@ -122,8 +123,36 @@ def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
         tracks = read_exported(file).in_pixels(file, truth.size).tracks if format_at(file) else read_tracks(file)
         compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)]), truth.size)
         warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
-        pairs.append(SequencePair(truth.name, truth.labels, restrict(tracks, truth.frames), truth.length))
+        tracks = restrict(tracks, truth.frames) if truth.wanted is None else _of_class(truth, tracks, file)
+        pairs.append(SequencePair(truth.name, truth.labels, tracks, truth.length))
     return pairs
+
+
+def _of_class(truth: Truth, tracks: Sequence[Track], file: Path) -> list[Track]:
+    """The tracks of the class that the labels are of, in the frames that count; all where none has a class.
+
+    Names that a run keeps decide, else the numbers of the labels' own layout.
+
+    Raises:
+        RequestError: the tracks have numbers that nothing explains.
+    """
+    wanted = truth.classes.get(truth.wanted, str(truth.wanted)) if isinstance(truth.wanted, int) else str(truth.wanted)
+    if all(track.class_id < 0 for track in tracks):
+        return restrict(tracks, truth.frames)
+    unknown = {track.class_id for track in tracks if not track.class_name} - {-1, *truth.classes}
+    if unknown:
+        numbers = ", ".join(map(str, sorted(unknown)))
+        raise RequestError(
+            f"{file}: expected names of the classes {numbers} in column 8, which the labels' layout does not number; a "
+            "run's folder has them in run.json, and a file of one class needs no number"
+        )
+    chosen = []
+    for track in tracks:
+        name = track.class_name or truth.classes.get(track.class_id, "")
+        # The layout may tell several classes of people apart.
+        alike = same_class(name, wanted) if track.class_name or wanted == PEOPLE else name.lower() == wanted.lower()
+        chosen += [track] if alike else []
+    return restrict(chosen, truth.frames)
 
 
 def evaluate_detection_files(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
 from tsuiseki.tracking.formats.labelled import Size, open_labelled
 from tsuiseki.tracking.formats.okutama import Protocol
 from tsuiseki.tracking.formats.rotated import about_bodies, is_rotated, read_rotated_labels
@@ -25,6 +28,8 @@ class Truth:
         length: number of frames; None where nothing tells.
         frames: that count; results in others are passed over.
         size: width and height of the pictures, where the sequence says.
+        wanted: number or name of the class that the labels are of; None for people, whatever class results have.
+        classes: names by number, where the layout has numbers.
     """
 
     name: str
@@ -32,10 +37,16 @@ class Truth:
     length: int | None
     frames: FrameRange = EVERY_FRAME
     size: Size = None
+    wanted: int | str | None = None
+    classes: Mapping[int, str] = field(default_factory=dict)
 
 
 def read_truths(
-    path: Path, frames: FrameRange = EVERY_FRAME, protocol: Protocol = "lenient", size: Size = None
+    path: Path,
+    frames: FrameRange = EVERY_FRAME,
+    protocol: Protocol = "lenient",
+    size: Size = None,
+    wanted: int | str | None = None,
 ) -> list[Truth]:
     """The labels at ``path``.
 
@@ -45,17 +56,29 @@ def read_truths(
         protocol: by which Okutama-Action's labels count, see `okutama_truth`.
         size: width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
             frames that lie with them, or else of those that come with the data.
+        wanted: number or name of a class; by default people. Videos in which none of it is labelled are left out.
 
     Raises:
         RequestError: there are none, they are broken, or nothing in the stretch counts.
     """
     if path.is_file() and is_rotated(path):
+        wanted_numbers(wanted, {}, (), path)
         truths = [_of_rotated(path)]
     else:
-        truths = [
-            Truth(video.name, video.people(protocol, size), video.length, video.counted(protocol), video.size)
-            for video in open_labelled(path)
-        ]
+        videos = open_labelled(path)
+        truths, without = [], list[NothingLabelledError]()
+        for video in videos:
+            try:
+                labels = video.people(protocol, size, wanted)
+            except NothingLabelledError as error:
+                without.append(error)
+                continue
+            more = video.size, wanted, video.classes
+            truths.append(Truth(video.name, labels, video.length, video.counted(protocol), *more))
+        if without and (wanted is None or not truths):
+            raise without[0]
+        for each in without:
+            warnings.warn(f"{each}; left out", InputWarning, stacklevel=2)
     return [_restricted(truth, frames) for truth in truths] if frames != EVERY_FRAME else truths
 
 

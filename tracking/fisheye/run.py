@@ -41,7 +41,7 @@ from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
-from tsuiseki.tracking.video.source import address_of
+from tsuiseki.tracking.video.source import SourceLike, address_of, named
 from tsuiseki.tracking.weights import shipped
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ OPTIONS = CeilingOptions()
 
 
 def track_fisheye(
-    source: str | Path,
+    source: SourceLike,
     cameras: str | Path,
     method: FloorMethod = "flow",
     *,
@@ -71,7 +71,7 @@ def track_fisheye(
     """Everyone under a ceiling camera: where each is in the image and on the floor, in metres.
 
     Args:
-        source: a video file, a folder of images or a MOTChallenge sequence folder.
+        source: a video file, a folder of images, a MOTChallenge sequence folder, or images in a list.
         cameras: ``cameras.yaml`` with lens, pose and floor; `tsuiseki calibrate pose` writes it.
         method: ``flow`` links the whole video at once; ``hungarian`` decides each frame.
         camera: name of the entry in ``cameras``, where there are several.
@@ -96,11 +96,11 @@ def track_fisheye(
     given: Any = {"detector": detector, "appearance": appearance, "threads": threads, "device": device}
     files = None if detections is None else [Path(detections)]
     cameras = a_path(cameras, "cameras")
-    (inputs,) = opened_ceiling([str(source)], cameras, options, replace(DETECTING, **given), files, camera)
+    (inputs,) = opened_ceiling([source], cameras, options, replace(DETECTING, **given), files, camera)
     video, times = inputs.ceiling.source, StageTimes()
     if video.live:
-        raise RequestError(f"expected a video that ends, got {video.name}, which is live; record it first")
-    made = {"method": method, "source": str(source), "seed": seed}
+        raise RequestError(f"expected a video that ends, got {video.name}, which is live; record it, or give a list")
+    made = {"method": method, "source": named(source), "seed": seed}
     found = inputs.found(video.frames(), times)
     result = floor_result(inputs, found, method, hungarian, flow, times, made)
 
@@ -222,7 +222,7 @@ class CeilingInputs:
 
 
 def opened_ceiling(
-    source: list[str],
+    source: Sequence[SourceLike],
     cameras: Path,
     options: CeilingOptions,
     finding: Detecting,

@@ -27,7 +27,7 @@ from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, IntArray
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.tracking.video.image_folder import ImageFolder
-from tsuiseki.tracking.video.source import Source, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, open_source
 
 Scaling: TypeAlias = Literal["no", "cut", "widen"]
 FloorMethod: TypeAlias = Literal["hungarian", "flow"]
@@ -65,7 +65,7 @@ class CeilingSource:
 
 
 def open_ceiling(
-    sources: Sequence[str],
+    sources: Sequence[SourceLike],
     cameras: Path,
     resize: Scaling = "no",
     *,

@@ -19,8 +19,9 @@ WHAT = "COCO's JSON"
 def write_coco(path: Path, video: TrackedVideo) -> None:
     """Write the tracks; images of a video file are called 000001.jpg and so on."""
     width, height = video.pixels
-    rows, kinds = video.boxes, {kind: k + 1 for k, kind in enumerate(video.kinds)}
-    numbers = {track.id: kinds[video.kind(track.id)] for track in video.tracks}
+    # Categories count from 1.
+    first = min(video.kinds.values())
+    rows, kinds = video.boxes, {kind: number + max(1 - first, 0) for kind, number in video.kinds.items()}
     columns = zip(
         rows.frames.tolist(), rows.ids.tolist(), xywh_from_corners(rows.boxes).round(3).tolist(),
         rows.scores.round(4).tolist(), rows.observed.tolist(), strict=True,
@@ -36,9 +37,9 @@ def write_coco(path: Path, video: TrackedVideo) -> None:
             for frame in range(video.frame_count)
         ],
         "annotations": [
-            {"id": k, "image_id": frame + 1, "video_id": 1, "track_id": number, "category_id": numbers[number],
-             "bbox": box, "area": round(box[2] * box[3], 3), "iscrowd": 0, "segmentation": [], "score": score,
-             "filled": not observed}
+            {"id": k, "image_id": frame + 1, "video_id": 1, "track_id": number,
+             "category_id": kinds[video.kind[number]], "bbox": box, "area": round(box[2] * box[3], 3),
+             "iscrowd": 0, "segmentation": [], "score": score, "filled": not observed}
             for k, (frame, number, box, score, observed) in enumerate(columns, start=1)
         ],
     }  # fmt: skip
@@ -67,16 +68,16 @@ def read_coco(path: Path) -> TrackedVideo:
             box = (x, y, x + width, y + height)
             observed = not entry.get("filled", False)
             rows.append((frames[entry["image_id"]], number, box, float(entry.get("score", 1)), observed))
-            classes[number] = categories[entry["category_id"]]
+            classes[number] = int(entry["category_id"]), categories[entry["category_id"]]
         names = tuple(inside(images[k].get("file_name", "")) or "" for k in order)
         sizes = {(int(image["width"]), int(image["height"])) for image in images if image.get("width")}
+    except RequestError:
+        raise
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RequestError(
             f"{path}: expected {WHAT} with images, categories and annotations of boxes, got {error!r}"
         ) from error
-    tracks = tracks_of_rows(path, rows)
-    if classes and min(classes) == 0:
-        classes = {number + 1: kind for number, kind in classes.items()}
+    tracks = tracks_of_rows(path, rows, classes)
     info = content.get("info") if isinstance(content.get("info"), dict) else {}
     rate = info.get("frame_rate", 0.0)
     videos = content.get("videos") or [{}]
@@ -86,7 +87,6 @@ def read_coco(path: Path) -> TrackedVideo:
         frame_rate=float(rate) if isinstance(rate, int | float) else 0.0,
         size=sizes.pop() if len(sizes) == 1 else None,
         length=max(frames.values(), default=-1) + 1,
-        classes=classes,
         images=names if all(names) else (),
     )
 

@@ -43,7 +43,7 @@ def write_cvat(path: Path, video: TrackedVideo) -> None:
     _text(original, "width", width)
     _text(original, "height", height)
     for track in video.tracks:
-        names = {"id": str(track.id), "label": video.kind(track.id), "source": "auto"}
+        names = {"id": str(track.id), "label": video.kind[track.id], "source": "auto"}
         _write_track(ElementTree.SubElement(root, "track", names), track, video.frame_count)
     ElementTree.indent(root)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
@@ -74,7 +74,7 @@ def read_cvat(path: Path) -> TrackedVideo:
     """The tracks of boxes in a file.
 
     Raises:
-        RequestError: it is something else or broken, or has no track, as a task of single images.
+        RequestError: it is something else or broken, or a task of single images.
     """
     text = read_text(path, "CVAT's XML")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
@@ -84,19 +84,17 @@ def read_cvat(path: Path) -> TrackedVideo:
     except ElementTree.ParseError as error:
         raise RequestError(f"{path}: expected CVAT's XML, got a broken one: {error}") from error
     found = root.findall("track")
-    if root.tag != "annotations" or not found:
+    if root.tag != "annotations" or (not found and root.find("image") is not None):
         there = ", ".join(sorted({child.tag for child in root})[:5]) or "nothing"
         raise RequestError(f"{path}: expected `track` of CVAT for video 1.1, got {root.tag} with {there}")
     size = [_whole(root, f".//original_size/{side}") for side in ("width", "height")]
-    tracks = tracks_of_rows(path, (row for track in found for row in _rows(path, track)))
-    shift = 1 if any(track.get("id") == "0" for track in found) else 0
-    classes = {int(track.get("id", -1)) + shift: track.get("label", "") for track in found}
+    classes = {int(track.get("id", -1)): (-1, track.get("label", "")) for track in found}
+    tracks = tracks_of_rows(path, (row for track in found for row in _rows(path, track)), classes)
     return TrackedVideo(
         tracks,
         name=root.findtext(".//task/source") or root.findtext(".//job/source") or path.stem,
         size=(size[0], size[1]) if min(size) > 0 else None,
         length=_whole(root, ".//task/size") or _whole(root, ".//job/size"),
-        classes=classes,
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_points import write_deeplabcut
@@ -16,7 +17,8 @@ from tsuiseki.tracking.formats.label_studio import read_label_studio, write_labe
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.mot_sequence import write_sequence
 from tsuiseki.tracking.formats.sleap_hdf5 import write_sleap_analysis, write_sleap_project
-from tsuiseki.tracking.formats.tracked_video import TrackedVideo
+from tsuiseki.tracking.formats.track_tables import KNOWN, write_table
+from tsuiseki.tracking.formats.tracked_video import NONE, TrackedVideo
 from tsuiseki.tracking.formats.via_tracks import write_via_tracks
 from tsuiseki.tracking.formats.yolo import is_yolo, read_yolo, write_yolo
 
@@ -29,31 +31,62 @@ class ExportFormat:
 
     Attributes:
         suffix: of its name; `FOLDER` for a folder.
-        write: into a path that does not exist.
-        read: what was written; None where nothing reads it.
+        write: into a new file, or into an empty folder.
+        read: what was written; None where nothing reads it, or `Result.load` does.
+        holds: any tracks, boxes alone, or boxes and points of animals.
+        sized: it needs the size of the frames.
     """
 
     suffix: str
     write: Callable[[Path, TrackedVideo], object]
     read: Callable[[Path], TrackedVideo] | None = None
+    holds: Literal["all", "boxes", "points"] = "boxes"
+    sized: bool = False
+
+    def check(self, name: str, path: Path, video: TrackedVideo) -> None:
+        """Refuse what does not fit into ``path``, which is a file of the format ``name``.
+
+        Raises:
+            RequestError: the path ends in something else, the tracks have no boxes, or one is empty.
+        """
+        if path.suffix.lower() != self.suffix and (self.suffix or path.is_file()):
+            raise RequestError(f"expected the name of a {self.suffix or 'folder'} for {name}, got {path}")
+        if empty := [track.id for track in video.tracks if not len(track)]:
+            raise RequestError(f"expected a frame of each track, got none of id {empty[0]}; leave it out")
+        if self.holds == "boxes" and not video.tracks and video.table.get("frame", NONE).size + ("time" in video.table):
+            raise RequestError(f"{path}: {name} holds boxes, and these tracks have none; save as .csv")
+
+
+def _write_table(path: Path, video: TrackedVideo) -> None:
+    write_table(path, dict(video.table), video.known)
 
 
 FORMATS = {
-    "coco": ExportFormat(".json", write_coco, read_coco),
-    "cvat": ExportFormat(".xml", write_cvat, read_cvat),
-    "label-studio": ExportFormat(".json", write_label_studio, read_label_studio),
-    "yolo": ExportFormat(FOLDER, write_yolo, read_yolo),
+    "csv": ExportFormat(".csv", _write_table, holds="all"),
+    "json": ExportFormat(".json", _write_table, holds="all"),
+    "parquet": ExportFormat(".parquet", _write_table, holds="all"),
     "mot": ExportFormat(".txt", lambda path, video: write_tracks(path, video.tracks)),
-    "dancetrack": ExportFormat(FOLDER, write_sequence),
+    "dancetrack": ExportFormat(FOLDER, write_sequence, sized=True),
     "kitti": ExportFormat(".txt", write_kitti),
-    "sleap": ExportFormat(".slp", write_sleap_project),
+    "coco": ExportFormat(".json", write_coco, read_coco, sized=True),
+    "cvat": ExportFormat(".xml", write_cvat, read_cvat, sized=True),
+    "label-studio": ExportFormat(".json", write_label_studio, read_label_studio, sized=True),
+    "yolo": ExportFormat(FOLDER, write_yolo, read_yolo, sized=True),
+    "sleap": ExportFormat(".slp", write_sleap_project, holds="points"),
     "sleap-analysis": ExportFormat(
-        ".h5", lambda path, video: write_sleap_analysis(path, video.nodes, video.frame_count)
+        ".h5", lambda path, video: write_sleap_analysis(path, video.nodes, video.frame_count), holds="points"
     ),
-    "deeplabcut": ExportFormat(".csv", lambda path, video: write_deeplabcut(path, video.nodes, video.frame_count)),
+    "deeplabcut": ExportFormat(
+        ".csv", lambda path, video: write_deeplabcut(path, video.nodes, video.frame_count), holds="points"
+    ),
     "via": ExportFormat(".csv", write_via_tracks),
-    "geff": ExportFormat(FOLDER, write_geff),
+    "geff": ExportFormat(FOLDER, write_geff, holds="points"),
 }
+SUFFIXES: dict[str, str] = {}
+"""By suffix the format that is meant where none is named: the first above."""
+for _name, _one in FORMATS.items():
+    if _one.suffix:
+        SUFFIXES.setdefault(_one.suffix, _name)
 
 
 def format_named(name: str) -> ExportFormat:
@@ -68,7 +101,7 @@ def format_named(name: str) -> ExportFormat:
 
 
 def format_at(path: Path) -> str | None:
-    """The name of the format that can be read at a path, by its suffix and first letter; None where there is none."""
+    """The name of the format that can be read at a path, by its suffix and first letters; None where there is none."""
     if path.is_dir():
         return "yolo" if is_yolo(path) else None
     suffix = path.suffix.lower()
@@ -76,6 +109,8 @@ def format_at(path: Path) -> str | None:
         return "cvat" if suffix == ".xml" else None
     with path.open("rb") as file:
         start = file.read(64).lstrip(b"\xef\xbb\xbf \t\r\n")
+    if start.startswith(f'{{"{KNOWN}"'.encode()):
+        return None
     return "label-studio" if start.startswith(b"[") else "coco"
 
 

@@ -1,7 +1,7 @@
 """GEFF, the exchange format of graphs that motile, napari and others read: a folder of Zarr, written without it.
 
-A node is a box in a frame, with ``t`` (the frame, from 0), ``y`` and ``x`` (the centre), the box, ``score`` and
-``track_id``; an edge joins a box to the next one of its track. Arrays are of Zarr format 2, one chunk each, raw.
+A node is a box or a body in a frame, with ``t`` (the frame, from 0), ``y`` and ``x`` (the centre), what else is known
+of it, and ``track_id``; an edge joins it to the next one of its track. Arrays are of Zarr format 2, one raw chunk each.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.geometry import centres
 
@@ -22,13 +23,15 @@ CORNERS = ("x1", "y1", "x2", "y2")
 
 
 def write_geff(folder: Path, video: TrackedVideo) -> None:
-    """Write the graph of the tracks."""
-    rows = video.boxes
-    middle = centres(rows.boxes)
-    nodes: dict[str, NDArray[Any]] = {"t": rows.frames, "y": middle[:, 1], "x": middle[:, 0]}
-    nodes |= dict(zip(CORNERS, rows.boxes.T, strict=True)) | {"score": rows.scores, "track_id": rows.ids}
-    order = np.lexsort([rows.frames, rows.ids])
-    joined = rows.ids[order][1:] == rows.ids[order][:-1]
+    """Write the graph of the tracks.
+
+    Raises:
+        RequestError: they have no places in a plane.
+    """
+    nodes = _nodes(video)
+    ids, frames = nodes["track_id"], nodes["t"]
+    order = np.lexsort([frames, ids])
+    joined = ids[order][1:] == ids[order][:-1]
     edges = np.column_stack([order[:-1][joined], order[1:][joined]])
     axes = [{"name": name, "type": kind, "unit": unit, **_reach(nodes[name])} for name, kind, unit in AXES]
     about = {
@@ -48,6 +51,19 @@ def write_geff(folder: Path, video: TrackedVideo) -> None:
     _array(folder / "edges/ids", edges.astype(np.uint64))
     for name, values in nodes.items():
         _array(folder / "nodes/props" / name / "values", values)
+
+
+def _nodes(video: TrackedVideo) -> dict[str, NDArray[Any]]:
+    rows, table = video.boxes, video.table
+    if not table or "x1" in table:
+        x, y = centres(rows.boxes).T
+        about = {"t": rows.frames, "y": y, "x": x, "score": rows.scores, "track_id": rows.ids}
+        return about | dict(zip(CORNERS, rows.boxes.T, strict=True))
+    places = next((names for names in (("a", "b"), ("x", "y")) if {*names, "frame", "id"} <= table.keys()), None)
+    if places is None:
+        raise RequestError(f"expected tracks with frame, id and a place, got {', '.join(list(table)[:8])}")
+    known = {"t": table["frame"], "y": table[places[1]], "x": table[places[0]], "track_id": table["id"]}
+    return known | {n: v for n, v in table.items() if v.dtype.kind in "fi" and n not in (*places, "frame", "id")}
 
 
 def _reach(values: NDArray[Any]) -> dict[str, float]:

@@ -16,16 +16,20 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.rows import read_rows, whole_number
-from tsuiseki.tracking.formats.tracked_video import PEOPLE, TrackedVideo
+from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 
 LABELS, IMAGES = "label_02", "image_02"
 COUNTED = "Pedestrian"
-IGNORED = ("Person", "Person_sitting", "DontCare")
+NAMES = dict(enumerate((COUNTED, "Cyclist", "Car", "Van", "Truck", "Tram", "Misc", "Person", "Person_sitting")))
+# Results on them are neither right nor wrong, as KITTI itself scores.
+ALIKE = {COUNTED: ("Person", "Person_sitting"), "Car": ("Van",)}
 # By occlusion.
 VISIBLE = np.array([1.0, 0.75, 0.25, 0.5])
 # Height, width, length, place and turn of nothing.
@@ -70,19 +74,20 @@ def write_kitti(path: Path, video: TrackedVideo) -> None:
     for frame, number, box, score in zip(
         rows.frames.tolist(), rows.ids.tolist(), rows.boxes.tolist(), rows.scores.tolist(), strict=True
     ):
-        kind = video.kind(number)
-        name = COUNTED if kind.lower() in PEOPLE else kind.title().replace(" ", "_")
+        kind = video.kind[number]
+        name = COUNTED if kind.lower() in PERSON_NAMES else kind.title().replace(" ", "_")
         place = " ".join(f"{value:.2f}" for value in box)
         text.append(f"{frame} {number} {name} -1 -1 -10 {place} {NO_SPACE} {score:.4f}\n")
     path.write_text("".join(text), encoding="utf-8")
 
 
-def read_kitti(path: str | Path, length: int | None = None) -> GroundTruth:
+def read_kitti(path: str | Path, length: int | None = None, wanted: int | str | None = None) -> GroundTruth:
     """The labels in the file at ``path``, ordered by frame.
 
     Args:
         path: of the text file.
         length: frames of the drive, if known.
+        wanted: name of the type that counts; by default pedestrians.
 
     Raises:
         RequestError: the file is missing, malformed, has no pedestrian, has one twice in a frame, or labels frames
@@ -103,13 +108,20 @@ def read_kitti(path: str | Path, length: int | None = None) -> GroundTruth:
         if not (rows[k, 4] > rows[k, 2] and rows[k, 5] > rows[k, 3]):
             raise given.error(k, "right beyond left and bottom below top")
         ids[k] = whole_number(path, line, "track", cells[1])
-    return _truth(path, [cells[2] for cells in given.cells], ids, rows, length)
+    (number,) = wanted_numbers(wanted, NAMES, (0,), path)
+    return _truth(path, NAMES[number], [cells[2] for cells in given.cells], ids, rows, length)
 
 
-def _truth(path: Path, kinds: list[str], ids: IntArray, rows: FloatArray, length: int | None) -> GroundTruth:
-    counted, ignored = np.array([kind == COUNTED for kind in kinds]), np.isin(kinds, IGNORED)
+def _truth(
+    path: Path, wanted: str, kinds: list[str], ids: IntArray, rows: FloatArray, length: int | None
+) -> GroundTruth:
+    counted, ignored = (
+        np.array([kind == wanted for kind in kinds]),
+        np.isin(kinds, ("DontCare", *ALIKE.get(wanted, ()))),
+    )
     if not counted.any():
-        raise RequestError(f"{path}: no usable box: expected pedestrians, of the type {COUNTED}")
+        what = "pedestrians, of the type " if wanted == COUNTED else ""
+        raise NothingLabelledError(f"{path}: no usable box: expected {what}{wanted}")
     frames = rows[:, 0].astype(np.int64)
     if length is not None and frames.max() >= length:
         raise RequestError(
@@ -120,7 +132,7 @@ def _truth(path: Path, kinds: list[str], ids: IntArray, rows: FloatArray, length
     people, times = np.unique(np.column_stack([frames, ids])[counted], axis=0, return_counts=True)
     if (times > 1).any():
         frame, track = people[times > 1][0]
-        raise RequestError(f"{path}: expected a pedestrian once a frame, got track {track} twice in frame {frame}")
+        raise RequestError(f"{path}: expected a {wanted} once a frame, got track {track} twice in frame {frame}")
     return GroundTruth(
         frames=frames,
         ids=ids,

@@ -43,7 +43,7 @@ def _region(track: Track, video: TrackedVideo, size: Any) -> dict[str, Any]:
          **({"time": (frame + 1) / video.frame_rate} if video.frame_rate else {})}
         for k, (frame, box) in enumerate(zip(track.frames.tolist(), shares.tolist(), strict=True))
     ]  # fmt: skip
-    value = {"framesCount": video.frame_count, "sequence": sequence, "labels": [video.kind(track.id)]}
+    value = {"framesCount": video.frame_count, "sequence": sequence, "labels": [video.kind[track.id]]}
     if video.frame_rate:
         value["duration"] = video.frame_count / video.frame_rate
     names = {"id": str(track.id), "type": "videorectangle", "from_name": "box", "to_name": "video"}
@@ -66,34 +66,28 @@ def read_label_studio(path: Path) -> TrackedVideo:
         task = content[0]
         made = next((each for name in ("annotations", "predictions") for each in task.get(name) or []), None)
         found = [one for one in (made or {}).get("result", []) if one.get("type") == "videorectangle"]
-        if not found:
+        if made is None or (made["result"] and not found):
             raise RequestError(f"{path}: expected `videorectangle` in {WHAT}, found none")
         names = [str(one["id"]) for one in found]
         numbered = all(name.isdecimal() and len(name) < 19 for name in names) and len({*names}) == len(names)
         ids = [int(name) if numbered else k + 1 for k, name in enumerate(names)]
         data = task["data"]
         size = (int(data["size"][0]), int(data["size"][1])) if "size" in data else None
-        length = max(int(one["value"].get("framesCount") or 0) for one in found)
+        length = max((int(one["value"].get("framesCount") or 0) for one in found), default=0)
         rows = [row for number, one in zip(ids, found, strict=True) for row in _rows(path, number, one, size)]
-        classes = {number: str((one["value"].get("labels") or [""])[0]) for number, one in zip(ids, found, strict=True)}
+        labels = (str((one["value"].get("labels") or [""])[0]) for one in found)
+        classes = {number: (-1, label) for number, label in zip(ids, labels, strict=True)}
         name = PurePosixPath(str(data.get("video") or path.stem).split("?")[0]).name
         rate = float(data.get("frame_rate") or 0) or _rate(found)
+    except RequestError:
+        raise
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
         raise RequestError(f"{path}: expected {WHAT}, got a broken one: {error!r}") from error
-    shift = 1 if min(ids) == 0 else 0
-    return TrackedVideo(
-        tracks_of_rows(path, rows),
-        name,
-        rate,
-        size,
-        length,
-        {number + shift: kind for number, kind in classes.items()},
-        shares=size is None,
-    )
+    return TrackedVideo(tracks_of_rows(path, rows, classes), name, rate, size, length, shares=size is None)
 
 
 def _rate(found: list[dict[str, Any]]) -> float:
-    value = found[0]["value"]
+    value = found[0]["value"] if found else {}
     return float(value["framesCount"]) / float(value["duration"]) if value.get("duration") else 0.0
 
 

@@ -4,7 +4,7 @@
 |---|---|
 | ``gt.txt``, a sequence folder, a folder of sequences | MOTChallenge, with ``gt/actions.txt`` where there are actions |
 | the folder, or a label file in it | Okutama-Action |
-| the folder, or a label file in it | VisDrone-MOT, KITTI tracking |
+| the folder, or a label file in it | VisDrone-MOT, KITTI tracking, BDD100K |
 | the folder | Drone-Action |
 | the file, or a folder with it as ``annotations.xml`` or ``annotations.json`` | CVAT for video; COCO, Label Studio |
 | the folder with ``labels`` | YOLO's rows with ids |
@@ -14,12 +14,13 @@ Which boxes count is said where each format is read.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.bdd100k import images_of, is_bdd100k, label_files, read_bdd100k
 from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.drone_action import (
     DroneActionClip,
@@ -30,6 +31,8 @@ from tsuiseki.tracking.formats.drone_action import (
 )
 from tsuiseki.tracking.formats.exports import exported_in, format_at, read_exported
 from tsuiseki.tracking.formats.kitti import LABELS, KittiSequence, find_kitti, is_kitti, read_kitti
+from tsuiseki.tracking.formats.label_classes import wanted_numbers
+from tsuiseki.tracking.formats.mot import NAMES as MOT_NAMES
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences, list_images, read_sequence
 from tsuiseki.tracking.formats.okutama import (
@@ -46,12 +49,15 @@ from tsuiseki.tracking.formats.okutama import (
     read_okutama_video,
 )
 from tsuiseki.tracking.formats.tracked_video import inside
+from tsuiseki.tracking.formats.visdrone import NAMES as VISDRONE_NAMES
 from tsuiseki.tracking.formats.visdrone import VisDroneSequence, find_visdrone, is_visdrone, read_visdrone
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
 Size: TypeAlias = tuple[int, int] | None
 """Width and height of the frames that labels are wanted for; None takes those of the frames that lie with them."""
+Wanted: TypeAlias = int | str | None
+"""Number or name of the class that counts; None for people."""
 
 
 @dataclass(frozen=True)
@@ -62,32 +68,37 @@ class LabelledVideo:
         name: of the video.
         files: one image a frame, by frame; or the video file alone; empty where only labels are there.
         length: number of frames; None where nothing tells.
-        read_people: who is where; None where a protocol says which of the actions' rows count.
+        read_people: who is where, of a class, by default people; None where a protocol says which of the actions' rows
+            count.
         read_actions: who does what, in pixels of a size; None where nobody labelled it.
         size: width and height of the pictures, where the sequence says.
+        classes: names of the classes by the numbers that results bear, where the layout has numbers.
     """
 
     name: str
     files: tuple[Path, ...]
     length: int | None
-    read_people: Callable[[Size], GroundTruth] | None
+    read_people: Callable[[Size, Wanted], GroundTruth] | None
     read_actions: Callable[[Size], ActionLabels] | None = None
     size: Size = None
+    classes: Mapping[int, str] = field(default_factory=dict)
 
-    def people(self, protocol: Protocol = "lenient", size: Size = None) -> GroundTruth:
+    def people(self, protocol: Protocol = "lenient", size: Size = None, wanted: Wanted = None) -> GroundTruth:
         """Who is where.
 
         Args:
             protocol: by which Okutama-Action's labels count, see `okutama_truth`.
             size: for Okutama-Action's labels, and those in shares of a picture.
+            wanted: the class that counts, by number or name; by default people.
 
         Raises:
-            RequestError: labels are missing or broken, or nobody counts.
+            RequestError: labels are missing or broken, nobody counts, or there is no such class.
         """
         if self.read_people is not None:
-            truth = self.read_people(size)
+            truth = self.read_people(size, wanted)
             compare_with_picture(self.name, truth.boxes, self.size)
             return truth
+        wanted_numbers(wanted, {}, (), self.name)
         truth, _ = okutama_truth(self.actions(size), protocol)
         if not truth.evaluated.any():
             raise RequestError(f"{self.name}: expected a labelled person who is neither lost nor occluded, got none")
@@ -120,6 +131,8 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
     """
     if path.is_dir():
         return _in_folder(path, multiple_actions)
+    if is_bdd100k(path):
+        return [_bdd100k(path)]
     if not path.is_file():
         raise RequestError(f"expected a ground truth, a sequence folder or a folder of sequences, found no {path}")
     if format_at(path):
@@ -147,9 +160,10 @@ def _sequence(sequence: MotSequence) -> LabelledVideo:
         sequence.name,
         sequence.images,
         sequence.length or None,
-        lambda _: read_ground_truth(sequence.ground_truth_path),
+        lambda _, wanted: read_ground_truth(sequence.ground_truth_path, wanted),
         (lambda size: read_clip_labels(sequence, size)) if (sequence.folder / ACTIONS_FILE).is_file() else None,
         (sequence.width, sequence.height) if sequence.width and sequence.height else None,
+        MOT_NAMES,
     )
 
 
@@ -163,9 +177,11 @@ def _ground_truth(path: Path) -> LabelledVideo:
     folder = path.resolve().parent.parent
     if path.name == "gt.txt" and path.resolve().parent.name == "gt" and (folder / "seqinfo.ini").is_file():
         known = _sequence(read_sequence(folder))
-        return replace(known, files=(), read_people=lambda _: read_ground_truth(path), read_actions=None)
+        return replace(
+            known, files=(), read_people=lambda _, wanted: read_ground_truth(path, wanted), read_actions=None
+        )
     name = folder.name if path.name == "gt.txt" else path.stem
-    return LabelledVideo(name, (), None, lambda _: read_ground_truth(path))
+    return LabelledVideo(name, (), None, lambda _, wanted: read_ground_truth(path, wanted), classes=MOT_NAMES)
 
 
 def _okutama(video: OkutamaVideo) -> LabelledVideo:
@@ -175,12 +191,25 @@ def _okutama(video: OkutamaVideo) -> LabelledVideo:
 
 def _visdrone(sequence: VisDroneSequence) -> LabelledVideo:
     length = len(sequence.images)
-    return LabelledVideo(sequence.name, sequence.images, length, lambda _: read_visdrone(sequence.labels, length))
+    read: Callable[[Size, Wanted], GroundTruth] = lambda _, wanted: read_visdrone(sequence.labels, length, wanted)  # noqa: E731
+    return LabelledVideo(sequence.name, sequence.images, length, read, classes=VISDRONE_NAMES)
 
 
 def _kitti(sequence: KittiSequence) -> LabelledVideo:
     length = len(sequence.images) or None
-    return LabelledVideo(sequence.name, sequence.images, length, lambda _: read_kitti(sequence.labels, length))
+    return LabelledVideo(
+        sequence.name, sequence.images, length, lambda _, wanted: read_kitti(sequence.labels, length, wanted)
+    )
+
+
+def _bdd100k(labels: Path) -> LabelledVideo:
+    images = images_of(labels)
+    return LabelledVideo(labels.stem, images, len(images) or None, lambda _, wanted: read_bdd100k(labels, wanted))
+
+
+def _only_people(wanted: Wanted, clip: DroneActionClip, length: int | None) -> GroundTruth:
+    wanted_numbers(wanted, {}, (), clip.source)
+    return read_drone_action_boxes(clip.labelled(), length)
 
 
 def _drone_action(clip: DroneActionClip) -> LabelledVideo:
@@ -190,7 +219,7 @@ def _drone_action(clip: DroneActionClip) -> LabelledVideo:
         clip.name,
         images or (clip.source,),
         length,
-        lambda _: read_drone_action_boxes(clip.labelled(), length),
+        lambda _, wanted: _only_people(wanted, clip, length),
         lambda _: drone_action_labels(clip, length),
     )
 
@@ -205,7 +234,12 @@ def _exported(path: Path) -> LabelledVideo:
     length = known.length or len(images) or None
     files = images or ((video,) if video.is_file() else ())
     name = known.stem if known.name else path.stem
-    return LabelledVideo(name, files, length, lambda size: known.in_pixels(path, size).labels(path), None, known.size)
+
+    def read(size: Size, wanted: Wanted) -> GroundTruth:
+        return known.in_pixels(path, size).labels(path, wanted)
+
+    names = {number: kind for kind, number in known.kinds.items()}
+    return LabelledVideo(name, files, length, read, None, known.size, names)
 
 
 # By layout: whether a folder has it, and the videos there. What fits none is read as MOTChallenge sequences.
@@ -213,6 +247,7 @@ FOLDERS: tuple[tuple[Callable[[Path], bool], Callable[[Path, bool], list[Labelle
     (is_okutama, lambda folder, every: [_okutama(video) for video in find_okutama(folder, every)]),
     (is_visdrone, lambda folder, _: [_visdrone(sequence) for sequence in find_visdrone(folder)]),
     (is_kitti, lambda folder, _: [_kitti(sequence) for sequence in find_kitti(folder)]),
+    (is_bdd100k, lambda folder, _: [_bdd100k(labels) for labels in label_files(folder)]),
     (is_drone_action, lambda folder, _: [_drone_action(clip) for clip in find_drone_action(folder)]),
     (lambda folder: bool(exported_in(folder)), lambda folder, _: [_exported(path) for path in exported_in(folder)]),
 )

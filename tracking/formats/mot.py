@@ -15,6 +15,7 @@ Two layouts of ground truth are told apart by their number of columns:
 from __future__ import annotations
 
 import itertools
+import json
 import re
 import warnings
 from collections.abc import Iterable
@@ -24,6 +25,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
 from tsuiseki.tracking.formats.rows import Rows, read_rows, whole_number
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
@@ -31,16 +33,31 @@ from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 
 PEDESTRIAN = 1
+NAMES = dict(
+    enumerate(
+        (
+            *("pedestrian", "person on vehicle", "car", "bicycle", "motorbike", "non motorized vehicle"),
+            *("static person", "distractor", "occluder", "occluder on the ground", "occluder full", "reflection"),
+            "crowd",
+        ),
+        start=PEDESTRIAN,
+    )
+)
 DISTRACTORS = (2, 7, 8, 12)
 MOT20_DISTRACTORS = (2, 6, 7, 8, 12)
 # Fewer scores tell no two scales apart.
 FEWEST_OF_A_SCALE = 20
 
 
-def read_ground_truth(path: str | Path) -> GroundTruth:
+def read_ground_truth(path: str | Path, wanted: int | str | None = None) -> GroundTruth:
     """The labels in a ``gt.txt`` of MOT15, 16, 17 or 20, told apart by the number of columns.
 
     A sequence whose folder is named ``MOT20-…`` follows MOT20's list of distractors.
+
+    Args:
+        path: of the file.
+        wanted: number or name of the class that counts; by default pedestrians. Where column 7 marks no row of another
+            class, as in MOT16 to 20, all of its rows count.
 
     Raises:
         RequestError: the file is missing, malformed, names an id twice in a frame, or has no box to evaluate.
@@ -54,15 +71,21 @@ def read_ground_truth(path: str | Path) -> GroundTruth:
     compare_with_picture(path, boxes_of(rows))
     active = rows[:, 6] != 0
     if rows.shape[1] == 10:
+        wanted_numbers(wanted, {PEDESTRIAN: NAMES[PEDESTRIAN]}, (PEDESTRIAN,), path)
         evaluated, ignored, visibility = active, np.zeros(len(rows), dtype=np.bool_), np.ones(len(rows))
     else:
         is_mot20 = any(part.startswith("MOT20") for part in path.parts)
         classes = rows[:, 7].astype(np.int64)
-        evaluated = active & (classes == PEDESTRIAN)
+        others = {number: str(number) for number in set(classes.tolist()) - NAMES.keys()}
+        (number,) = wanted_numbers(wanted, {**NAMES, **others}, (PEDESTRIAN,), path)
+        evaluated = active & (classes == number)
         ignored = np.isin(classes, MOT20_DISTRACTORS if is_mot20 else DISTRACTORS)
+        if number != PEDESTRIAN:
+            ignored[:] = False
+            evaluated = evaluated if evaluated.any() else classes == number
         visibility = np.where(rows[:, 8] < 0, 1.0, np.clip(rows[:, 8], 0, 1))
     if not evaluated.any():
-        raise RequestError(_nothing_usable(path, rows, active))
+        raise NothingLabelledError(_nothing_usable(path, rows, active, wanted))
     order = np.argsort(frames, kind="stable")
     return GroundTruth(frames, ids, boxes_of(rows), evaluated, ignored, visibility).select(order)
 
@@ -221,7 +244,19 @@ def read_tracks(path: str | Path) -> list[Track]:
     origin[:, 1] = -1 if classes is None else classes
     order = np.lexsort([frames, ids])
     tracks = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
-    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p], origin=origin[p]) for p in tracks]
+    names = _names_beside(path) if classes is not None else {}
+    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p], origin=origin[p], names=names) for p in tracks]
+
+
+def _names_beside(path: Path) -> dict[int, str]:
+    """Names of classes by number that the run that wrote ``path`` keeps in its run.json; empty where it tells none."""
+    record = path.with_name("run.json")
+    if not record.is_file():
+        return {}
+    try:
+        return {int(n): str(x) for n, x in json.loads(record.read_text(encoding="utf-8"))["facts"]["classes"].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
 
 
 def write_tracks(path: str | Path, tracks: Iterable[Track]) -> None:
@@ -252,11 +287,11 @@ def _refuse_repeated(path: Path, lines: IntArray, frames: IntArray, ids: IntArra
         raise RequestError(f"{path}:{lines[row]}: id {ids[row]} stands twice in frame {frames[row] + 1}")
 
 
-def _nothing_usable(path: Path, rows: FloatArray, active: BoolArray) -> str:
+def _nothing_usable(path: Path, rows: FloatArray, active: BoolArray, wanted: int | str | None) -> str:
     if not active.any():
         return f"{path}: no usable box: column 7 marks every row as not to be considered"
     classes = ", ".join(f"{value:g}" for value in np.unique(rows[active, 7]))
-    return f"{path}: no usable box: expected class {PEDESTRIAN} (pedestrian) in column 8, got only {classes}"
+    return f"{path}: no usable box: expected class {wanted or '1 (pedestrian)'} in column 8, got only {classes}"
 
 
 SCORE = 6  # Column of the score, counted from 0.

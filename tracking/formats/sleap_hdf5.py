@@ -46,6 +46,11 @@ def hdf5_installed() -> bool:
     return importlib.util.find_spec("h5py") is not None
 
 
+def _need_h5py(path: Path) -> None:
+    if not hdf5_installed():
+        raise RequestError(f"{path} is HDF5, which needs h5py: {MISSING}")
+
+
 def read_sleap_hdf5(path: Path) -> PointTable:
     """The points in a project or analysis file; of a project's first video.
 
@@ -54,8 +59,7 @@ def read_sleap_hdf5(path: Path) -> PointTable:
     Raises:
         RequestError: h5py is missing, or the file is neither, such as DeepLabCut's.
     """
-    if not hdf5_installed():
-        raise RequestError(f"{path} is HDF5, which needs h5py: {MISSING}")
+    _need_h5py(path)
     import h5py
 
     try:
@@ -82,7 +86,11 @@ def write_sleap_analysis(path: Path, table: PointTable, length: int) -> None:
         path: file to write.
         table: its tracks name the animals.
         length: frames of the video.
+
+    Raises:
+        RequestError: h5py is missing.
     """
+    _need_h5py(path)
     import h5py
 
     names = list(dict.fromkeys(table.tracks))
@@ -108,8 +116,7 @@ def write_sleap_project(path: Path, video: TrackedVideo) -> None:
     Raises:
         RequestError: h5py is missing.
     """
-    if not hdf5_installed():
-        raise RequestError(f"{path.suffix} is HDF5, which needs h5py: {MISSING}")
+    _need_h5py(path)
     import h5py
 
     table = video.nodes

@@ -1,6 +1,7 @@
 """Tracks of any kind as one table, and back: a row for each moment of a track, a column for each number.
 
-The columns tell the kind: ``frame,id,x1,y1,x2,y2,score,observed`` of boxes, with ``single_…`` and ``multi_…`` what
+The columns tell the kind: ``frame,id,x1,y1,x2,y2,score,observed`` of boxes, where they are known with ``detection``,
+its row, ``class_id,class_name`` of the track and ``detection_class``, with ``single_…`` and ``multi_…`` what
 people do, with ``x,y,rx,ry,rw,rh,angle`` where they are on a floor; ``frame,id,…,score,status`` of bodies;
 ``frame,time,id,x,y,…,existence`` of sensed targets; ``time,x,y,z,…,score,status`` of a ball in space. Frames count from
 0 here and from 1 in files; boxes are in pixels from 0 in both, angles in radians.
@@ -24,15 +25,15 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text
 from tsuiseki.tracking.formats.track3d import COVARIANCE
-from tsuiseki.tracking.types import Position, Track
+from tsuiseki.tracking.types import IntArray, Position, Track
 from tsuiseki.tracking.types.measurements import SensedTrack
 from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, FloorTrack
 
 Columns: TypeAlias = dict[str, NDArray[Any]]
 CORNERS = ("x1", "y1", "x2", "y2")
 ROTATED = ("rx", "ry", "rw", "rh", "angle")
-TEXTS = ("status",)
-WHOLE = ("frame", "id")
+TEXTS = ("status", "class_name")
+WHOLE = ("frame", "id", "detection", "class_id", "detection_class")
 TRIANGLE = np.triu_indices(3)
 # Under this key a file has what is known beside the tracks.
 KNOWN = "tsuiseki"
@@ -61,6 +62,8 @@ def table_of(tracks: Sequence[Any], names: Sequence[str] = ()) -> Columns:
         return _positions(tracks)
     parts = [_columns(track, names) for track in tracks] or [_boxes(NOBODY)]
     table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    told = {"detection": -1, "class_id": -1, "class_name": "", "detection_class": -1}
+    table = {name: column for name, column in table.items() if name not in told or (column != told[name]).any()}
     order = np.lexsort([table["id"], table["frame"]])
     return {name: column[order] for name, column in table.items()}
 
@@ -122,7 +125,9 @@ def _named(names: Sequence[str], count: int) -> list[str]:
 def _boxes(track: Track) -> Columns:
     corners = dict(zip(CORNERS, track.boxes.T, strict=True))
     head = {"frame": track.frames, "id": np.full(len(track), track.id)}
-    return {**head, **corners, "score": track.scores, "observed": track.observed}
+    kind = {"class_id": np.full(len(track), track.class_id), "class_name": np.full(len(track), track.class_name)}
+    origin = {"detection": track.detection, **kind, "detection_class": track.classes}
+    return {**head, **corners, "score": track.scores, "observed": track.observed, **origin}
 
 
 def _boxed(part: Columns) -> Any:
@@ -133,12 +138,21 @@ def _boxed(part: Columns) -> Any:
         np.column_stack([part[name] for name in CORNERS]),
         part.get("score", np.ones(count)),
         np.asarray(part.get("observed", np.ones(count)), dtype=np.bool_),
+        _origin_of(part),
+        {int(part["class_id"][0]): str(part["class_name"][0])} if "class_name" in part else {},
     )
     if "rx" in part:
         places, rotated = (np.column_stack([part[name] for name in some]) for some in (("x", "y"), ROTATED))
         return FloorTrack(track, rotated, places)
     actions = [[column for name, column in part.items() if name.startswith(kind)] for kind in ("single_", "multi_")]
     return ActingTrack(track, *map(np.column_stack, actions)) if all(actions) else track
+
+
+def _origin_of(part: Columns) -> IntArray:
+    """Rows and classes of detections; a track whose class alone is known has it throughout."""
+    none = np.full(len(part["frame"]), -1)
+    rows, classes = part.get("detection", none), part.get("detection_class", part.get("class_id", none))
+    return np.column_stack([rows, classes]).astype(np.int64)
 
 
 def _body(part: Columns) -> BodyTrack:
@@ -277,7 +291,7 @@ def _read_csv(path: Path) -> Columns:
     for name in rows.names:
         cells = [row[name] for _, row in rows.rows]
         try:
-            column = np.array(cells, dtype="U9") if name in TEXTS else np.array(cells, dtype=np.float64)
+            column = np.array(cells, dtype=np.str_) if name in TEXTS else np.array(cells, dtype=np.float64)
         except ValueError:
             column = np.array([finite_number(path, line, name, row[name]) for line, row in rows.rows])
         table[name] = column.astype(np.int64) if name in WHOLE else column

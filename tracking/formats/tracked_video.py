@@ -10,20 +10,24 @@ from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
 from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import PointTable
 
 Size: TypeAlias = tuple[int, int] | None
 PERSON = "person"
-# What classes of people are called; where one is, others do not count as labels of people.
-PEOPLE = (PERSON, "pedestrian", "people", "human", "persons", "pedestrians")
+
+
+NONE = np.empty(0, np.int64)
 
 
 class TrackedBoxes(NamedTuple):
@@ -41,15 +45,16 @@ class TrackedVideo:
     """Tracks of boxes or of points, and what files say of the video.
 
     Attributes:
-        tracks: of boxes.
+        tracks: of boxes; none where there are other tracks.
         name: of the video's file or folder.
         frame_rate: frames a second; 0 where not known.
         size: width and height of a frame, pixels; None where not known.
         length: number of frames; 0 where not known.
-        classes: names of classes by id; who has none is a person.
         images: names of the images by frame; empty for a video file.
-        points: of animals; None for boxes.
+        points: of animals, where they have any.
         shares: boxes are shares of a picture whose size the file does not say.
+        table: all tracks, of whatever kind, see `formats.track_tables`.
+        known: what a table keeps beside the tracks.
     """
 
     tracks: Sequence[Track]
@@ -57,17 +62,17 @@ class TrackedVideo:
     frame_rate: float = 0.0
     size: Size = None
     length: int = 0
-    classes: Mapping[int, str] = field(default_factory=dict)
     images: tuple[str, ...] = ()
     points: PointTable | None = None
     shares: bool = False
+    table: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    known: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def boxes(self) -> TrackedBoxes:
         """All boxes."""
         if not self.tracks:
-            nothing = np.empty(0, np.int64)
-            return TrackedBoxes(nothing, nothing, np.empty((0, 4)), np.empty(0), np.empty(0, np.bool_))
+            return TrackedBoxes(NONE, NONE, np.empty((0, 4)), np.empty(0), np.empty(0, np.bool_))
         frames = np.concatenate([track.frames for track in self.tracks])
         ids = np.concatenate([np.full(len(track), track.id) for track in self.tracks])
         order = np.lexsort([ids, frames])
@@ -91,31 +96,55 @@ class TrackedVideo:
     @property
     def frame_count(self) -> int:
         """`length`, or where that is not known, the frames up to the last that has something."""
-        frames = self.boxes.frames if self.points is None else self.points.frames
-        return max(self.length, int(frames.max(initial=-1)) + 1)
+        frames = [one.frames for one in (self.boxes, self.points) if one is not None]
+        return max(self.length, *(int(some.max(initial=-1)) + 1 for some in [*frames, self.table.get("frame", NONE)]))
 
     @property
     def stem(self) -> str:
         """`name` without what the ending says."""
         return PurePosixPath(self.name).stem or "video"
 
-    @property
+    @cached_property
     def nodes(self) -> PointTable:
-        """`points`; of boxes their centres, where the centre of the first pixel is 0, 0."""
+        """`points`; of bodies their ends and middles; or else the centres of boxes.
+
+        The centre of the first pixel is 0, 0.
+
+        Raises:
+            RequestError: there is nothing of this.
+        """
         if self.points is not None:
             return self.points
-        rows = self.boxes
-        names = tuple(f"track_{number}" for number in rows.ids.tolist())
-        return PointTable(("centre",), rows.frames, names, centres(rows.boxes)[:, None] - 0.5, rows.scores[:, None])
-
-    def kind(self, number: int) -> str:
-        """The name of the class of an id."""
-        return self.classes.get(number) or PERSON
+        table, ends = self.table, np.zeros(1)
+        names: tuple[str, ...] = ("centre",)
+        if "x1" in table or not table:
+            frames, ids, _, scores, _ = self.boxes
+            middle = along = centres(self.boxes.boxes)
+        elif {"a", "b"} <= table.keys():
+            frames, ids, scores = (table[name] for name in ("frame", "id", "score"))
+            middle = along = np.column_stack([table["a"], table["b"]])
+            if {"theta", "length"} <= table.keys():
+                names, ends = ("head", "centre", "tail"), np.array([0.5, 0.0, -0.5])
+                along = np.column_stack([np.cos(table["theta"]), np.sin(table["theta"])]) * table["length"][:, None]
+        else:
+            raise RequestError(f"expected animals or boxes, got tracks of {', '.join(list(table)[:8])}")
+        told = tuple(f"track_{number}" for number in ids.tolist())
+        places = middle[:, None] + along[:, None] * ends[:, None] - 0.5
+        return PointTable(names, frames, told, places, np.repeat(scores[:, None], len(names), axis=1))
 
     @cached_property
-    def kinds(self) -> list[str]:
-        """The names of all classes."""
-        return sorted({self.kind(track.id) for track in self.tracks}) or [PERSON]
+    def kind(self) -> Mapping[int, str]:
+        """By id the name of its class; who has none is a person."""
+        told = ((track, f"class {track.class_id}" if track.class_id >= 0 else PERSON) for track in self.tracks)
+        return {track.id: track.class_name or other for track, other in told}
+
+    @cached_property
+    def kinds(self) -> Mapping[str, int]:
+        """The number of each class by its name, from 0 where not all are known; in their order."""
+        known = {self.kind[track.id]: track.class_id for track in self.tracks} or {PERSON: 0}
+        if min(known.values()) < 0 or len({*known.values()}) < len(known):
+            known = {kind: number for number, kind in enumerate(sorted(known))}
+        return dict(sorted(known.items(), key=lambda item: item[1]))
 
     def image(self, frame: int) -> str:
         """The name of a frame's image; those of a video file are counted from 1, as FFmpeg does."""
@@ -134,20 +163,25 @@ class TrackedVideo:
         tracks = [replace(track, boxes=track.boxes * np.tile(size, 2)) for track in self.tracks]
         return replace(self, tracks=tracks, size=size, shares=False)
 
-    def labels(self, path: Path) -> GroundTruth:
-        """The boxes as labels; those of people count, or all where no class is called so.
+    def labels(self, path: Path, wanted: int | str | None = None) -> GroundTruth:
+        """The boxes as labels.
+
+        Args:
+            path: they were read from.
+            wanted: number or name of the class that counts; by default people, or all where no class is called so.
 
         Raises:
-            RequestError: there is no box, or boxes cannot be pixels of the picture.
+            RequestError: there is no box, or no such class, or boxes cannot be pixels of the picture.
         """
-        rows = self.boxes
+        rows, names = self.boxes, {number: kind for kind, number in self.kinds.items()}
         if not len(rows.frames):
-            raise RequestError(f"{path}: expected labelled boxes, found none")
+            raise NothingLabelledError(f"{path}: expected labelled boxes, found none")
         compare_with_picture(path, rows.boxes, self.size)
-        people = {track.id for track in self.tracks if self.kind(track.id).lower() in PEOPLE}
-        counted = np.isin(rows.ids, list(people)) if people else np.ones(len(rows.ids), dtype=np.bool_)
+        people = [number for number, kind in names.items() if kind.lower() in PERSON_NAMES] or list(names)
+        counted = {names[number] for number in wanted_numbers(wanted, names, people, path)}
+        evaluated = np.isin(rows.ids, [track.id for track in self.tracks if self.kind[track.id] in counted])
         nobody = np.zeros(len(rows.ids), dtype=np.bool_)
-        return GroundTruth(rows.frames, rows.ids, rows.boxes, counted, nobody, np.ones(len(rows.ids)))
+        return GroundTruth(rows.frames, rows.ids, rows.boxes, evaluated, nobody, np.ones(len(rows.ids)))
 
 
 def runs_of(frames: IntArray) -> list[IntArray]:
@@ -175,8 +209,17 @@ def between_keys(frames: IntArray, boxes: FloatArray, last: int = 0) -> tuple[In
     return every, values, np.searchsorted(frames, every, side="right") - 1
 
 
-def tracks_of_rows(path: Path, rows: Iterable[tuple[int, int, Sequence[float], float, bool]]) -> list[Track]:
-    """Tracks of rows: 0-based frame, id, box, score, and whether it was observed; ids from 0 become ids from 1.
+def tracks_of_rows(
+    path: Path,
+    rows: Iterable[tuple[int, int, Sequence[float], float, bool]],
+    classes: Mapping[int, tuple[int, str]],
+) -> list[Track]:
+    """Tracks of rows; ids from 0 become ids from 1.
+
+    Args:
+        path: of the file, for messages.
+        rows: 0-based frame, id, box, score, and whether it was observed.
+        classes: by id, number and name; a negative number stands for the place among the names.
 
     Raises:
         RequestError: an id stands twice in a frame, a number is impossible, or a box has no area.
@@ -209,7 +252,15 @@ def tracks_of_rows(path: Path, rows: Iterable[tuple[int, int, Sequence[float], f
         raise RequestError(f"{path}: id {ids[row]} stands twice in frame {frames[row]}, counted from 0")
     observed, shift = np.array([row[4] for row in given], dtype=np.bool_), 1 if ids.min() == 0 else 0
     parts = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
-    return [Track(int(ids[p[0]]) + shift, frames[p], boxes[p], scores[p], observed[p]) for p in parts]
+    names = sorted({name for _, name in classes.values()})
+    found = []
+    for p in parts:
+        kind, name = classes[int(ids[p[0]])]
+        kind = names.index(name) if kind < 0 and name else kind
+        origin = np.column_stack([np.full(len(p), -1), np.full(len(p), kind)])
+        number = int(ids[p[0]]) + shift
+        found.append(Track(number, frames[p], boxes[p], scores[p], observed[p], origin, {kind: name} if name else {}))
+    return found
 
 
 def read_json(path: Path, what: str) -> Any:

@@ -25,6 +25,6 @@ def write_via_tracks(path: Path, video: TrackedVideo) -> None:
         writer.writerow(HEADING)
         for frame, number, box, score in columns:
             shape = {"name": "rect", **dict(zip(("x", "y", "width", "height"), box, strict=True))}
-            about = {"track": str(number), "confidence": str(score), "class": video.kind(number)}
+            about = {"track": str(number), "confidence": str(score), "class": video.kind[number]}
             image = f"{video.stem}_{frame:08d}.jpg"
             writer.writerow([image, 0, json.dumps({"frame": frame}), 1, 0, json.dumps(shape), json.dumps(about)])

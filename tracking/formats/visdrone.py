@@ -17,6 +17,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.rows import Rows, read_rows, whole_number
 from tsuiseki.tracking.geometry import corners_from_xywh
@@ -26,6 +27,8 @@ from tsuiseki.tracking.types.labels import GroundTruth
 
 COLUMNS = "frame,id,left,top,width,height,score,category,truncation,occlusion"
 IGNORED_REGION, PEDESTRIAN, PEOPLE, MOST = 0, 1, 2, 11
+_COUNTED = ("pedestrian", "people", "bicycle", "car", "van", "truck", "tricycle", "awning-tricycle", "bus", "motor")
+NAMES = dict(enumerate(_COUNTED, start=PEDESTRIAN))
 VISIBLE = np.array([1.0, 0.75, 0.25])
 
 
@@ -64,28 +67,32 @@ def find_visdrone(folder: str | Path) -> list[VisDroneSequence]:
     return found
 
 
-def read_visdrone(path: str | Path, length: int | None = None) -> GroundTruth:
+def read_visdrone(path: str | Path, length: int | None = None, wanted: int | str | None = None) -> GroundTruth:
     """The labels in the file at ``path``, ordered by frame.
 
     Args:
         path: of the text file.
         length: frames of the clip, if known.
+        wanted: number or name of the category that counts; by default pedestrians and people.
 
     Raises:
-        RequestError: the file is missing, malformed, has no person to evaluate, or labels frames beyond the clip.
+        RequestError: the file is missing, malformed, has no such category or none of it to
+            evaluate, or labels frames beyond the clip.
     """
     path = Path(path)
     given = read_rows(path, "VisDrone-MOT labels").without_heading(10)
     rows = given.numbers(COLUMNS)
     # Crowds are fenced in by regions that may be as thin as a line.
     wide = (rows[:, 4] > 0) & (rows[:, 5] > 0)
-    _check(given, rows, wide, length)
+    numbers = wanted_numbers(wanted, NAMES, (PEDESTRIAN, PEOPLE), path)
+    _check(given, rows, wide, length, numbers)
     ids = [whole_number(path, line, "id", cells[1]) for line, cells in zip(given.lines, given.cells, strict=True)]
     rows = rows[wide]
-    people = np.isin(rows[:, 7], (PEDESTRIAN, PEOPLE))
+    people = np.isin(rows[:, 7], numbers)
     counted = people & (rows[:, 6] != 0)
     if not counted.any():
-        raise RequestError(f"{path}: no usable box: expected pedestrians (1) or people (2) with score 1")
+        expected = "pedestrians (1) or people (2)" if wanted is None else f"labels of {wanted}"
+        raise NothingLabelledError(f"{path}: no usable box: expected {expected} with score 1")
     ignored = (rows[:, 7] == IGNORED_REGION) | (rows[:, 6] == 0)
     boxes = corners_from_xywh(rows[:, 2:6])
     compare_with_picture(path, boxes)
@@ -101,9 +108,9 @@ def read_visdrone(path: str | Path, length: int | None = None) -> GroundTruth:
     ).select(order)
 
 
-def _check(given: Rows, rows: FloatArray, wide: BoolArray, length: int | None) -> None:
+def _check(given: Rows, rows: FloatArray, wide: BoolArray, length: int | None, numbers: tuple[int, ...]) -> None:
     framed = (rows[:, 0] >= 1) & (rows[:, 0] <= LAST_FRAME) & (rows[:, 0] % 1 == 0)
-    counts = np.isin(rows[:, 7], (PEDESTRIAN, PEOPLE)) & (rows[:, 6] != 0)
+    counts = np.isin(rows[:, 7], numbers) & (rows[:, 6] != 0)
     for bad, expected in (
         (~framed, f"a frame number from 1 to {LAST_FRAME}"),
         (~np.isin(rows[:, 7], np.arange(MOST + 1)), f"a category of 0-{MOST}"),

@@ -29,17 +29,18 @@ EXPECTED = "class x y width height [score] id"
 
 def is_yolo(folder: Path) -> bool:
     """Whether a folder has ``labels`` of this kind."""
-    return any((folder / LABELS).glob("*.txt"))
+    return (folder / LABELS).is_dir() and ((folder / ABOUT).is_file() or any((folder / LABELS).glob("*.txt")))
 
 
 def write_yolo(folder: Path, video: TrackedVideo) -> None:
-    """Write the boxes; classes are numbered from 0 in the order of their names."""
+    """Write the boxes; classes keep their numbers, where these are known."""
     size = np.tile(video.pixels, 2)
     (folder / LABELS).mkdir(parents=True)
-    about = {"train": IMAGES, "val": IMAGES, "names": dict(enumerate(video.kinds)), "width": int(size[0]),
-             "height": int(size[1]), "frames": video.frame_count, "frame_rate": video.frame_rate}  # fmt: skip
+    about: dict[str, Any] = {"train": IMAGES, "val": IMAGES, "names": {k: kind for kind, k in video.kinds.items()}}
+    about |= {"width": int(size[0]), "height": int(size[1]), "frames": video.frame_count}
+    about |= {"frame_rate": video.frame_rate}
     (folder / ABOUT).write_text(yaml.safe_dump(about, sort_keys=False, allow_unicode=True), encoding="utf-8")
-    rows, numbers = video.boxes, {kind: k for k, kind in enumerate(video.kinds)}
+    rows = video.boxes
     middle = centres(rows.boxes)
     shares = np.concatenate([middle, rows.boxes[:, 2:] - rows.boxes[:, :2]], axis=1) / size
     texts: dict[int, list[str]] = {}
@@ -47,7 +48,7 @@ def write_yolo(folder: Path, video: TrackedVideo) -> None:
         rows.frames.tolist(), rows.ids.tolist(), shares.tolist(), rows.scores.tolist(), strict=True
     ):
         place = " ".join(f"{value:.6f}" for value in box)
-        texts.setdefault(frame, []).append(f"{numbers[video.kind(number)]} {place} {score:.4f} {number}\n")
+        texts.setdefault(frame, []).append(f"{video.kinds[video.kind[number]]} {place} {score:.4f} {number}\n")
     for frame, lines in texts.items():
         stem = PurePosixPath(video.images[frame]).stem if video.images else f"{video.stem}_{frame + 1}"
         (folder / LABELS / f"{stem}.txt").write_text("".join(lines), encoding="utf-8")
@@ -57,11 +58,9 @@ def read_yolo(folder: Path) -> TrackedVideo:
     """The tracks in a folder.
 
     Raises:
-        RequestError: there is none, or a row is broken or without an id.
+        RequestError: a row is broken or without an id.
     """
     files = sorted((folder / LABELS).glob("*.txt"))
-    if not files:
-        raise RequestError(f"{folder}: expected YOLO's rows in {LABELS}/*.txt, found none")
     about = _about(folder)
     images = list_images(folder / IMAGES)
     size = _size(about) or (_size_of(images[0]) if images else None)
@@ -69,18 +68,16 @@ def read_yolo(folder: Path) -> TrackedVideo:
     named = dict(enumerate(names)) if isinstance(names, list) else names if isinstance(names, dict) else {}
     places = {image.stem: frame for frame, image in enumerate(images)}
     found = [(_frame(path, places), row) for path in files for row in _rows(path, size or (1, 1))]
-    classes = {number: str(named.get(kind, kind)) for _, (kind, number, _, _) in found}
+    classes = {number: (kind, str(named.get(kind, kind))) for _, (kind, number, _, _) in found}
     rows = ((frame, number, box, score, True) for frame, (_, number, box, score) in found)
-    tracks = tracks_of_rows(folder, rows)
-    shift = 1 if classes and min(classes) == 0 else 0
+    tracks = tracks_of_rows(folder, rows, classes)
     return TrackedVideo(
         tracks,
-        re.sub(r"_?\d+$", "", files[0].stem) or folder.resolve().name,
+        (re.sub(r"_?\d+$", "", files[0].stem) if files else "") or folder.resolve().name,
         float(about.get("frame_rate") or 0),
         size,
         int(about.get("frames") or len(images)),
-        {number + shift: kind for number, kind in classes.items()},
-        tuple(image.name for image in images),
+        images=tuple(image.name for image in images),
         shares=size is None,
     )
 

@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.animals.run import track_animals as track_animals
     from tsuiseki.tracking.animals.settings import AnimalSettings as AnimalSettings
     from tsuiseki.tracking.animals.settings import SkeletonSettings as SkeletonSettings
+    from tsuiseki.tracking.answers.counting import Answers as Answers
+    from tsuiseki.tracking.answers.counting import count as count
+    from tsuiseki.tracking.answers.online import Counter as Counter
+    from tsuiseki.tracking.answers.scene import Scene as Scene
+    from tsuiseki.tracking.answers.scene import read_scene as read_scene
+    from tsuiseki.tracking.answers.settings import CountSettings as CountSettings
     from tsuiseki.tracking.bodies.run import follow_deformable as follow_deformable
     from tsuiseki.tracking.bodies.run import track_deformable as track_deformable
     from tsuiseki.tracking.bodies.settings import DeformableSettings as DeformableSettings
@@ -43,6 +49,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.people.deepsort import DeepSortSettings as DeepSortSettings
     from tsuiseki.tracking.people.flow import FlowTracker as FlowTracker
     from tsuiseki.tracking.people.flow_input import FlowSettings as FlowSettings
+    from tsuiseki.tracking.people.hiding import hide as hide
     from tsuiseki.tracking.people.ocsort import OcSort as OcSort
     from tsuiseki.tracking.people.ocsort import OcSortSettings as OcSortSettings
     from tsuiseki.tracking.people.sort import Sort as Sort
@@ -59,7 +66,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.points.settings import PointSettings as PointSettings
     from tsuiseki.tracking.points.tracker import PointTracker as PointTracker
     from tsuiseki.tracking.result import Result as Result
-    from tsuiseki.tracking.single.run import follow as follow
+    from tsuiseki.tracking.result import convert as convert
+    from tsuiseki.tracking.single.run import follow_single as follow_single
     from tsuiseki.tracking.single.run import track_single as track_single
     from tsuiseki.tracking.sphere.points import track_sphere_points as track_sphere_points
     from tsuiseki.tracking.sphere.run import follow_sphere as follow_sphere
@@ -96,6 +104,8 @@ __all__ = sorted([*_HOMES, "__version__"])
 
 
 def __getattr__(name: str) -> Any:
+    if name == "follow":  # its name before all were called alike
+        name = "follow_single"
     if name == "__version__":
         from importlib import metadata
 

@@ -22,7 +22,7 @@ from tsuiseki.tracking.errors import RequestError, an_instance
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, ReportedBox, adjusted
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Targets
 
 
@@ -60,7 +60,21 @@ class ByteTrack(LifecycleTracker):
     """Each frame: predict every track, match the sure detections, then the unsure ones to the tracks left over.
 
     Beyond the paper, the boxes a track had before it was confirmed are in ``tracks()`` too once it is. It draws no
-    random numbers. Somebody who is detected with a low score for two frames stays one track:
+    random numbers.
+
+    Args:
+        high_score: score from which on a detection takes part in the first matching, 0.6 by default.
+        low_score: detections below this take part in nothing, 0.1 by default.
+        min_iou: least overlap of a match in the first matching, 0.2 by default.
+        min_iou_low: least overlap of a match with a detection of low score, 0.5 by default.
+        max_age: frames that a person is kept without a detection, 30 by default.
+        min_hits: detections in a row from which on a person is shown, 2 by default; 1 shows everyone at once.
+        start_score: lowest score of a detection that may start a track, ``high_score`` + 0.1 by default.
+        boxes: ``filtered`` boxes of the Kalman filter, or those ``detected``; the former by default.
+        settings: everything else; what is given by name goes before.
+        seed: taken as by all trackers; nothing is drawn.
+
+    Somebody who is detected with a low score for two frames stays one track:
 
     >>> tracker = ByteTrack()
     >>> for time, score in enumerate([0.9, 0.9, 0.3, 0.3, 0.9]):
@@ -71,8 +85,32 @@ class ByteTrack(LifecycleTracker):
     [[0, 1, 2, 3, 4]]
     """
 
-    def __init__(self, settings: ByteTrackSettings | None = None, seed: int = 0) -> None:
-        self.settings, self.seed = an_instance(settings or ByteTrackSettings(), ByteTrackSettings, "settings"), seed
+    def __init__(
+        self,
+        settings: ByteTrackSettings | None = None,
+        seed: int = 0,
+        *,
+        high_score: float | None = None,
+        low_score: float | None = None,
+        min_iou: float | None = None,
+        min_iou_low: float | None = None,
+        max_age: int | None = None,
+        min_hits: int | None = None,
+        start_score: float | None = None,
+        boxes: ReportedBox | None = None,
+    ) -> None:
+        if high_score is not None and settings is None and start_score is None:
+            start_score = high_score + 0.1
+        life = {"max_age": max_age, "min_hits": min_hits, "start_score": start_score, "boxes": boxes}
+        self.settings = adjusted(
+            an_instance(settings or ByteTrackSettings(), ByteTrackSettings, "settings"),
+            high_score=high_score,
+            low_score=low_score,
+            min_iou=min_iou,
+            min_iou_low=min_iou_low,
+            **life,
+        )
+        self.seed = seed
         super().__init__(self.settings.lifecycle, self.settings.motion)
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:

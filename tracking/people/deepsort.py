@@ -27,7 +27,7 @@ from tsuiseki.tracking.errors import RequestError, an_instance
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, Survivors
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, ReportedBox, Survivors, adjusted
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets
 
 
@@ -59,10 +59,45 @@ class DeepSortSettings:
 
 
 class DeepSort(LifecycleTracker):
-    """Appearance first, then position, each with its own gate. It draws no random numbers."""
+    """Appearance first, then position, each with its own gate. It draws no random numbers.
 
-    def __init__(self, settings: DeepSortSettings | None = None, seed: int = 0) -> None:
-        self.settings, self.seed = an_instance(settings or DeepSortSettings(), DeepSortSettings, "settings"), seed
+    Args:
+        feature_gate: largest cosine distance of a match by appearance, 0.3 by default.
+        position_gate: largest 1 - IoU of a match by position, 0.7 by default.
+        memory: weight of the past in a track's mean appearance, 0.9 by default.
+        reach: distance within which appearance may match, 1 height of the person by default.
+        max_age: frames that a person is kept without a detection, 30 by default.
+        min_hits: detections in a row from which on a person is shown, 3 by default; 1 shows everyone at once.
+        start_score: lowest score of a detection that may start a track, 0.5 by default.
+        boxes: ``filtered`` boxes of the Kalman filter, or those ``detected``; the former by default.
+        settings: everything else; what is given by name goes before.
+        seed: taken as by all trackers; nothing is drawn.
+    """
+
+    def __init__(
+        self,
+        settings: DeepSortSettings | None = None,
+        seed: int = 0,
+        *,
+        feature_gate: float | None = None,
+        position_gate: float | None = None,
+        memory: float | None = None,
+        reach: float | None = None,
+        max_age: int | None = None,
+        min_hits: int | None = None,
+        start_score: float | None = None,
+        boxes: ReportedBox | None = None,
+    ) -> None:
+        life = {"max_age": max_age, "min_hits": min_hits, "start_score": start_score, "boxes": boxes}
+        self.settings = adjusted(
+            an_instance(settings or DeepSortSettings(), DeepSortSettings, "settings"),
+            feature_gate=feature_gate,
+            position_gate=position_gate,
+            memory=memory,
+            reach=reach,
+            **life,
+        )
+        self.seed = seed
         super().__init__(self.settings.lifecycle, self.settings.motion)
         self._appearance = np.empty((0, 0))
 

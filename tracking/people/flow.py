@@ -19,6 +19,7 @@ from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detection
 from tsuiseki.tracking.options import refuse_nan
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, refuse_heaps
+from tsuiseki.tracking.people.lifecycle import adjusted
 from tsuiseki.tracking.people.whole_flow import WholeFlow
 from tsuiseki.tracking.types import FloatArray, Targets, Track
 
@@ -35,7 +36,7 @@ class FlowTracker:
     answered so much later and the answer is final (`delayed_flow`).
 
     Args:
-        settings: costs and stages.
+        settings: costs and stages; what is given by name goes before.
         transition: learnt prices of pairs of detections, taken beside the motion; by default none.
         observation: learnt prices of scores, taken for their calibration; by default the video calibrates them.
         frame_rate: frames a second, those that are skipped among them; on average where times are given.
@@ -48,6 +49,9 @@ class FlowTracker:
         delay: seconds from a frame to its answer, 0 or more; None answers at the end.
         drop_straddling: without a delay, drop tracks most of whose detections lie on the boxes of others; see
             `straddling_tracks`.
+        min_time: tracks of fewer seconds of detections are dropped, 0.16 by default.
+        fill: longest gap that is filled, 2 seconds by default; 0 fills none.
+        smoothing: smooth boxes by as much as suits the video, as by default; False reports them as detected.
 
     With a delay or with ``changes`` all places are taken alike, whatever ``settings.costs.places`` says: the one
     answers before all tracks could be looked at twice, the others were learnt so.
@@ -75,13 +79,21 @@ class FlowTracker:
         delay: float | None = None,
         drop_straddling: bool = False,
         stride: float = 1.0,
+        min_time: float | None = None,
+        fill: float | None = None,
+        smoothing: bool | None = None,
     ) -> None:
         numbers = isinstance(frame_rate, int | float) and isinstance(stride, int | float)
         if not (numbers and 0 < frame_rate < np.inf and 1 <= stride < np.inf):
             raise RequestError(f"expected a frame rate above 0 and a stride from 1, got {frame_rate} and {stride}")
         if delay is not None and not 0 <= delay < np.inf:
             raise RequestError(f"expected a delay of 0 seconds or more, got {delay}")
-        settings = an_instance(settings or FlowSettings(), FlowSettings, "settings")
+        settings = adjusted(
+            an_instance(settings or FlowSettings(), FlowSettings, "settings"),
+            min_time=min_time,
+            fill=fill,
+            smoothing=smoothing,
+        )
         refuse_nan(settings)
         if delay is not None or changes is not None:
             settings = settings.alike()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from tsuiseki.tracking.options import refuse_nan
 from tsuiseki.tracking.people.votes import Votes
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
 
+S = TypeVar("S")
+ReportedBox = Literal["filtered", "detected"]
 _STATUSES = np.array(STATUSES)
 
 
@@ -41,11 +43,34 @@ class LifecycleSettings:
     min_hits: int = 3
     max_age: int = 10
     start_score: float = 0.5
-    boxes: Literal["filtered", "detected"] = "filtered"
+    boxes: ReportedBox = "filtered"
 
     def __post_init__(self) -> None:
         if self.min_hits < 1 or self.max_age < 0:
             raise RequestError(f"expected min_hits >= 1 and max_age >= 0, got {self.min_hits} and {self.max_age}")
+        if self.boxes not in get_args(ReportedBox):
+            raise RequestError(f"expected the boxes {' or '.join(get_args(ReportedBox))}, got {self.boxes!r}")
+
+
+def adjusted(settings: S, **given: Any) -> S:
+    """Settings, in which those that are given and not None are others; names of `LifecycleSettings` go there.
+
+    Raises:
+        RequestError: ``settings`` are none, or a value cannot be used.
+    """
+    if not is_dataclass(settings):
+        raise RequestError(f"expected settings by their names, such as max_age=30, got {settings!r}")
+    old: Any = settings
+    own = {one.name for one in fields(old)}
+    known = {name: value for name, value in given.items() if value is not None}
+    life = {name: known.pop(name) for name in [*known] if name not in own}
+    try:
+        if life:
+            known["lifecycle"] = replace(old.lifecycle, **life)
+        changed: S = replace(old, **known)
+    except TypeError as error:
+        raise RequestError(f"expected numbers in the settings, got {life | known}") from error
+    return changed
 
 
 @dataclass(frozen=True)
@@ -175,8 +200,9 @@ class Lifecycle:
         self._hits, self._misses = hits, misses
         present, used = np.flatnonzero(misses == 0), np.concatenate([detected, parts.started])
         self._votes.follow(old, started, present, used, detections)
-        scores, boxes = self._note(present, used, detections)
-        self._targets = self._answer(scores, boxes, self._origin(present, detections.origin[used, 0]), *lost)
+        origin = detections.origin[used]
+        scores, boxes = self._note(present, used, detections, origin)
+        self._targets = self._answer(scores, boxes, self._origin(present, origin[:, 0]), *lost)
         return parts
 
     def _origin(self, present: IntArray, rows: IntArray) -> IntArray:
@@ -194,7 +220,9 @@ class Lifecycle:
         kept, lost = np.flatnonzero(unseen & young), np.flatnonzero(unseen & ~young)
         return Survivors(seen, detected, kept, np.flatnonzero(free), lost)
 
-    def _note(self, present: IntArray, detected: IntArray, detections: Detections) -> tuple[FloatArray, FloatArray]:
+    def _note(
+        self, present: IntArray, detected: IntArray, detections: Detections, origin: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Record the tracks at ``(D,)`` rows, which were detected in this frame.
 
         Returns:
@@ -209,7 +237,7 @@ class Lifecycle:
         if self._settings.boxes == "detected":
             boxes = boxes.copy()
             boxes[present] = detections.boxes[detected]
-        rows = np.concatenate([boxes[present], detections.origin[detected]], axis=1)
+        rows = np.concatenate([boxes[present], origin], axis=1)
         self._record.append(self.clock.frame - 1, numbers, rows, scores[present])
         return scores, boxes
 

@@ -9,7 +9,7 @@ from tsuiseki.tracking.errors import RequestError, an_instance
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, ReportedBox, adjusted
 from tsuiseki.tracking.types import Targets
 
 
@@ -38,6 +38,15 @@ class Sort(LifecycleTracker):
     The matching maximises the overlap (Hungarian method on 1 - IoU, gated). Beyond the paper, the boxes a track had
     before it was confirmed are in ``tracks()`` too once it is. It draws no random numbers.
 
+    Args:
+        min_iou: least overlap of a prediction and a detection that may be the same person, 0.3 by default.
+        max_age: frames that a person is kept without a detection, 10 by default.
+        min_hits: detections in a row from which on a person is shown, 3 by default; 1 shows everyone at once.
+        start_score: lowest score of a detection that may start a track, 0.5 by default.
+        boxes: ``filtered`` boxes of the Kalman filter, or those ``detected``; the former by default.
+        settings: everything else; what is given by name goes before.
+        seed: taken as by all trackers; nothing is drawn.
+
     >>> tracker = Sort()
     >>> for t in range(5):
     ...     people = tracker.update([[t, 0, t + 20, 50, 0.9]])
@@ -47,8 +56,22 @@ class Sort(LifecycleTracker):
     [[0, 1, 2, 3, 4]]
     """
 
-    def __init__(self, settings: SortSettings | None = None, seed: int = 0) -> None:
-        self.settings, self.seed = an_instance(settings or SortSettings(), SortSettings, "settings"), seed
+    def __init__(
+        self,
+        settings: SortSettings | None = None,
+        seed: int = 0,
+        *,
+        min_iou: float | None = None,
+        max_age: int | None = None,
+        min_hits: int | None = None,
+        start_score: float | None = None,
+        boxes: ReportedBox | None = None,
+    ) -> None:
+        life = {"max_age": max_age, "min_hits": min_hits, "start_score": start_score, "boxes": boxes}
+        self.settings = adjusted(
+            an_instance(settings or SortSettings(), SortSettings, "settings"), min_iou=min_iou, **life
+        )
+        self.seed = seed
         super().__init__(self.settings.lifecycle, self.settings.motion)
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:

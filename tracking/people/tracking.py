@@ -18,6 +18,8 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 
 from tsuiseki.tracking.association.looks import stride_of
+from tsuiseki.tracking.cli.progress import progress
+from tsuiseki.tracking.cli.run import frames_expected
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
@@ -56,7 +58,7 @@ from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.types.class_choice import called
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.types.tracks import targets_at
-from tsuiseki.tracking.video.source import Source, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, endless, named, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 
@@ -72,7 +74,13 @@ class PeopleKeywords(TypedDict, total=False):
             ``deepsort``; by default the shipped one; ``"none"`` does without.
         affinity: exported link costs for ``flow``; by default the shipped ones after an exported detector, hand-set
             costs otherwise; ``"none"`` takes hand-set costs always.
-        frames: only these frames, counted from 1 with both ends, such as ``"301-400"``.
+        score_threshold: the detector keeps what scores at least this, from 0 to 1; by default 0.3, or what the
+            beginning of the video tells of another project's detector.
+        view: in how many tiles the detector looks at a frame: ``"auto"``, ``"1"``, ``"3x2"`` or ``"tiles"``.
+        frames: only these frames, such as ``"301-400"``, counted from 1 with both ends as on the command line; all
+            other numbers of frames in Python count from 0.
+        frame_rate: frames a second, where the source does not say it, as images do not, or is wrong.
+        progress: show on the terminal how far the run is.
         frames_looked_at: numbers, counted from 0, of the frames that ``detections`` were looked for in, such as
             ``range(0, 300, 10)``; by default the detections tell a stride. Nobody is missed in other frames.
         moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
@@ -94,7 +102,11 @@ class PeopleKeywords(TypedDict, total=False):
     detector: DetectorLike | None
     appearance: AppearanceLike | None
     affinity: str | Path | LearntCosts | None
+    score_threshold: float | None
+    view: str
     frames: str | None
+    frame_rate: float | None
+    progress: bool
     frames_looked_at: Iterable[int] | None
     moving_camera: bool
     threads: int
@@ -107,16 +119,17 @@ class PeopleKeywords(TypedDict, total=False):
 
 
 def track_people(
-    source: str | Path | int, method: PeopleMethod | PeopleTracker = "flow", **keywords: Unpack[PeopleKeywords]
+    source: SourceLike, method: PeopleMethod | PeopleTracker = "flow", **keywords: Unpack[PeopleKeywords]
 ) -> Result[Track]:
     """Everyone in a video, each with an id.
 
     Args:
-        source: a video file, a folder of images, or a MOTChallenge sequence folder; a webcam's number or a stream's
-            address together with ``frames``, since it does not end by itself.
+        source: a video file, a folder of images, a MOTChallenge sequence folder, or images ``(H, W, 3)`` uint8 RGB in a
+            list or as they come; a webcam's number or a stream's address together with ``frames``, since it does not
+            end by itself.
         method: ``flow`` links the whole video at once, which is the most accurate; ``deepsort``, ``sort``,
             ``bytetrack`` and ``ocsort`` go frame by frame; or a tracker with settings of one's own, such as
-            ``Sort(SortSettings(min_iou=0.2))``.
+            ``Sort(max_age=30)``.
         keywords: see `PeopleKeywords`.
 
     Returns:
@@ -126,20 +139,23 @@ def track_people(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
+    shown = keywords.pop("progress", False)
     opened = _opened(source, method, **keywords)
     video = opened.inputs.source
-    if video.live and video.frames_wanted.last is None:
+    if endless(video):
         raise RequestError(f"{video.name} does not end by itself; give frames, or use follow_people")
     name, times = method if isinstance(method, str) else type(method).__name__, StageTimes()
-    made = {"method": name, "source": str(source), "seed": keywords.get("seed", 0)}
-    result, _ = people_result(opened, opened.inputs.found(times=times), times, made)
+    made = {"method": name, "source": named(source), "seed": keywords.get("seed", 0)}
+    found = opened.inputs.found(times=times)
+    watched = progress(found, "tracking", frames_expected(video)) if shown else found
+    result, _ = people_result(opened, watched, times, made)
     if why := result.facts.get("detections_without_track"):
         warnings.warn(why, InputWarning, stacklevel=2)
     return result
 
 
 def follow_people(
-    source: str | Path | int, method: PeopleMethod | PeopleTracker = "sort", **keywords: Unpack[PeopleKeywords]
+    source: SourceLike, method: PeopleMethod | PeopleTracker = "sort", **keywords: Unpack[PeopleKeywords]
 ) -> Iterator[tuple[Frame, Targets]]:
     """Each frame with the people in it, while the video comes.
 
@@ -156,6 +172,7 @@ def follow_people(
         RequestError: see `track_people`; or the method answers at the end only.
         RunError: the video breaks off.
     """
+    shown = keywords.pop("progress", False)
     opened = _opened(source, method, **keywords)
     inputs = opened.inputs
     if not inputs.source.has_images:
@@ -165,7 +182,8 @@ def follow_people(
             "expected a method that answers while it runs, such as sort, or flow with a `delay`, got one that decides "
             "at the end; use track_people"
         )
-    return _followed(replace(inputs, batch_size=1 if inputs.source.live else inputs.batch_size), opened.tracker)
+    followed = _followed(replace(inputs, batch_size=1 if inputs.source.live else inputs.batch_size), opened.tracker)
+    return progress(followed, "following", frames_expected(inputs.source)) if shown else followed
 
 
 @dataclass(frozen=True)
@@ -249,10 +267,11 @@ def _fresh_tracker(inputs: PeopleInputs, linking: Linking, learnt: LearntCosts |
 
 
 def _opened(
-    source: str | Path | int,
+    source: SourceLike,
     method: Any,
     *,
     frames: str | None = None,
+    frame_rate: float | None = None,
     frames_looked_at: Iterable[int] | None = None,
     affinity: Any = None,
     moving_camera: bool = False,
@@ -262,7 +281,7 @@ def _opened(
 ) -> OpenedPeople:
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
     linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
-    video = open_source(source, parse_frames(frames))
+    video = open_source(source, parse_frames(frames), frame_rate)
     known = [one.name for one in fields(PeopleFinding)]
     if unknown := [name for name in finding if name not in known]:
         raise RequestError(f"expected the keywords of `PeopleKeywords`, got {unknown[0]!r}")
@@ -289,6 +308,8 @@ def people_result(
     every, log = run_trackers(found, {name: opened.tracker}, times, opened.inputs.looked)
     tracks = every[name]
     facts, lines = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
+    if names := {str(n): name for track in tracks for n, name in track.names.items() if name and n == track.class_id}:
+        facts["classes"] = names
     if unused := _lines_on_unused(opened, log.first, tracks):
         facts["detections_without_track"] = "; ".join(unused)
 

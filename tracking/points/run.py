@@ -30,7 +30,7 @@ from tsuiseki.tracking.points.tracker import BlobTracker, PointTracker, SingleBl
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.source import Source, SourceLike, endless, named
 
 AnyBlobTracker: TypeAlias = BlobTracker | SingleBlobTracker | PointTracker
 USUAL_EXTENT = (640.0, 480.0)
@@ -38,7 +38,7 @@ ColourLike: TypeAlias = str | ColourRange | ArrayLike
 
 
 def track_blobs(
-    source: str | Path | int,
+    source: SourceLike,
     colour: ColourLike,
     *,
     settings: BlobSettings | None = None,
@@ -48,7 +48,7 @@ def track_blobs(
     """Every object of a colour in a video, each with an id.
 
     Args:
-        source: a video file, a folder of images, or a MOTChallenge sequence folder.
+        source: a video file, a folder of images, a MOTChallenge sequence folder, or images in a list.
         colour: ``red``, ``orange``, ``yellow``, ``green``, ``cyan``, ``blue``, ``magenta``, ``black``, ``white``;
             ``"H1-H2,S1-S2,V1-V2"`` with hues in degrees; or the ``(4,)`` box of an object in the first frame, x1, y1,
             x2, y2, whose colour is taken.
@@ -61,13 +61,13 @@ def track_blobs(
         RunError: the video breaks off.
     """
     opened, tracker = _prepared(source, colour, settings, frames, seed)
-    if opened.live and opened.frames_wanted.last is None:
+    if endless(opened):
         raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_blobs")
-    return blob_result(opened, tracker, opened.frames(), StageTimes(), {"source": str(source), "seed": seed})
+    return blob_result(opened, tracker, opened.frames(), StageTimes(), {"source": named(source), "seed": seed})
 
 
 def follow_blobs(
-    source: str | Path | int,
+    source: SourceLike,
     colour: ColourLike,
     *,
     settings: BlobSettings | None = None,
@@ -147,9 +147,9 @@ def chosen_colour(source: Source, colour: ColourLike) -> ColourRange:
 
 
 def _prepared(
-    source: str | Path | int, colour: ColourLike, settings: BlobSettings | None, frames: str | None, seed: int
+    source: SourceLike, colour: ColourLike, settings: BlobSettings | None, frames: str | None, seed: int
 ) -> tuple[Source, BlobTracker | SingleBlobTracker]:
-    opened = Video(source=str(source), frames=frames).open(images=True)
+    opened = Video.given(source, frames).open(images=True)
     settings = an_instance(settings or BlobSettings(), BlobSettings, "settings")
     return opened, colour_tracker(chosen_colour(opened, colour), settings, seed)
 

@@ -1,4 +1,4 @@
-"""One target through a video, from its box in the first frame: `follow`, and `tsuiseki track single`."""
+"""One target through a video, from its box in the first frame: `follow_single`, and `tsuiseki track single`."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from tsuiseki.tracking.single.tracker import SingleTracker, as_box, follow_targe
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import STATUSES, Estimate, FloatArray, Frame, ImageArray, Status, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
-from tsuiseki.tracking.video.source import Source, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, endless, named, open_source
 
 # Frames that the trail of a target goes back.
 TRAIL = 49
 
 
-def follow(
-    source: str | Path | int,
+def follow_single(
+    source: SourceLike,
     box: Sequence[float] | ArrayLike | None = None,
     method: SingleMethod | SingleTracker = "combined",
     *,
@@ -49,8 +49,8 @@ def follow(
     """One target of any kind: each frame with the target's box, a score, and whether to believe it.
 
     Args:
-        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, VOT, UAV123), the number of a
-            webcam or the address of a stream.
+        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, VOT, UAV123), images in a
+            list or as they come, the number of a webcam or the address of a stream.
         box: ``(4,)`` the target in the first frame, x1, y1, x2, y2 in 0-based pixels; a labelled sequence folder has
             its own.
         method: ``combined`` is a correlation filter with colours and sizes that particles help when the target is
@@ -73,7 +73,7 @@ def follow(
 
 
 def track_single(
-    source: str | Path | int,
+    source: SourceLike,
     box: Sequence[float] | ArrayLike | None = None,
     method: SingleMethod | SingleTracker = "combined",
     *,
@@ -83,20 +83,20 @@ def track_single(
 ) -> Result[Track]:
     """One target of any kind through a whole video: one track, with what is known of the run.
 
-    Arguments and errors are those of `follow`. The track has a box in every frame, where the target is not tracked
-    without support by it; ``frames`` of the result has the score and the status.
+    Arguments and errors are those of `follow_single`. The track has a box in every frame, where the target is not
+    tracked without support by it; ``frames`` of the result has the score and the status.
     """
     opened, wanted = _opened(source, box, frames)
-    if opened.live and opened.frames_wanted.last is None:
-        raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow")
+    if endless(opened):
+        raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_single")
     tracker, times = single_tracker(method, preset, seed), StageTimes()
     followed = follow_frames(opened.frames(), wanted, tracker, times)
     name = method if isinstance(method, str) else type(method).__name__
-    return single_result(opened, followed, times, {"method": name, "source": str(source), "seed": seed})
+    return single_result(opened, followed, times, {"method": name, "source": named(source), "seed": seed})
 
 
 def _opened(
-    source: str | Path | int, box: Sequence[float] | ArrayLike | None, frames: str | None
+    source: SourceLike, box: Sequence[float] | ArrayLike | None, frames: str | None
 ) -> tuple[Source, FloatArray]:
     """The video and the target in its first frame, checked."""
     opened, labelled = open_single(source, frames)
@@ -139,15 +139,15 @@ def follow_frames(
         yield current[0], estimate
 
 
-def open_single(source: str | Path | int, frames: str | None = None) -> tuple[Source, FloatArray | None]:
+def open_single(source: SourceLike, frames: str | None = None) -> tuple[Source, FloatArray | None]:
     """The video, and the labelled box of its first frame where it is a sequence folder with labels.
 
     Raises:
         RequestError: see `open_source` and `find_single_sequences`.
     """
-    stretch, folder = parse_frames(frames), Path(str(source))
-    if not folder.is_dir() or not has_labels(folder):
-        return open_source(str(source), stretch), None
+    stretch, folder = parse_frames(frames), Path(named(source))
+    if not isinstance(source, str | Path) or not folder.is_dir() or not has_labels(folder):
+        return open_source(source, stretch), None
     sequence = find_single_sequences(folder)[0]
     if not sequence.images:
         raise RequestError(f"{folder}: expected images beside its labels, found none")

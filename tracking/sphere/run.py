@@ -33,7 +33,7 @@ from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray, Frame, Position
 from tsuiseki.tracking.types.tracks import Path3D
 from tsuiseki.tracking.video.image_folder import read_image
-from tsuiseki.tracking.video.source import Source, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, named, open_source
 from tsuiseki.tracking.video.synchronise import LatestFrames, Moment, moments_with_images
 
 BACKGROUND_FRAMES = 25
@@ -59,7 +59,7 @@ class SphereKeywords(TypedDict, total=False):
 
 
 def track_sphere(
-    sources: Sequence[str | Path],
+    sources: Sequence[SourceLike],
     cameras: str | Path,
     radius: float,
     *,
@@ -69,7 +69,7 @@ def track_sphere(
     """Where a ball of known radius is in space, at every moment.
 
     Args:
-        sources: two or more videos or folders of images, in the order of the cameras.
+        sources: two or more videos, folders or lists of images, in the order of the cameras.
         cameras: ``cameras.yaml`` with one entry per video; `tsuiseki calibrate points` writes it.
         radius: of the ball, metres.
         seed: of all random numbers.
@@ -84,11 +84,11 @@ def track_sphere(
         raise RequestError("live cameras do not end by themselves; use follow_sphere")
     times = StageTimes()
     log = chosen.run(np.random.default_rng(seed), times)
-    return sphere_result(chosen, log, times, {"source": [str(source) for source in sources], "seed": seed})
+    return sphere_result(chosen, log, times, {"source": [named(source) for source in sources], "seed": seed})
 
 
 def follow_sphere(
-    sources: Sequence[str | Path | int],
+    sources: Sequence[SourceLike],
     cameras: str | Path,
     radius: float,
     *,
@@ -104,7 +104,7 @@ def follow_sphere(
 
 
 def sphere_run(
-    sources: Sequence[str | Path | int], cameras: str | Path, radius: float, **keywords: Unpack[SphereKeywords]
+    sources: Sequence[SourceLike], cameras: str | Path, radius: float, **keywords: Unpack[SphereKeywords]
 ) -> SphereRun:
     """A run of `track_sphere`; all sources may be live.
 
@@ -138,9 +138,7 @@ def sphere_run(
     return SphereRun(placed, stamps, settings.tolerance, tracker, start, seen, radius, videos)
 
 
-def _opened(
-    sources: Sequence[str | Path | int], cameras: str | Path
-) -> tuple[Sequence[PlacedCamera], Sequence[Source]]:
+def _opened(sources: Sequence[SourceLike], cameras: str | Path) -> tuple[Sequence[PlacedCamera], Sequence[Source]]:
     """The cameras of a file and the video of each."""
     placed = read_projective_cameras(a_path(cameras, "cameras"))
     if len(sources) != len(placed) or len(sources) < 2:
@@ -148,7 +146,7 @@ def _opened(
             f"expected at least two videos and one camera for each, got {len(sources)} videos and {len(placed)} "
             f"cameras in {cameras}; give the videos in the order of its entries"
         )
-    return placed, [open_source(str(source)) for source in sources]
+    return placed, [open_source(source) for source in sources]
 
 
 def _start(

@@ -6,10 +6,10 @@ OpenCV's BGR order stops here: a `Frame` is RGB.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import cv2
 import numpy as np
@@ -20,9 +20,11 @@ from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.coded_size import CodedSizes, Size
 from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, container_time, stated_rate, uneven
+from tsuiseki.tracking.video.given_frames import GivenFrames
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder, one_image
 from tsuiseki.tracking.video.live import LiveSource
 
+SourceLike: TypeAlias = str | Path | int | Iterable[ImageArray | Frame]
 # FFmpeg draws the letters of a text file.
 DRAWN_TEXT = cv2.VideoWriter.fourcc(*"ansi")
 PLAYLIST_HEADERS = (b"#EXTM3U", b"ffconcat")
@@ -71,12 +73,12 @@ class Source(Protocol):
         ...
 
 
-def open_source(source: str | Path | int, frames: FrameRange | None = None, frame_rate: float | None = None) -> Source:
+def open_source(source: SourceLike, frames: FrameRange | None = None, frame_rate: float | None = None) -> Source:
     """What ``source`` names, checked before anything is read in full.
 
     Args:
         source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
-            webcam, or the address of a stream.
+            webcam, the address of a stream, or images, see `GivenFrames`.
         frames: the stretch to read; by default all.
         frame_rate: frames a second, instead of what the source says; a file's frames are then timed by it.
 
@@ -84,12 +86,16 @@ def open_source(source: str | Path | int, frames: FrameRange | None = None, fram
         RequestError: there is no such thing, it cannot be read, it has no frame, its images differ in size, or
             the stretch lies beyond it.
     """
-    if not isinstance(source, str | Path | int):
+    opened: ImageFolder | VideoFile | LiveSource | GivenFrames
+    if isinstance(source, str | Path | int):
+        opened = _opened(str(source), frames or FrameRange())
+    elif isinstance(source, Iterable) and not isinstance(source, Mapping):
+        opened = GivenFrames.open(source, frames or FrameRange())
+    else:
         raise RequestError(
-            f"expected a video file, a folder of images, a webcam number or an address, got "
-            f"{type(source).__name__}; write images into a folder, or give the boxes of each frame to a tracker"
+            f"expected a video file, a folder of images, a webcam number, an address or images, got "
+            f"{type(source).__name__}"
         )
-    opened = _opened(str(source), frames or FrameRange())
     if frame_rate is None:
         return opened
     timed_by: TimedBy = "arrival" if opened.live else "frame rate"
@@ -116,8 +122,18 @@ def image_size(source: Source) -> Size | None:
 
 
 def address_of(source: Source) -> str:
-    """What `open_source` took to open it."""
-    return str(getattr(source, "address", "") or getattr(source, "path", source.name))
+    """What `open_source` took to open it; empty for images."""
+    return str(getattr(source, "address", getattr(source, "path", "")))
+
+
+def named(source: SourceLike) -> str:
+    """A source that was given, for the settings of a run."""
+    return str(source) if isinstance(source, str | Path | int) else "images"
+
+
+def endless(source: Source) -> bool:
+    """Whether a source does not end by itself."""
+    return source.live and source.frames_wanted.last is None and not getattr(source, "ends", False)
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ def test_a_clip_is_tracked_by_what_was_learnt(clip, motion, tmp_path):
     assert run["facts"]["frame_rate"] == 15.0
     assert run["frames"]["frame"] == list(range(1, 31))
     assert len(run["frames"]["score_1"]) == 30
-    assert set(run["seconds"]) == {"edges", "particles"}
+    assert set(run["seconds"]) == {"draw", "edges", "particles"}
 
 
 @pytest.mark.parametrize("preset", ["paper", "conditional", "independent", "velocity", "walk"])
@@ -105,7 +105,7 @@ def refused(words, capsys, expected):
         (["--init", "700,100,0,0"], "--init: expected a place in the image of 640x480, got 700,100"),
         (["--init", "-1,100,0,0"], "expected a place in the image"),
         (["--init", "100,100,0"], "--init: expected a,b,theta,phi as 4 finite numbers"),
-        (["--init", "100,100,0,.nan"], "4 finite numbers"),
+        (["--init", "100,100,0,.nan"], "--init: expected a number below 1e+06, got nan"),
         (["--init", "100,100,0,3"], "--init: expected phi from -1.57 to 1.57, got 3"),
         (["--init", "here"], "--init: expected numbers separated by commas"),
         (["--preset", "learnt"], "--preset learnt needs --motion"),
@@ -145,5 +145,5 @@ def test_what_cannot_be_learnt_from_gets_one_line(tmp_path, capsys):
     states[:, 3] = 0.5 * states[:, 2]
     write_states(path, [exact_track(1, np.arange(40), states)], FIELDS)
     refused(["train", "motion", str(path), *out, *rate], capsys, "singular covariance")
-    refused(["train", "motion", str(tmp_path / "no"), *out, *rate], capsys, "found no file")
+    refused(["train", "motion", str(tmp_path / "no"), *out, *rate], capsys, "found no such file")
     assert not (tmp_path / "motion.json").exists()

@@ -40,8 +40,8 @@ def test_the_seed_decides(tmp_path):
         (["--count", "6", "--body", "ball"], "1 to 5 balls"),
         (["--body", "whale"], "whale"),
         (["--frames", "0"], "--frames: expected 1 to 1000000, got 0"),
-        (["--frame-rate", "0"], "frame rate above 0"),
-        (["--width", "100"], "four times as large"),
+        (["--frame-rate", "0"], "expected a positive frame_rate, got 0"),
+        (["--width", "100"], "expected at least 224x224 pixels, got 100x480"),
     ],
 )
 def test_wrong_requests_are_refused_in_one_line(tmp_path, capsys, words, message):

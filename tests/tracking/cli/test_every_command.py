@@ -80,6 +80,8 @@ ELSEWHERE = {
         "tests/tracking/animals/test_animals_commands.py::test_a_film_is_tracked_in_millimetres_and_evaluated"
     ),
     "track fisheye": "tests/tracking/fisheye/test_fisheye_commands.py::test_given_boxes_become_places",
+    "hide": "tests/tracking/people/test_hiding.py::test_the_command_hides_and_counts_doubtful_frames",
+    "count": "tests/tracking/answers/test_count_command.py::test_the_command_writes_tables_plots_and_a_page",
     "evaluate people": "tests/tracking/cli/test_evaluate.py::test_a_partial_result_is_said_to_be_one",
     "evaluate detection": "tests/tracking/cli/test_evaluate.py::test_detections_are_scored",
     "evaluate single": "tests/tracking/single/test_single_commands.py::test_track_and_evaluate",
@@ -89,6 +91,7 @@ ELSEWHERE = {
     "evaluate points": "tests/tracking/points/test_blob_commands.py::test_a_clip_is_tracked_and_scored",
     "evaluate states": "tests/tracking/evaluation/test_states.py::test_the_command_compares_results",
     "evaluate action": "tests/tracking/drone/test_track_drone.py::test_report_overlay_and_evaluation",
+    "convert": "tests/tracking/cli/test_convert.py::test_a_folder_becomes_a_file_of_each_format",
     "reproduce multi-correlation-filter": (
         "tests/tracking/single/test_single_commands.py::test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache"
     ),

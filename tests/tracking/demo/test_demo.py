@@ -111,7 +111,7 @@ def test_missing_assets_are_told_before_anything_is_trained(
     monkeypatch.setattr("tsuiseki.trainers.shipped_models.commands", lambda *_: pytest.fail("a command was asked for"))
     words = ["demo", "--train", "--assets", str(tmp_path), "--out", str(tmp_path / "out")]
     assert main(words) == 2
-    assert "docs/methods/rendered-people.md says how to get them" in capsys.readouterr().err
+    assert "docs/methods/rendered-people.md says how to get the packages" in capsys.readouterr().err
 
 
 def test_assets_are_for_training(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -30,14 +30,15 @@ def tracks() -> list[Track]:
         corner, size = rng.uniform(0, 400, (len(frames), 2)), rng.uniform(10, 60, (len(frames), 2))
         boxes = np.concatenate([corner, corner + size], axis=1).round(1)
         scores = rng.uniform(0.3, 1, len(frames)).round(2)
-        found.append(Track(number, np.array(frames), boxes, scores, np.arange(len(frames)) != 1))
+        kind = {"names": {2: "car"}, "origin": np.tile([-1, 2], (len(frames), 1))} if number == 7 else {}
+        found.append(Track(number, np.array(frames), boxes, scores, np.arange(len(frames)) != 1, **kind))
     return found
 
 
 @pytest.fixture
 def video() -> TrackedVideo:
     """Three tracks of ten frames: one with a gap, one that ends before the video, one that does not; one is a car."""
-    return TrackedVideo(tracks(), "street.mp4", 25.0, (640, 480), 10, {7: "car"})
+    return TrackedVideo(tracks(), "street.mp4", 25.0, (640, 480), 10)
 
 
 def written(name: str, video: TrackedVideo, folder: Path) -> Path:
@@ -55,7 +56,7 @@ def test_what_is_written_comes_back(name: str, video: TrackedVideo, tmp_path: Pa
     back = read_exported(path)
     assert (back.stem, back.size, back.length) == ("street", (640, 480), 10)
     assert back.frame_rate == (0 if name == "cvat" else 25)
-    assert {n: back.kind(n) for n in FRAMES} == {2: "person", 7: "car", 9: "person"}
+    assert back.kind == {2: "person", 7: "car", 9: "person"}
     assert [track.id for track in back.tracks] == [2, 7, 9]
     for one, other in zip(video.tracks, back.tracks, strict=True):
         np.testing.assert_array_equal(one.frames, other.frames)
@@ -74,6 +75,10 @@ def test_labels_score_and_people_among_cars_count(name: str, video: TrackedVideo
     assert (labelled.name, labelled.length, labelled.size) == ("street", 10, (640, 480))
     truth = labelled.people()
     assert set(truth.ids[truth.evaluated].tolist()) == {2, 9}
+    cars = labelled.people(wanted="car")
+    assert cars.ids[cars.evaluated].tolist() == [7, 7]
+    with pytest.raises(RequestError, match=r"\d car, \d person\), got bus"):
+        labelled.people(wanted="bus")
     people = [track for track in video.tracks if track.id != 7]
     assert evaluate_people(path, people).mota == 1
     # As a result, the car is wrong.
@@ -86,7 +91,7 @@ def test_labels_train_with_the_images_beside_them(name: str, video: TrackedVideo
     (tmp_path / "images").mkdir()
     for image in names:
         cv2.imwrite(str(tmp_path / "images" / image), np.zeros((480, 640, 3), np.uint8))
-    known = TrackedVideo(video.tracks, "street.mp4", 25.0, (640, 480), 10, video.classes, names)
+    known = TrackedVideo(video.tracks, "street.mp4", 25.0, (640, 480), 10, names)
     if FORMATS[name].suffix:
         written(name, known, tmp_path)
     else:

@@ -100,7 +100,7 @@ def test_classes_apart_or_together(given: dict[str, Any], wanted: list[Any], tmp
     together = track_people(**given, classes=wanted, across_classes=True)
     assert {track.class_name for track in together} == {"person", "car"}
     written = read_tracks(together.save(tmp_path / "out") / "tracks.txt")
-    assert [track.class_id for track in written] == [track.class_id for track in together]
+    assert [track.class_name for track in written] == [track.class_name for track in together]
     assert "car 1" in (tmp_path / "out" / "report.html").read_text()
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings
 from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
+from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings, with_area
 from tsuiseki.tracking.people.ocsort import OcSort, OcSortSettings
 from tsuiseki.tracking.people.sort import Sort, SortSettings
@@ -114,3 +117,40 @@ def test_two_trackers_share_no_counter(make: Callable[[], OnlineTracker]) -> Non
 def test_a_box_that_shrank_to_nothing_keeps_a_pixel() -> None:
     boxes = np.array([[0, 0, 10, 10], [5, 5, 3, 9.0]])
     np.testing.assert_allclose(with_area(boxes), [[0, 0, 10, 10], [3.5, 5, 4.5, 9]])
+
+
+@pytest.mark.parametrize("make", [Sort, ByteTrack, OcSort, DeepSort])
+@pytest.mark.parametrize("score", [0.75, 0.95])
+def test_a_sure_detection_is_shown_within_three_frames(make: Callable[..., OnlineTracker], score: float) -> None:
+    tracker = make()
+    said = [tracker.update([] if t < 4 else [[*walk(1, t)[:4], score]]) for t in range(7)]
+    assert [len(targets) for targets in said[:5]] == [0] * 5
+    assert len(said[6]) == 1
+    assert len(make(min_hits=1).update([walk(1, 0)])) == 1
+
+
+@pytest.mark.parametrize("make", [Sort, ByteTrack, OcSort, DeepSort])
+def test_settings_by_name_are_those_of_the_settings(make: Callable[..., Any]) -> None:
+    named = make(max_age=7, min_hits=4, start_score=0.4, boxes="detected")
+    life = LifecycleSettings(min_hits=4, max_age=7, start_score=0.4, boxes="detected")
+    assert named.settings == type(named.settings)(lifecycle=life)
+    assert make(named.settings, max_age=9).settings.lifecycle.max_age == 9
+    for wrong in ({"min_hits": 0}, {"max_age": "a"}, {"boxes": "whole"}):
+        with pytest.raises(RequestError, match="expected"):
+            make(**wrong)
+    with pytest.raises(RequestError, match="settings by their names"):
+        make(30)
+
+
+def test_the_score_of_a_start_follows_the_score_of_a_match() -> None:
+    assert ByteTrack(high_score=0.25, low_score=0.05).settings.lifecycle.start_score == 0.35
+    assert OcSort(min_score=0.25).settings.lifecycle.start_score == 0.25
+    assert ByteTrack().settings == ByteTrackSettings()
+    assert OcSort().settings == OcSortSettings()
+
+
+def test_settings_of_the_flow_by_name() -> None:
+    tracker = FlowTracker(frame_rate=10.0, fill=0.0, min_time=0.5, smoothing=False)
+    assert tracker.settings == FlowSettings(fill=0.0, min_time=0.5, smoothing=False)
+    with pytest.raises(RequestError, match="settings by their names"):
+        FlowTracker(25.0)  # type: ignore[arg-type]

@@ -20,6 +20,7 @@ from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracking import follow_people, track_people
 from tsuiseki.tracking.types import Targets, Track
 from tsuiseki.tracking.types.tracks import targets_at
+from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
 
@@ -121,6 +122,19 @@ def test_a_detector_and_an_appearance_are_functions(street: Path) -> None:
 def test_a_tracker_with_settings_of_its_own_is_a_method(street: Path) -> None:
     given = labelled(street)
     assert same(track_people(street, Sort(), detections=given), track_people(street, "sort", detections=given))
+
+
+def test_images_in_a_list_or_as_they_come_are_a_video(street: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    images, given = [frame.image for frame in open_source(street).frames()], labelled(street)
+    rate = open_source(street).frame_rate
+    known = track_people(street, "sort", detections=given)
+    from_list = track_people(images, "sort", detections=given, frame_rate=rate, progress=True)
+    assert "tracking" in capsys.readouterr().err
+    assert same(known, from_list)
+    assert same(known, track_people(iter(images), "sort", detections=given))
+    assert (from_list.frame_rate, from_list.size, from_list.settings["source"]) == (rate, known.size, "images")
+    followed = list(follow_people((image for image in images), "sort", detections=given, progress=True))
+    assert [frame.index for frame, _ in followed] == list(range(16))
 
 
 def test_what_is_read_from_files_is_what_is_given_as_objects(street: Path) -> None:

@@ -1,4 +1,4 @@
-"""`follow`: one target, each frame with its score and status, and what cannot be."""
+"""`follow_single`: one target, each frame with its score and status, and what cannot be."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.calls import evaluate_target
 from tsuiseki.tracking.formats.single import read_boxes
-from tsuiseki.tracking.single.run import follow, track_single
+from tsuiseki.tracking.single.run import follow_single, track_single
 from tsuiseki.tracking.single.settings import make_tracker
 
 BOX = np.array([30, 40, 60, 80.0])
@@ -38,14 +38,14 @@ def truth(count: int = 10) -> np.ndarray:
 
 @pytest.mark.parametrize("method", ["combined", "kcf-particle", "kcf", make_tracker("csk")])
 def test_every_frame_is_answered(folder: Path, method: Any) -> None:
-    seen = list(follow(folder, BOX.tolist(), method))
+    seen = list(follow_single(folder, BOX.tolist(), method))
     assert [frame.index for frame, _ in seen] == list(range(10))
     assert all(target.frame == frame.index and target.status == "tracking" for frame, target in seen)
     assert evaluate_target(truth(), [target for _, target in seen]).overlaps.mean() > 0.7
 
 
 def test_the_command_writes_what_the_function_gives(folder: Path, tmp_path: Path) -> None:
-    seen = [target.box for _, target in follow(folder, BOX, "kcf", frames="1-6")]
+    seen = [target.box for _, target in follow_single(folder, BOX, "kcf", frames="1-6")]
     words = ["track", "single", str(folder), "--box", "30,40,30,40", "--method", "kcf", "--frames", "1-6"]
     assert main([*words, "--out", str(tmp_path / "out")]) == 0
     np.testing.assert_allclose(seen, read_boxes(tmp_path / "out" / "boxes.txt"), atol=0.01)
@@ -57,7 +57,7 @@ def test_the_command_writes_what_the_function_gives(folder: Path, tmp_path: Path
 
 
 def test_frames_come_as_they_are_asked_for(folder: Path) -> None:
-    target = follow(folder, BOX)
+    target = follow_single(folder, BOX)
     assert next(target)[0].index == 0
     assert next(target)[1].frame == 1
 
@@ -76,5 +76,5 @@ def test_frames_come_as_they_are_asked_for(folder: Path) -> None:
 )
 def test_what_cannot_be_says_so_in_a_line(folder: Path, options: dict[str, Any], message: str) -> None:
     with pytest.raises(RequestError, match=message) as raised:
-        next(follow(folder, **({"box": BOX} | options)))
+        next(follow_single(folder, **({"box": BOX} | options)))
     assert "\n" not in str(raised.value)

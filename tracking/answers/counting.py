@@ -1,0 +1,136 @@
+"""Tracks and a scene in, answers out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from tsuiseki.tracking.answers.doubt import Doubt
+from tsuiseki.tracking.answers.line_tables import flows, line_tables, turns
+from tsuiseki.tracking.answers.paths import Paths, paths_of
+from tsuiseki.tracking.answers.scene import Scene, read_scene
+from tsuiseki.tracking.answers.settings import CountSettings
+from tsuiseki.tracking.answers.zone_tables import gathering_table, people, zone_tables
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.types import IntArray, Track
+
+Table = Mapping[str, Sequence[Any]]
+"""Columns by name, all of one length."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """Answers about the people in a video.
+
+    ``tables`` are, with times in seconds from the start of the video and places in the unit of the scene:
+
+    * ``lines``: line, direction, count, low, high; the last two are the ends of an interval of 90 %.
+    * ``crossings``: time, frame (from 1), id, line, direction, x, y, probability of being real, class
+      (name, where it is known).
+    * ``flows``: start, end, line, direction, count: crossings by interval of time.
+    * ``turns``: origin, destination, count: of people who crossed two lines or more, the first and the last of them.
+    * ``zones``: zone, entries and exits with low and high, people (mean at a time), most (at a time), stay (mean
+      seconds), longest (seconds), density (people a square metre, where metres are known).
+    * ``stays``: zone, id, start, end, seconds, waited (seconds), entered and left (False where it began or ended
+      unseen).
+    * ``occupancy``: time, zone, people (mean over the second), most, waiting (mean).
+    * ``people``: id, first, last, seconds, path (length), metres and speed (m/s) where metres are known, class.
+    * ``gatherings``: start, end, people (in all), most (at a time), x, y, ids.
+
+    Attributes:
+        tables: by name.
+        occupancy: by zone the ``(F,)`` number of people in each frame.
+        scene: what was counted in.
+        length: frames.
+        frame_rate: frames a second.
+    """
+
+    tables: Mapping[str, Table]
+    occupancy: Mapping[str, IntArray]
+    scene: Scene
+    length: int
+    frame_rate: float
+    paths: Paths = field(repr=False)
+
+    def count(self, line: str, direction: str) -> tuple[int, int, int]:
+        """Crossings of a line in a direction, and the ends of the interval of 90 %.
+
+        Raises:
+            RequestError: there is no such line or direction.
+        """
+        table = self.tables["lines"]
+        known = list(zip(table["line"], table["direction"], strict=True))
+        if (line, direction) not in known:
+            named = ", ".join(f"{one} {way}" for one, way in known)
+            raise RequestError(f"expected a line and a direction of {named or 'none'}, got {line} {direction}")
+        row = known.index((line, direction))
+        return table["count"][row], table["low"][row], table["high"][row]
+
+
+def count(
+    result: Result[Any] | Sequence[Track],
+    scene: Scene | str,
+    settings: CountSettings | None = None,
+    *,
+    frame_rate: float | None = None,
+) -> Answers:
+    """Who crossed which line, who was in which zone for how long, and how sure that is.
+
+    Args:
+        result: of a run, or tracks.
+        scene: lines and zones, or the file that has them, see `read_scene`.
+        settings: how people are counted.
+        frame_rate: frames a second, where the result does not say.
+
+    Raises:
+        RequestError: the scene is wrong or of another video's size, an anchor does not fit it, nothing says the frame
+            rate, or the result has no boxes.
+    """
+    settings = settings or CountSettings()
+    settings.check()
+    where = "scene" if isinstance(scene, Scene) else str(scene)
+    scene = scene if isinstance(scene, Scene) else read_scene(scene)
+    scene.check_video(getattr(result, "size", None), where)
+    stated: float = getattr(result, "frame_rate", 0.0)
+    rate = stated if frame_rate is None else frame_rate
+    if not 0 < rate < 1e4:
+        raise RequestError(f"expected a frame rate above 0, got {rate:g}; give the video's as `fps`")
+    if settings.anchor == "floor":
+        scene = scene.on_floor()
+    tracks = boxes_of(result)
+    paths = paths_of(tracks, scene, settings)
+    frames = getattr(result, "frames", {}).get("frame", ())
+    first, length = min(frames, default=0), max([-1, *frames, *(int(track.frames[-1]) for track in tracks)]) + 1
+    doubt = Doubt(paths, scene, rate, length)
+    lines, crossings = line_tables(paths, scene, settings, doubt)
+    tables = {
+        "lines": lines,
+        "crossings": crossings,
+        "flows": flows(scene, crossings, settings.interval, length / rate),
+    }
+    tables["turns"] = turns(crossings)
+    found, occupancy = zone_tables(paths, scene, settings, doubt, (first, length))
+    tables |= found
+    tables["people"] = people(paths, rate)
+    names = {track.id: track.class_name for track in tracks}
+    for name in ("crossings", "people"):
+        tables[name]["class"] = [names[number] for number in tables[name]["id"]]
+    tables["gatherings"] = gathering_table(paths, settings.gathering, rate)
+    return Answers(tables, occupancy, scene, length, rate, paths)
+
+
+def boxes_of(result: Sequence[Any]) -> list[Track]:
+    """The tracks of boxes in a result.
+
+    Raises:
+        RequestError: it has none of boxes.
+    """
+    tracks = [getattr(one, "track", one) for one in result]
+    wrong = next((one for one in tracks if not isinstance(one, Track)), None)
+    if wrong is not None:
+        raise RequestError(
+            f"expected tracks of boxes to count, got {type(wrong).__name__}; track people, blobs or boxes"
+        )
+    return [track for track in tracks if len(track)]

@@ -1,0 +1,130 @@
+"""Tables of who was where: zones, stays, occupancy over time, people, and gatherings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsuiseki.tracking.answers.crossings import border_crossings
+from tsuiseki.tracking.answers.doubt import Doubt, interval_of
+from tsuiseki.tracking.answers.gatherings import gatherings_of
+from tsuiseki.tracking.answers.line_tables import Columns, add, add_rows, empty
+from tsuiseki.tracking.answers.paths import Paths
+from tsuiseki.tracking.answers.polygons import area, inside
+from tsuiseki.tracking.answers.scene import Scene, SceneZone
+from tsuiseki.tracking.answers.settings import CountSettings
+from tsuiseki.tracking.answers.stays import Stays, people_in, speeds, stays_of
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import BoolArray, IntArray
+
+ZONES = ("zone", "entries", "entries_low", "entries_high", "exits", "exits_low", "exits_high")
+MORE = ("people", "most", "stay", "longest", "density")
+
+
+def zone_tables(
+    paths: Paths, scene: Scene, settings: CountSettings, doubt: Doubt, span: tuple[int, int]
+) -> tuple[dict[str, Columns], dict[str, IntArray]]:
+    """The tables ``zones``, ``stays`` and ``occupancy`` of `Answers`, and people by zone and frame.
+
+    ``span`` are the first frame that was looked at and the number of frames up to the last.
+    """
+    first, length = span
+    zones, times = empty(*ZONES, *MORE), empty("time", "zone", "people", "most", "waiting")
+    stays = empty("zone", "id", "start", "end", "seconds", "waited", "entered", "left")
+    every = dict[str, IntArray]()
+    waits = (
+        speeds(paths, paths.points, doubt.rate) < settings.waiting * paths.heights if scene.zones else paths.observed
+    )
+    for zone in scene.zones:
+        within = inside(paths.points, zone.corners)
+        crossed = border_crossings(paths, zone, settings.band)
+        real, missed = doubt.real(crossed), doubt.missed_at_border(zone)
+        found = stays_of(paths, within, crossed)
+        here, waiting = people_in(paths, within, length), people_in(paths, within & waits, length)
+        every[zone.name] = here
+        cells = list[float | int | None]()
+        for side in (1, -1):
+            own = crossed.sides == side
+            number = int(own.sum())
+            cells += [number, *interval_of(number, float((1 - real[own]).sum()), missed[side])]
+        seconds = (found.last - found.first + 1) / doubt.rate
+        mean = round(float(here[first:].mean()), 3) if length > first else 0.0
+        space = _square_metres(scene, zone)
+        cells += [mean, int(here.max(initial=0)), round(float(seconds.mean()), 2) if len(seconds) else 0.0]
+        cells += [round(float(seconds.max(initial=0)), 2), None if space is None else round(mean / space, 4)]
+        add(zones, zone.name, *cells)
+        _add_stays(stays, paths, zone, found, within & waits, doubt.rate)
+        _add_times(times, zone, here, waiting, doubt.rate, first)
+    return {"zones": zones, "stays": stays, "occupancy": times}, every
+
+
+def _square_metres(scene: Scene, zone: SceneZone) -> float | None:
+    """Area of a zone; None where metres are not known."""
+    if not scene.has_metres:
+        return None
+    try:
+        (floor,) = [one for one in scene.on_floor().zones if one.name == zone.name]
+    except RequestError:  # the zone reaches above the horizon
+        return None
+    return abs(area(floor.corners))
+
+
+def _add_stays(table: Columns, paths: Paths, zone: SceneZone, found: Stays, waiting: BoolArray, rate: float) -> None:
+    waited = np.append(0, np.cumsum(waiting))
+    start, end = paths.frames[found.first], paths.frames[found.last] + 1
+    add_rows(
+        table,
+        np.full(len(start), zone.name),
+        paths.ids[found.first],
+        *(np.round(value / rate, 3) for value in (start, end, end - start)),
+        np.round((waited[found.last + 1] - waited[found.first]) / rate, 3),
+        found.entered,
+        found.left,
+    )
+
+
+def _add_times(table: Columns, zone: SceneZone, here: IntArray, waiting: IntArray, rate: float, first: int) -> None:
+    """Rows of a second each, from the ``first`` frame on."""
+    here, waiting = here[first:], waiting[first:]
+    if not len(here):
+        return
+    edges = np.unique(np.floor(np.arange(0, len(here) / rate) * rate).astype(np.int64))
+    sizes = np.diff(np.append(edges, len(here)))
+    add_rows(
+        table,
+        np.round((first + edges) / rate, 3),
+        np.full(len(edges), zone.name),
+        np.round(np.add.reduceat(here, edges) / sizes, 3),
+        np.maximum.reduceat(here, edges),
+        np.round(np.add.reduceat(waiting, edges) / sizes, 3),
+    )
+
+
+def people(paths: Paths, rate: float) -> Columns:
+    """The table ``people``: when each was there and how far they went."""
+    names = ("id", "first", "last", "seconds", "path", *(("metres", "speed") if paths.metres is not None else ()))
+    table = empty(*names)
+    if not len(paths):
+        return table
+    ids, whose = np.unique(paths.ids, return_inverse=True)
+    first, last = np.full(len(ids), np.iinfo(np.int64).max), np.zeros(len(ids), dtype=np.int64)
+    np.minimum.at(first, whose, paths.frames)
+    np.maximum.at(last, whose, paths.frames)
+    rows = np.bincount(whose)
+    columns = [ids, *(np.round(value / rate, 3) for value in (first, last + 1, rows))]
+    for number, points in enumerate(one for one in (paths.points, paths.metres) if one is not None):
+        # A box jitters from frame to frame; over half a second it moves.
+        way = speeds(paths, points, rate) / rate
+        length = np.bincount(whose, np.nan_to_num(way))
+        columns += [np.round(length, 2), *([np.round(length / rows * rate, 3)] if number else [])]
+    add_rows(table, *columns)
+    return table
+
+
+def gathering_table(paths: Paths, reach: float, rate: float) -> Columns:
+    """The table ``gatherings``."""
+    table = empty("start", "end", "people", "most", "x", "y", "ids")
+    for one in gatherings_of(paths, reach, rate):
+        ids = " ".join(map(str, sorted(one.ids)))
+        times = round(one.first / rate, 3), round(one.last / rate, 3)
+        add(table, *times, len(one.ids), one.most, round(one.x, 2), round(one.y, 2), ids)
+    return table
