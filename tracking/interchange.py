@@ -165,8 +165,8 @@ def _checked(
         if counted is not None:
             counted.given += len(bad)
         return Detections(boxes, scores, classes=classes, names=names)
-    row, counted = int(bad.argmax()), counted or BadBoxes()
-    told, fewest = counted.bad > 0, FEWEST_BAD if counted.given else 1
+    row, alone, counted = int(bad.argmax()), counted is None, counted or BadBoxes()
+    told, fewest = counted.bad > 0, 1 if alone else FEWEST_BAD
     counted.given, counted.bad = counted.given + len(bad), counted.bad + int(bad.sum())
     if counted.bad >= fewest and 2 * counted.bad > counted.given:
         shown = ", ".join(f"{value:g}" for value in boxes[row])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
+from numbers import Integral
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -64,8 +65,8 @@ class Seed(Shared):
     def check(self) -> None:
         """See `Shared.check`."""
         super().check()
-        if self.seed < 0:
-            raise RequestError(f"`seed`: expected a whole number from 0, got {self.seed}")
+        if not isinstance(self.seed, Integral) or self.seed < 0:
+            raise RequestError(f"`seed`: expected a whole number from 0, got {self.seed!r}")
 
 
 @dataclass(frozen=True, kw_only=True)

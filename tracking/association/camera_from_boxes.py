@@ -64,14 +64,14 @@ class CameraSteps:
     shift: FloatArray
 
 
-def steps_from_boxes(frames: IntArray, boxes: FloatArray, count: int, frame_rate: float) -> CameraSteps:
+def steps_from_boxes(frames: IntArray, boxes: FloatArray, count: int, rate: FloatArray) -> CameraSteps:
     """The steps into the frames 0 to ``count - 1``; into the first there is none.
 
     Args:
         frames: ``(N,)`` in [0, count).
         boxes: ``(N, 4)`` pixels.
         count: T.
-        frame_rate: frames a second.
+        rate: ``(count,)`` one over the seconds since the frame before each.
     """
     steps = CameraSteps(np.tile(np.eye(3)[:2], (count, 1, 1)), np.zeros(count), np.zeros(count))
     every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
@@ -93,12 +93,12 @@ def steps_from_boxes(frames: IntArray, boxes: FloatArray, count: int, frame_rate
     middle = np.stack([total(weight * centre[i, k]) for k in (0, 1)], axis=1) / present[:, None]
     place = centre[i] - middle[time]
     ridge = RIDGE * total(weight * np.square(place).sum(axis=1)) / present
-    kernel = MODE / frame_rate * height
+    kernel = MODE / rate[time] * height
     scale, turn, shift = np.zeros(count), np.zeros(count), _common_shift(time, move, kernel, weight, count)
     for _ in range(ROUNDS):
         off = move - _moves(place, time, scale, turn, shift)
         squared = np.square(off).sum(axis=1)
-        agree = weight / (1 + squared / np.square(TOLERANCE / frame_rate * height)) ** 2
+        agree = weight / (1 + squared / np.square(TOLERANCE / rate[time] * height)) ** 2
         share = agree / np.square(height)
         mass = total(share) + 1e-12
         mean_place = np.stack([total(share * place[:, k]) for k in (0, 1)], axis=1) / mass[:, None]

@@ -138,11 +138,15 @@ def _reach(table: DetectionTable, tails: IntArray, side: FloatArray, gap: IntArr
 
     The gaps, one for all or ``(T,)``, are in frames. Reaches grow by how far the camera's motion over them may be off.
     """
-    reach = cost.limits(side, gap / table.frame_rate)
-    wander = table.measured.wander
-    if wander[-1] > wander[0]:
-        later = wander[np.searchsorted(table.frames, gap + table.frames[tails], side="right") - 1]
-        doubt = np.sqrt(np.maximum(later - wander[tails], 0))
+    wander, seconds = table.measured.wander, gap / table.frame_rate
+    wandered = bool(wander[-1] > wander[0])
+    if wandered or not table.even:
+        later = np.searchsorted(table.frames, gap + table.frames[tails], side="right") - 1
+    if not table.even:
+        seconds = table.seconds(tails, later)
+    reach = cost.limits(side, seconds)
+    if wandered:
+        doubt = np.sqrt(np.maximum(wander[later] - wander[tails], 0))
         reach += (side * DOUBT * doubt)[:, None]
     return reach
 

@@ -222,9 +222,16 @@ class Looks(Clock):
         return np.asarray((np.maximum.accumulate(ticks - every) + every)[looks])
 
     @property
-    def tick_rate(self) -> float:
-        """Ticks a second."""
-        return self.rate if self.even else self.rate * TICKS
+    def ticks_per_look(self) -> int:
+        """On average."""
+        return 1 if self.even else TICKS
+
+    def rates(self, first: int, count: int) -> FloatArray:
+        """``(count,)`` of looks from ``first`` on: one over the seconds since the look before."""
+        if self.even:
+            return np.full(count, self.rate)
+        passed = np.diff(self.seconds(np.maximum(np.arange(first - 1, first + count), 0)))
+        return np.asarray(1 / np.maximum(passed, 1 / (self.rate * TICKS)))
 
     def seconds(self, looks: IntArray) -> FloatArray:
         """``(N,)`` the times of ``(N,)`` looks."""

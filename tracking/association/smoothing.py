@@ -12,7 +12,7 @@ copying the errors of the neighbours would predict best. What persists still lon
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,8 +61,13 @@ class SmoothingSettings:
             raise ValueError("expected finite strengths of smoothing, 0 or more")
 
 
-def fill_gaps(track: Track, settings: GapSettings) -> Track:
+def fill_gaps(track: Track, settings: GapSettings, clock: Callable[[IntArray], IntArray] = np.asarray) -> Track:
     """``track`` with the gaps filled that have the evidence: boxes and scores on straight lines, not observed.
+
+    Args:
+        track: of at least one box.
+        settings: which gaps are filled.
+        clock: times of frames; by default they are as far apart as their numbers.
 
     >>> track = Track(1, np.array([0, 1, 3]), np.array([[t, 0, t + 9, 9.0] for t in (0, 1, 3)]), np.ones(3))
     >>> fill_gaps(track, GapSettings()).boxes[2].tolist()
@@ -76,8 +81,9 @@ def fill_gaps(track: Track, settings: GapSettings) -> Track:
         return track
     added = np.concatenate([np.arange(track.frames[gap] + 1, track.frames[gap + 1]) for gap in wanted])
     frames = np.concatenate([track.frames, added])
-    boxes = np.concatenate([track.boxes, _on_lines(track.frames, track.boxes, added)])
-    scores = np.concatenate([track.scores, np.interp(added, track.frames, track.scores)])
+    known, wanted = clock(track.frames), clock(added)
+    boxes = np.concatenate([track.boxes, _on_lines(known, track.boxes, wanted)])
+    scores = np.concatenate([track.scores, np.interp(wanted, known, track.scores)])
     observed = np.concatenate([track.observed, np.zeros(len(added), dtype=np.bool_)])
     order = np.argsort(frames, kind="stable")
     origin = np.concatenate([track.origin, np.full((len(added), 2), -1)])
@@ -161,13 +167,16 @@ PERSISTING, FARTHEST_OFF = 3.0, 0.2
 USUAL = SmoothingSettings(60.0, 5000.0)
 
 
-def fit_smoothing(tracks: Sequence[Track], frame_rate: float) -> SmoothingSettings:
+def fit_smoothing(tracks: Sequence[Track], frame_rate: float, ticks: int = 1) -> SmoothingSettings:
     """The strengths that predict boxes of these tracks best.
 
     Args:
         tracks: their boxes as if the camera stood still; those that are not observed are passed over.
-        frame_rate: frames a second.
+        frame_rate: boxes a second of somebody who is always detected.
+        ticks: steps of time from one such box to the next, on average.
     """
+    # The strength weighs squared second differences, which grow with the time between two steps.
+    finer = float(ticks) ** 3
     run = max(2, round(LEFT_OUT * frame_rate))
     chosen: list[Track] = []
     for track in sorted(tracks, key=lambda one: (-int(one.observed.sum()), one.id)):
@@ -175,17 +184,16 @@ def fit_smoothing(tracks: Sequence[Track], frame_rate: float) -> SmoothingSettin
             break
         chosen.append(track)
     if not chosen:
-        # The strength weighs squared second differences, which grow with the time between two frames.
-        scale = (frame_rate / 30) ** 3
+        scale = finer * (frame_rate / 30) ** 3
         return SmoothingSettings(USUAL.position * scale, USUAL.size * scale)
     row, boundaries, values, kept = _one_after_the_other(chosen, run)
     off = np.zeros((len(STRENGTHS), 2))
     for k, strength in enumerate(STRENGTHS):
         for fold in kept:
-            distance = np.abs(_curve(row, boundaries, values, fold, strength) - values)[~fold]
+            distance = np.abs(_curve(row, boundaries, values, fold, finer * strength) - values)[~fold]
             distance = np.minimum(distance, FARTHEST_OFF)
             off[k] += distance[:, :2].sum(), distance[:, 2:].sum()
-    position, size = (PERSISTING * STRENGTHS[int(k)] for k in off.argmin(axis=0))
+    position, size = (finer * PERSISTING * STRENGTHS[int(k)] for k in off.argmin(axis=0))
     return SmoothingSettings(position, size)
 
 

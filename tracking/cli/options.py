@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -16,6 +17,7 @@ from tsuiseki.tracking.types.frame_range import parse_frames
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.result import Result
+    from tsuiseki.tracking.types import Frame
     from tsuiseki.tracking.video.source import Source
 
 
@@ -31,13 +33,21 @@ class Drawing(Shared):
     overlay: bool = False
     overlay_format: Literal["webm", "mp4"] = "webm"
 
-    def draw(self, run: Run, source: Source, result: Result[Any], folder: str = "") -> None:
-        """Write a video of the finished frames with ``result`` drawn in, where that is wanted; see `Run.save`."""
+    def draw(
+        self,
+        run: Run,
+        source: Source,
+        result: Result[Any],
+        folder: str = "",
+        frames: Callable[[], Iterable[Frame]] | None = None,
+    ) -> None:
+        """Write a video with ``result`` drawn in, where that is wanted, on the finished frames or ``frames``."""
         from tsuiseki.tracking.report.overlay import write_drawn
 
         if self.overlay and result.painter is not None:
             name, rate, painter = f"overlay.{self.overlay_format}", result.frame_rate, result.painter
-            run.draw(str(PurePath(folder, name)), lambda path: write_drawn(path, run.replay(source), rate, painter))
+            again = frames or partial(run.replay, source)
+            run.draw(str(PurePath(folder, name)), lambda path: write_drawn(path, again(), rate, painter))
 
 
 @dataclass(frozen=True, kw_only=True)

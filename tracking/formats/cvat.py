@@ -106,8 +106,7 @@ def _whole(root: ElementTree.Element, place: str) -> int:
 def _rows(path: Path, track: ElementTree.Element) -> Iterator[tuple[int, int, Any, float, bool]]:
     try:
         number = int(track.attrib["id"])
-        keys = sorted((int(box.attrib["frame"]), k) for k, box in enumerate(track.findall("box")))
-        boxes = [track.findall("box")[k] for _, k in keys]
+        boxes = sorted(track.findall("box"), key=lambda box: int(box.attrib["frame"]))
         corners = np.array([[float(box.attrib[name]) for name in CORNERS] for box in boxes])
         scores = [float(box.findtext("attribute[@name='score']") or 1) for box in boxes]
     except (KeyError, ValueError) as error:
@@ -115,13 +114,15 @@ def _rows(path: Path, track: ElementTree.Element) -> Iterator[tuple[int, int, An
             f"{path}: expected id, frame, {', '.join(CORNERS)} of each box in numbers, got {error} in a track "
             f"{dict(track.attrib)}"
         ) from error
-    frames = np.array([frame for frame, _ in keys], dtype=np.int64)
-    if not len(frames) or not np.isfinite(corners).all():
+    frames = np.array([int(box.attrib["frame"]) for box in boxes], dtype=np.int64)
+    if not len(frames):
         return
+    if not np.isfinite(corners).all():
+        raise RequestError(f"{path}: expected finite corners of each box, got others in track {number}")
     if frames[0] < 0 or frames[-1] >= LAST_FRAME or (np.diff(frames) == 0).any():
         raise RequestError(f"{path}: expected each frame from 0 to {LAST_FRAME - 1} once in track {number}")
     outside, hidden = (np.array([box.get(name) == "1" for box in boxes]) for name in ("outside", "occluded"))
-    every, values, key = between_keys(frames, corners)
+    every, values, key = between_keys(path, frames, corners)
     seen = (frames[key] == every) & ~hidden[key]
     for row in np.flatnonzero(~outside[key]).tolist():
         yield int(every[row]), number, values[row], scores[key[row]], bool(seen[row])

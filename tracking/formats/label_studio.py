@@ -102,7 +102,7 @@ def _rows(path: Path, number: int, one: Any, size: Size) -> Iterator[tuple[int, 
     shares = np.array([[float(key[side]) for side in SIDES] for key in keys])
     boxes = corners_from_xywh(shares) * np.tile(size or (1, 1), 2) / 100
     enabled = np.array([bool(key.get("enabled", True)) for key in keys])
-    every, values, key = between_keys(frames, boxes, last if enabled[-1] else 0)
+    every, values, key = between_keys(path, frames, boxes, last if enabled[-1] else 0)
     listed = frames[key] == every
     score = float(one.get("score") or 1)
     for row in np.flatnonzero(enabled[key] | listed).tolist():

@@ -27,6 +27,8 @@ Size: TypeAlias = tuple[int, int] | None
 PERSON = "person"
 
 
+LONGEST = 1_000_000
+"""Frames of a track that is filled in between keys: 11 hours."""
 NONE = np.empty(0, np.int64)
 
 
@@ -193,18 +195,27 @@ def runs_of(frames: IntArray) -> list[IntArray]:
     return np.split(np.arange(len(frames)), np.flatnonzero(np.diff(frames) != 1) + 1)
 
 
-def between_keys(frames: IntArray, boxes: FloatArray, last: int = 0) -> tuple[IntArray, FloatArray, IntArray]:
+def between_keys(
+    path: Path, frames: IntArray, boxes: FloatArray, last: int = 0
+) -> tuple[IntArray, FloatArray, IntArray]:
     """Every frame from the first key to the last one, or to ``last``: on straight lines between keys, then still.
 
     Args:
+        path: of the file, for messages.
         frames: ``(K,)`` of the keys, increasing.
         boxes: ``(K, 4)`` there.
         last: 0-based.
 
     Returns:
         ``(T,)`` the frames, ``(T, 4)`` the boxes, and ``(T,)`` the number of the key at or before each.
+
+    Raises:
+        RequestError: there are too many frames.
     """
-    every = np.arange(frames[0], max(int(frames[-1]), last) + 1)
+    end = max(int(frames[-1]), last)
+    if end - frames[0] >= LONGEST:
+        raise RequestError(f"{path}: expected a track of at most {LONGEST} frames, got one of {end + 1 - frames[0]}")
+    every = np.arange(frames[0], end + 1)
     values = np.column_stack([np.interp(every, frames, column) for column in boxes.T])
     return every, values, np.searchsorted(frames, every, side="right") - 1
 

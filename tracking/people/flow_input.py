@@ -185,7 +185,7 @@ class FlowInput:
 
     def smoothing(self, tracks: Sequence[Track]) -> SmoothingSettings:
         """By how much it suits tracks to be smoothed, see `fit_smoothing`."""
-        return fit_smoothing([self.on_grid(track) for track in tracks], self.looks.tick_rate)
+        return fit_smoothing([self.on_grid(track) for track in tracks], self.frame_rate, self.looks.ticks_per_look)
 
     def probability(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` of detections of ``(N,)`` scores being right: as learnt, and by the video where nothing is."""
@@ -239,13 +239,14 @@ class FlowInput:
             return
         boxes = np.concatenate([self._last.boxes, rows.boxes])
         frames = np.append(np.zeros(len(self._last), np.int64), rows.frames - first + 1)
-        steps = steps_from_boxes(frames, boxes, count + 1, self.frame_rate)
+        rate = np.append(self.frame_rate, self.looks.rates(first, count))
+        steps = steps_from_boxes(frames, boxes, count + 1, rate)
         still, self._still = self._still[:count], self._still[count:]
         for index in range(1, count + 1):
             if index <= len(still) and still[index - 1]:
                 self._stand_still()
             else:
-                self._append_step(steps, index)
+                self._append_step(steps, index, float(rate[index]))
 
     def _follow_images(self, rows: DetectionRows, count: int) -> None:
         """The same by what the images said."""
@@ -264,21 +265,21 @@ class FlowInput:
         self._shifts = [*self._shifts, 0.0][-round(max(self.frame_rate, 2)) :]
         self.camera.append(np.eye(3)[:2])
 
-    def _append_step(self, steps: CameraSteps, index: int) -> None:
+    def _append_step(self, steps: CameraSteps, index: int, rate: float) -> None:
         shift, support = float(steps.shift[index]), float(steps.support[index])
-        usual = self._usual_shift()
+        usual, times = self._usual_shift(), self.frame_rate / rate
         moving = usual * self.frame_rate > MOVING
         if support >= LEAST:
-            self._shifts = [*self._shifts, shift][-round(max(self.frame_rate, 2)) :]
+            self._shifts = [*self._shifts, shift / times][-round(max(self.frame_rate, 2)) :]
             self.camera.append(steps.similarity[index])
         elif moving and support > 0:
-            doubt = doubt_of(support, self.frame_rate)
+            doubt = doubt_of(support, rate)
             self.camera.append(steps.similarity[index], doubt, known=False, moving=True)
         else:
-            self.camera.append(None, usual if moving else STILL, moving=moving)
+            self.camera.append(None, usual * times if moving else STILL, moving=moving)
 
     def _usual_shift(self) -> float:
-        """By how much the camera moved from frame to frame over the last second, heights of a box."""
+        """By how much the camera moved in an average interval of the last second, heights of a box."""
         return median(self._shifts) if self._shifts else 0.0
 
 

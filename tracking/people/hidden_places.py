@@ -6,8 +6,8 @@ after the last it moves on as the track did, for `HOLD` seconds. Each side is wi
     m(t) = s (BASE + SCORE (1 - score(t))) + RESIDUAL r(t) + SPREAD h g(t),
 
 where s is the width or height and h the height of the person, r how far the box lies from the mean of its neighbours
-(what smoothing would change), and g the seconds to the nearest detection, at most `HOLD`. The weights are chosen on
-generated streets and on MOT17-13.
+(what smoothing would change), and g the seconds to the nearest detection, at most `HOLD`. The weights are chosen
+on generated streets and on PETS09-S2L1.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArra
 Style = Literal["pixelated", "filled"]
 STYLES = ("pixelated", "filled")
 HOLD = 1.0
-BASE, SCORE, RESIDUAL = 0.15, 0.15, 1.0
+BASE, SCORE, RESIDUAL = 0.2, 0.15, 1.0
 # Heights a second, across and down: a second of walking is most of a height.
 SPREAD = np.array([0.5, 0.2, 0.5, 0.2])
 # Seconds on each side that a box is compared with.

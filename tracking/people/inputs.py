@@ -187,6 +187,18 @@ def threads_of_a_call(source: Source, threads: int) -> int:
     return threads if source.live else 1
 
 
+class GivenRows(list[Detections]):
+    """Detections that a call has given, an entry a frame.
+
+    Attributes:
+        bad: boxes that are none, and left out.
+    """
+
+    def __init__(self, rows: Iterable[Detections], bad: BadBoxes) -> None:
+        super().__init__(rows)
+        self.bad = bad
+
+
 def given_detections(
     given: GivenDetections,
     source: Source,
@@ -207,7 +219,7 @@ def given_detections(
         RequestError: see `read_detections`, `as_detections` and `ClassChoice`; or the video is shorter.
     """
     file = isinstance(given, str | Path)
-    what = given if isinstance(given, str | Path) else "`detections`"
+    what, bad = given if isinstance(given, str | Path) else "`detections`", BadBoxes()
     if isinstance(given, str | Path):
         # The header of a video file only estimates its length: what is too much shows when the video has ended.
         found = read_detections(given, source.length, score_range)
@@ -220,8 +232,12 @@ def given_detections(
                 f"expected detections for {source.length} frames, one entry a frame, got {len(given)}; are these the "
                 "detections of another video?"
             )
-        counted = BadBoxes()
-        found = [as_detections(entry, counted=counted) for entry in given]
+        found = [as_detections(entry, counted=bad) for entry in given]
+        if 2 * bad.bad > bad.given:
+            raise RequestError(
+                f"{what}: {bad.bad} of {bad.given} boxes have no area or are not finite; expected x1, y1, x2, y2, not "
+                "x, y, width, height"
+            )
     compare_with_picture(what, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), image_size(source))
     there = {int(number) for each in found if each.classes is not None for number in np.unique(each.classes)} - {-1}
     if choice is None:
@@ -232,13 +248,14 @@ def given_detections(
                 InputWarning,
                 stacklevel=2,
             )
-        return found
+        return GivenRows(found, bad)
     if any(each.classes is None and len(each) for each in found):
         raise RequestError(f"`classes`: expected classes with the boxes of {what}, got boxes without; leave it out")
     told = {number: name for each in found for number, name in each.names.items()}
     known, told = there | told.keys(), told or dict(enumerate(names or ()))
     numbers = choice.numbers(told, known, what)
-    return [replace(each.select(np.isin(each.origin[:, 1], numbers)), names=told) for each in found]
+    chosen = (replace(each.select(np.isin(each.origin[:, 1], numbers)), names=told) for each in found)
+    return GivenRows(chosen, bad)
 
 
 def looks_of(

@@ -24,8 +24,10 @@ from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
-from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of, knows_scores
+from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of, inner_detector, knows_scores
 from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.interchange import BadBoxes
+from tsuiseki.tracking.options import Seed
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.inputs import (
     GivenDetections,
@@ -145,7 +147,8 @@ def track_people(
     if endless(video):
         raise RequestError(f"{video.name} does not end by itself; give frames, or use follow_people")
     name, times = method if isinstance(method, str) else type(method).__name__, StageTimes()
-    made = {"method": name, "source": named(source), "seed": keywords.get("seed", 0)}
+    plain = {key: value for key, value in keywords.items() if isinstance(value, str | int | float | Path)}
+    made = {"method": name, "source": named(source), "seed": 0, **plain}
     found = opened.inputs.found(times=times)
     watched = progress(found, "tracking", frames_expected(video)) if shown else found
     result, _ = people_result(opened, watched, times, made)
@@ -194,11 +197,13 @@ class OpenedPeople:
         inputs: where frames and detections come from.
         tracker: a fresh one.
         floor: score under which given detections were left out, see `above_floor`; None for none.
+        bad: counts the boxes that are none; None where networks find all, or a file is read.
     """
 
     inputs: PeopleInputs
     tracker: PeopleTracker
     floor: float | None = None
+    bad: BadBoxes | None = None
 
 
 def open_people(
@@ -221,6 +226,7 @@ def open_people(
     threads = threads_of_a_call(source, finding.threads)
     floor: float | None = None
     detect, chosen = people_detect(source, finding, PEOPLE_DETECTOR, threads), finding.chosen
+    bad = getattr(inner_detector(detect), "bad", None)
     if isinstance(detect, list) and linking.method == "flow" and finding.score_range is None and chosen is None:
         detect, floor = above_floor(detect, source.frame_rate)
     compared = compares_appearance(linking.method)
@@ -241,7 +247,7 @@ def open_people(
         fresh = partial(_fresh_tracker, inputs, linking, learnt, seed)
     else:
         fresh = partial(_own_tracker, inputs, linking, apart)
-    return OpenedPeople(inputs, ByClass(fresh, chosen.plain) if chosen is not None and apart else fresh(), floor)
+    return OpenedPeople(inputs, ByClass(fresh, chosen.plain) if chosen is not None and apart else fresh(), floor, bad)
 
 
 def _own_tracker(inputs: PeopleInputs, linking: Linking, copied: bool) -> PeopleTracker:
@@ -281,6 +287,7 @@ def _opened(
 ) -> OpenedPeople:
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
     linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
+    Seed(seed).check()
     video = open_source(source, parse_frames(frames), frame_rate)
     known = [one.name for one in fields(PeopleFinding)]
     if unknown := [name for name in finding if name not in known]:
@@ -339,6 +346,8 @@ def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any],
     inputs, tracker = opened.inputs, opened.tracker
     facts: dict[str, Any] = {**devices_of(inputs.detect, inputs.describe)}
     lines: list[str] = []
+    if opened.bad is not None and opened.bad.bad:
+        facts["bad_boxes"] = opened.bad.bad
     if isinstance(tracker, FlowTracker):
         facts["flow"] = tracker.facts()
         lines += _lines_on_flow(tracker)

@@ -171,7 +171,7 @@ def reported(
         smoothing: of the boxes; None reports them as detected.
         first: frame before which nothing is reported.
     """
-    filled = fill_gaps(track, GapSettings(longest_gap=longest, support=np.inf, mismatch=np.inf))
+    filled = fill_gaps(track, GapSettings(longest, support=np.inf, mismatch=np.inf), given.looks.ticks)
     smoothed = filled if smoothing is None else smooth(given.on_grid(filled), smoothing)
     asked = slice(int(np.searchsorted(filled.frames, first)), None)
     frames, observed = filled.frames[asked], filled.observed[asked]

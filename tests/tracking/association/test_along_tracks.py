@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from tsuiseki.tracking.association.chain_motion import (
     followed,
 )
 from tsuiseki.tracking.association.detection_tables import DetectionTable, Measurements, rows_of_numbers
+from tsuiseki.tracking.association.flow_rounds import candidates
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.types import IntArray
 
@@ -42,6 +45,23 @@ def linked(seen: DetectionTable, labels: IntArray) -> IntArray:
         rows = np.flatnonzero(labels == track)
         follower[rows[:-1]] = seen.numbers[rows[1:]]
     return follower
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_links_reach_as_far_as_the_time_between_looks_lets_people_go(seed: int) -> None:
+    rng, cost = np.random.default_rng(seed), LinkCost()
+    seen, _ = walkers(rng, 6, 40)
+    times = np.cumsum(rng.choice([0.04, 0.1, 0.5], 40))[seen.frames]
+    measured = replace(seen.measured, times=times, wander=np.zeros(len(seen)))
+    uneven = replace(seen, measured=measured, even=False)
+    every = np.arange(len(seen))
+    found = set(zip(*(part.tolist() for part in candidates(uneven, every, every, 1, 3, cost)), strict=True))
+    i, j = (part.ravel() for part in np.meshgrid(every, every, indexing="ij"))
+    gap, size = seen.frames[j] - seen.frames[i], seen.boxes[:, 2:] - seen.boxes[:, :2]
+    limits = cost.limits(size.max(axis=1)[i], times[j] - times[i])
+    near = (np.abs(measured.places[j, :2] - measured.places[i, :2]) <= limits).all(axis=1)
+    near &= (gap >= 1) & (gap <= 3) & (np.abs(measured.places[j, 3] - measured.places[i, 3]) < cost.size)
+    assert found == set(zip(i[near].tolist(), j[near].tolist(), strict=True))
 
 
 @pytest.mark.parametrize("seed", range(5))

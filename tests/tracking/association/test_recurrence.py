@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -79,6 +81,17 @@ def test_short_tracks_are_smoothed_as_by_default_whatever_the_rate() -> None:
     track = Track(1, np.arange(5), moving(1.0, 5, 30.0), np.ones(5))
     assert fit_smoothing([track], 30.0) == USUAL
     assert fit_smoothing([], 60.0).position == pytest.approx(480.0)
+
+
+@pytest.mark.parametrize("tracks", [noisy(0.05, 0.0), noisy(0.01, 0.5), []])
+def test_finer_steps_of_time_smooth_as_much(tracks: list[Track]) -> None:
+    """A sum of squared second differences over steps of a quarter is 4³ times smaller on the same curve."""
+    whole, fine = (
+        fit_smoothing([replace(track, frames=ticks * track.frames) for track in tracks], 10.0, ticks)
+        for ticks in (1, 4)
+    )
+    assert fine.position == pytest.approx(64 * whole.position)
+    assert fine.size == pytest.approx(64 * whole.size)
 
 
 @pytest.mark.parametrize(

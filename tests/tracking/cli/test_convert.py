@@ -12,11 +12,13 @@ import pytest
 import tsuiseki
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats import sleap_hdf5
+from tsuiseki.tracking.formats.body_points import read_poses_file
 from tsuiseki.tracking.formats.exports import FORMATS
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.result import Result, convert
 from tsuiseki.tracking.types import Track
-from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
+from tsuiseki.tracking.types.tracks import BodyTrack, FloorTrack, PointTable
 
 BOXES = np.array([[10.0, 20, 30, 60], [12, 20, 32, 60], [14, 20, 34, 60]])
 
@@ -63,21 +65,40 @@ def test_animals_go_with_their_points_or_ends(tmp_path: Path) -> None:
     states = np.array([[50.5, 40.5, np.pi / 2, 10.0, 4.0]])
     body = BodyTrack(3, np.array([2]), states, np.array([0.9]), ("tracking",))
     animals = Result([body], names=("a", "b", "theta", "length", "width"))
-    table = tsuiseki_points(convert(animals, "sleap", tmp_path / "a.slp"))
+    table = points_in(convert(animals, "sleap", tmp_path / "a.slp"))
     assert (table.nodes, table.frames.tolist(), table.tracks) == (("head", "centre", "tail"), [2], ("track_3",))
     np.testing.assert_allclose(table.points[0], [[50, 45], [50, 40], [50, 35]], atol=1e-9)
     points = PointTable(("nose",), np.array([2]), ("anna",), np.array([[[8.0, 9.0]]]), np.array([[0.7]]))
     named = Result([body], names=animals.names, points=points)
-    assert tsuiseki_points(convert(named, "sleap", tmp_path / "b.slp")).tracks == ("anna",)
+    assert points_in(convert(named, "sleap", tmp_path / "b.slp")).tracks == ("anna",)
     about = json.loads((convert(animals, "geff", tmp_path / "g") / ".zattrs").read_text())["geff"]
     assert {"t", "y", "x", "track_id", "theta", "score"} <= about["node_props_metadata"].keys()
     with pytest.raises(RequestError, match=r"coco holds boxes, and these tracks have none; save as \.csv"):
         convert(Result([body], size=(640, 480)), "coco", tmp_path / "a.json")
 
 
-def tsuiseki_points(path: Path) -> PointTable:
-    from tsuiseki.tracking.formats.body_points import read_poses_file
+def test_a_table_has_time_class_box_score_and_place(tmp_path: Path) -> None:
+    kind = {"origin": np.tile([-1, 2], (3, 1)), "names": {2: "car"}}
+    track = Track(7, np.array([0, 1, 4]), BOXES, np.full(3, 0.5), **kind)
+    floor = Result([FloorTrack(track, np.ones((3, 5)), np.array([[1.0, 2], [1, 3], [1, 4]]))], frame_rate=25.0)
+    names, *rows = [line.split(",") for line in convert(floor, "csv", tmp_path / "a.csv").read_text().splitlines()]
+    last = dict(zip(names, rows[-1], strict=True))
+    assert (last["frame"], last["id"], last["class_name"], last["x1"], last["score"]) == ("5", "7", "car", "14", "0.5")
+    assert (float(last["time"]), last["x"], last["y"]) == (0.16, "1", "4")
+    (back,) = Result.load(tmp_path / "a.csv")
+    assert (back.track.class_name, back.places.tolist()) == ("car", [[1, 2], [1, 3], [1, 4]])
 
+
+@pytest.mark.parametrize("name", ["sleap", "sleap-analysis"])
+def test_what_needs_a_package_says_so(
+    name: str, result: Result[Track], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sleap_hdf5, "hdf5_installed", lambda: False)
+    with pytest.raises(RequestError, match="which needs h5py: pip install h5py"):
+        convert(result, name, tmp_path / f"a{FORMATS[name].suffix}")
+
+
+def points_in(path: Path) -> PointTable:
     return read_poses_file(path)
 
 

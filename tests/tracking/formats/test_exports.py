@@ -203,6 +203,8 @@ def test_key_frames_hold_on_straight_lines(tmp_path: Path) -> None:
     assert len(open_labelled(studio)[0].people(size=(200, 100))) == 6
 
 
+KEY = '<box frame="{}" xtl="1" ytl="1" xbr="{}" ybr="9"/>'
+LONG = f'<annotations><track id="1">{KEY.format(0, 9)}{KEY.format("{}", "nan")}</track></annotations>'
 COCO = '{{"images": [{{"id": 1}}], "categories": [{{"id": 1, "name": "person"}}], "annotations": [{}]}}'
 BOX = '{"id": 4, "image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4]'
 
@@ -218,6 +220,8 @@ BOX = '{"id": 4, "image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4]'
         ("a.xml", "<annotations>", "expected CVAT's XML, got a broken one"),
         ("a.xml", '<!DOCTYPE a [<!ENTITY b "c">]><annotations/>', "which defines no entities"),
         ("a.xml", '<annotations><track id="1"><box frame="0"/></track></annotations>', "expected id, frame, xtl"),
+        ("a.xml", LONG.format(1), "expected finite corners of each box, got others in track 1"),
+        ("a.xml", LONG.format(5_000_000).replace("nan", "9"), "a track of at most 1000000 frames, got one of 5000001"),
         ("a.json", COCO.format(BOX + "}"), "expected a track_id in each annotation, found none in that of id 4"),
         ("a.json", COCO.format(f'{BOX}, "track_id": 1}}, {BOX}, "track_id": 1}}'), "id 1 stands twice in frame 0"),
         ("a.json", COCO.format(BOX.replace("4]", '0], "track_id": 1') + "}"), "expected boxes with an area"),

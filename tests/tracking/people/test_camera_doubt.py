@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.camera_from_boxes import doubt_of
+from tsuiseki.tracking.association.camera_from_boxes import doubt_of, steps_from_boxes
 from tsuiseki.tracking.features.camera_path import line_on_camera
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -42,6 +42,16 @@ def test_steps_that_few_boxes_tell_are_in_doubt() -> None:
     assert line_on_camera(camera.lost.from_one(), camera.source) == (
         "how the camera moved into frames 31-60 is not known from the few boxes there; links over them reach further"
     )
+
+
+def test_a_step_over_a_longer_time_is_told_as_well() -> None:
+    """Six people who walk apart: three times as long between two looks, all moves are three times as large."""
+    place, walk = 100.0 * np.arange(6), np.linspace(-2, 2, 6) ** 3 / 2
+    x = np.concatenate([place, place + 4 + walk, place + 16 + 4 * walk])
+    boxes = np.column_stack([x, 0 * x, x + 30, 0 * x + 80])
+    steps = steps_from_boxes(np.repeat(np.arange(3), 6), boxes, 3, np.array([15.0, 15.0, 5.0]))
+    np.testing.assert_allclose(steps.shift[2], 3 * steps.shift[1], rtol=0.02)
+    np.testing.assert_allclose(steps.support[2], steps.support[1], rtol=0.02)
 
 
 def test_a_camera_that_stands_still_is_not_said_to_be_lost() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.people.hidden_places import GREY, Places, Wanted, paint, places_of
 from tsuiseki.tracking.people.hiding import Hiding
-from tsuiseki.tracking.types import FloatArray, ImageArray, Track
+from tsuiseki.tracking.report import overlay
+from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.source import open_source
 
@@ -312,3 +313,43 @@ def test_the_video_itself_is_never_replaced(inputs: Any) -> None:
 def test_what_is_hidden_is_named_well(text: str) -> None:
     with pytest.raises(RequestError, match="expected people, heads or all-but"):
         Wanted.parse(text)
+
+
+def test_an_overlay_hides_before_it_draws(inputs: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["--overlay", "--hide", "people", "--out", str(tmp_path / "o")]
+    assert main([*inputs.words(inputs.images), *words]) == 0
+    assert (tmp_path / "o" / "doubtful.csv").read_text().startswith("frame,time,id,why,x1,y1,x2,y2\n")
+    assert "of 12 frames are doubtful" in capsys.readouterr().out
+    assert len(list(open_source(tmp_path / "o" / "overlay.webm").frames())) == 12
+
+
+def test_an_overlay_is_drawn_on_hidden_frames(inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng, folder = np.random.default_rng(0), tmp_path / "noise"
+    folder.mkdir()
+    for number in range(1, 7):
+        cv2.imwrite(str(folder / f"{number:06d}.png"), rng.integers(0, 256, (48, 64, 3)).astype(np.uint8))
+    drawn: list[ImageArray] = []
+
+    def note(_: Path, frames: Iterable[Frame], *_more: object) -> None:
+        drawn.extend(frame.image for frame in frames)
+
+    monkeypatch.setattr(overlay, "write_drawn", note)
+    main([*inputs.words(folder), "--overlay", "--hide", "people", "--out", str(tmp_path / "o")])
+    # The detector's person is at 8, 8 to 24, 40: blocks of 8 pixels.
+    assert [len(np.unique(image[8:40, 8:24].reshape(-1, 3), axis=0)) <= 40 for image in drawn] == [True] * 6
+
+
+def test_hiding_in_an_overlay_needs_one(inputs: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*inputs.words(), "--hide", "people", "--out", str(tmp_path / "o")]) == 2
+    assert "expected --hide with --overlay" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_heads_are_hidden_in_a_street_that_is_filmed(data_folder: Path, tmp_path: Path) -> None:
+    video = data_folder / "mot" / "PETS09-S2L1-first"
+    labels = read_ground_truth(video / "gt" / "gt.txt")
+    tracked = tsuiseki.track_people(video, "sort", frames="201-260")
+    hiding = tsuiseki.hide(video, tracked, tmp_path / "o.webm", hide="heads")
+    rows = np.flatnonzero((labels.frames >= 200) & (labels.frames < 260))
+    clear, count = clear_heads(hiding, labels.select(rows), (480, 360))
+    assert (clear, count) == (set(), 60)

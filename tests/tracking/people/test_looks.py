@@ -15,7 +15,7 @@ from tsuiseki.tracking.filters.kalman import BoxMotion, per_longer_frame, predic
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.people.bytetrack import ByteTrack
 from tsuiseki.tracking.people.deepsort import DeepSort
-from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracking import follow_people, track_people
@@ -145,6 +145,17 @@ def test_who_walks_is_followed_through_uneven_times(make: Callable[[], Sort]) ->
     for track in tracks:
         truth = np.array([at(float(time)).boxes[track.id - 1] for time in times])
         assert np.abs(track.boxes - truth)[5:].max() < 3
+
+
+def test_gaps_are_filled_by_time() -> None:
+    """Half a second between the third look and the fourth, who is missed in both."""
+    tracker = FlowTracker(FlowSettings(smoothing=False), frame_rate=10.0)
+    times = [0.0, 0.1, 0.2, 0.3, 0.8, 0.9, 1.0, 1.1]
+    for look, time in enumerate(times):
+        tracker.update(at(time).select(np.full(3, look not in (3, 4))), time=time)
+    for track in tracker.tracks():
+        truth = np.array([at(time).boxes[track.id - 1] for time in times])
+        np.testing.assert_allclose(track.boxes, truth, atol=1e-6)
 
 
 @pytest.mark.parametrize("make", [*ONLINE, FlowTracker, lambda: FlowTracker(delay=1.0)])

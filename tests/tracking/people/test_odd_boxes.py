@@ -53,6 +53,7 @@ def test_a_bad_box_of_a_live_detector_is_left_out(video: Path, bad: list[float],
         tracks = track_people(video, "sort", detector=live(rows))
     assert len([one for one in told if "left out" in str(one.message)]) == 1
     assert [len(track) for track in tracks] == [FRAMES - 2 * alone] * 2
+    assert tracks.facts["bad_boxes"] == 2
 
 
 @pytest.mark.parametrize("make", [Sort, lambda: FlowTracker(frame_rate=10)])
@@ -66,6 +67,22 @@ def test_a_tracker_leaves_one_out_too(make: Callable[[], Sort]) -> None:
         tracker.update(walker(t))
     assert len(tracker.tracks()) == 2
     assert tracker.bad.bad == 1
+
+
+@pytest.mark.parametrize("given", ["entries", "detector"])
+def test_bad_boxes_alone_in_the_first_frames_are_counted(video: Path, tmp_path: Path, given: str) -> None:
+    with pytest.warns(InputWarning, match="left out"):
+        tracks = track_people(
+            video, "sort", **source_of(given, lambda t: walker(t) if t > 1 else [[5.0, 5, 5, 9, 0.9]], tmp_path)
+        )
+    assert len(tracks) == tracks.facts["bad_boxes"] == 2
+    assert "bad_boxes" not in track_people(video, "sort", **source_of(given, walker, tmp_path)).facts
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_few_entries_that_are_all_bad_are_refused(video: Path) -> None:
+    with pytest.raises(RequestError, match="2 of 2 boxes"):
+        track_people(video, "sort", detections=[[[5.0, 5, 5, 9, 0.9]], [], [[5.0, 5, 5, 9, 0.9]]])
 
 
 def test_mostly_bad_boxes_are_refused(video: Path) -> None:

@@ -42,6 +42,8 @@ def source(tmp_path: Path) -> Path:
     ("keywords", "message"),
     [
         ({"frames": 10}, "FIRST-LAST"),
+        ({"seed": "a"}, "`seed`: expected a whole number"),
+        ({"seed": 1.5}, "`seed`: expected a whole number"),
         ({"frames": (1, 40)}, "FIRST-LAST"),
         ({"threads": -1}, "threads"),
         ({"threads": "a"}, "threads"),
