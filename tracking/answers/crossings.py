@@ -2,7 +2,7 @@
 
 A person has a signed distance from the line. Beyond a band about it their side is settled; within the band they keep
 the side that they were on last. A change of the settled side is a crossing, at the moment at which the distance changed
-its sign last. Where a path begins or ends within the band, half of it suffices. Of a line, the path must have met it
+its sign last. Where a path begins and ends, its side counts even within the band. Of a line, the path must have met it
 between its ends: once more in this direction than back.
 """
 
@@ -16,9 +16,6 @@ from tsuiseki.tracking.answers.paths import Paths
 from tsuiseki.tracking.answers.polygons import distance_to_border, inside
 from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
-
-AT_ENDS = 0.5
-"""Share of the band beyond which a side is settled where a path begins or ends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +77,7 @@ def changes(distances: FloatArray, band: FloatArray, paths: Paths) -> Crossings:
         paths: of the rows.
     """
     width = band.copy()
-    width[paths.starts] *= AT_ENDS
-    width[paths.ends] *= AT_ENDS
+    width[paths.starts] = width[paths.ends] = 0.0
     settled = np.flatnonzero(np.abs(distances) > width)
     sides = np.where(distances[settled] > 0, 1, -1)
     first = paths.first_rows[settled]

@@ -17,10 +17,11 @@ from tsuiseki.tracking.answers.polygons import inside
 from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Fitted on generated streets, see `trainers.experiments.answers`: weights of a constant and of `crossing_features`, and
-# the share of broken paths that would have met a line and did.
-CROSSING_WEIGHTS = np.array([6.0, -4.0, -4.0, -3.0])
-MISSED = 0.5
+# Fitted on generated streets of seeds below 50, each with three simulated detectors: weights of a constant and of
+# `crossing_features`; the share of broken paths ahead of which a line was crossed; missed crossings for each one found,
+# as a factor and a power of the share of places that were filled in; and those of any line.
+CROSSING_WEIGHTS = np.array([5.2, -2.3, -1.3])
+BROKEN, FACTOR, POWER, ANY = 0.65, 1.4, 2.3, 0.05
 # Seconds that a broken path is thought on, and heights from the border of the picture within which it leaves.
 REACH, EDGE = 2.0, 0.3
 LEVEL = 0.9
@@ -28,27 +29,25 @@ LEVEL = 0.9
 
 
 def crossing_features(paths: Paths, found: Crossings, frame_rate: float) -> FloatArray:
-    """``(C, 3)`` what speaks against each crossing, [0, 1] each.
+    """``(C, 2)`` what speaks against each crossing, [0, 1] each.
 
-    They are: the share of places within half a second that no detection supports, the lack of path on the shorter side
-    of the line (1 for none, 0 from a second on), and 1 less the mean score within half a second.
+    They are: the share of places within half a second that no detection supports, and the lack of path on the shorter
+    side of the line (1 for none, 0 from a second on).
     """
     if not len(found.rows):
-        return np.empty((0, 3))
+        return np.empty((0, 2))
     half = max(1, round(0.5 * frame_rate))
     lengths = np.diff(np.append(paths.starts, len(paths)))
     pieces = np.searchsorted(paths.starts, found.rows, "right") - 1
     start, end = paths.starts[pieces], paths.starts[pieces] + lengths[pieces] - 1
     low, high = np.maximum(found.rows - half, start), np.minimum(found.rows + half, end) + 1
     observed = np.append(0, np.cumsum(paths.observed))
-    scores = np.append(0.0, np.cumsum(np.where(paths.observed, np.clip(paths.scores, 0, 1), 0.0)))
     count = observed[high] - observed[low]
     shorter = np.minimum(found.rows - start, end - found.rows + 1)
     return np.column_stack(
         [
             1 - count / (high - low),
             1 - np.clip(shorter / frame_rate, 0, 1),
-            1 - (scores[high] - scores[low]) / np.maximum(count, 1),
         ]
     )
 
@@ -63,25 +62,32 @@ class Doubt:
     def __init__(self, paths: Paths, scene: Scene, rate: float, length: int) -> None:
         self.paths, self.scene, self.rate = paths, scene, rate
         self._broken = broken_ends(paths, scene, rate, length)
+        self._filled = 1.0 - float(paths.observed.mean()) if len(paths) else 0.0
 
     def real(self, found: Crossings) -> FloatArray:
         """``(C,)`` probability that each crossing is one."""
         odds = CROSSING_WEIGHTS[0] + crossing_features(self.paths, found, self.rate) @ CROSSING_WEIGHTS[1:]
         return np.asarray(1 / (1 + np.exp(-odds)))
 
-    def missed(self, line: SceneLine) -> dict[int, float]:
-        """Crossings of a line that are missed, on average, by side."""
+    def missed(self, line: SceneLine, found: Crossings) -> dict[int, float]:
+        """Crossings of a line that are missed beside those ``found``, on average, by side."""
         ends = self._broken
         here, along = line_distances(ends.points, self.scene, line)
         there, further = line_distances(ends.ahead, self.scene, line)
-        meets = _between_ends(here, there, along, further)
-        return _by_side(meets, ends.turned * np.sign(there))
+        return self._missed(_between_ends(here, there, along, further), np.sign(there), found)
 
-    def missed_at_border(self, zone: SceneZone) -> dict[int, float]:
-        """Crossings of the border of a zone that are missed, on average, by side."""
-        ends = self._broken
-        here, there = inside(ends.points, zone.corners), inside(ends.ahead, zone.corners)
-        return _by_side(here != there, ends.turned * np.where(there, 1, -1))
+    def missed_at_border(self, zone: SceneZone, found: Crossings) -> dict[int, float]:
+        """Likewise, of the border of a zone."""
+        here, there = (inside(points, zone.corners) for points in (self._broken.points, self._broken.ahead))
+        return self._missed(here != there, np.where(there, 1, -1), found)
+
+    def _missed(self, meets: BoolArray, sides: FloatArray | IntArray, found: Crossings) -> dict[int, float]:
+        each = FACTOR * self._filled**POWER
+        sides = self._broken.turned * sides
+        return {
+            side: BROKEN * float((meets & (sides == side)).sum()) + each * float((found.sides == side).sum()) + ANY
+            for side in (1, -1)
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,12 +131,8 @@ def _between_ends(here: FloatArray, there: FloatArray, along: FloatArray, furthe
     return np.asarray((here > 0) != (there > 0)) & (place >= 0) & (place <= 1)
 
 
-def _by_side(meets: BoolArray, sides: FloatArray | IntArray) -> dict[int, float]:
-    return {side: MISSED * float((meets & (sides == side)).sum()) for side in (1, -1)}
-
-
 def interval_of(count: int, false: float, missed: float) -> tuple[int, int]:
-    """Ends of the interval of `LEVEL` about a count.
+    """Ends of the interval about a count: from there on the likelier neighbour, while that brings it nearer to `LEVEL`.
 
     Args:
         count: found.
@@ -143,12 +145,16 @@ def interval_of(count: int, false: float, missed: float) -> tuple[int, int]:
     from scipy.stats import poisson
 
     def chances(mean: float) -> FloatArray:
-        most = int(mean + 10 * np.sqrt(mean) + 10)
-        return np.asarray(poisson.pmf(np.arange(most), mean))
+        return np.asarray(poisson.pmf(np.arange(int(mean + 10 * np.sqrt(mean) + 10)), mean))
 
-    less, more = chances(false), chances(missed)
-    total = np.cumsum(np.convolve(less[::-1], more))
-    values = count + np.arange(len(total)) - (len(less) - 1)
-    tail = 0.5 * (1 - LEVEL)
-    low, high = values[np.searchsorted(total, tail)], values[np.searchsorted(total, 1 - tail)]
-    return max(0, min(count, int(low))), max(count, int(high))
+    less = chances(false)
+    # Of values from `count` less the most false ones on; without room for more at the ends.
+    total = np.concatenate([[0.0], np.convolve(less[::-1], chances(missed)), [0.0]])
+    low = high = len(less)
+    held = total[low]
+    while True:
+        upwards = bool(total[high + 1] >= total[low - 1])
+        more = max(total[high + 1], total[low - 1])
+        if more == 0 or abs(held + more - LEVEL) >= abs(held - LEVEL):
+            return max(0, count + low - len(less)), count + high - len(less)
+        held, low, high = held + more, low - (not upwards), high + upwards

@@ -22,7 +22,7 @@ def line_tables(paths: Paths, scene: Scene, settings: CountSettings, doubt: Doub
     crossings = empty("time", "frame", "id", "line", "direction", "x", "y", "probability")
     for line in scene.lines:
         found = line_crossings(paths, scene, line, settings.band)
-        real, missed = doubt.real(found), doubt.missed(line)
+        real, missed = doubt.real(found), doubt.missed(line, found)
         for side, direction in zip((1, -1), line.directions, strict=True):
             own = found.sides == side
             number = int(own.sum())

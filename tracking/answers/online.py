@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.answers.crossings import AT_ENDS, line_distances, zone_distances
+from tsuiseki.tracking.answers.crossings import line_distances, zone_distances
 from tsuiseki.tracking.answers.paths import anchored, counted
 from tsuiseki.tracking.answers.scene import Scene, read_scene
 from tsuiseki.tracking.answers.settings import CountSettings
@@ -131,8 +131,8 @@ class Counter:
         sides = np.where(distances > 0, 1, -1)
         before = self._known.get(number)
         if before is None:
-            settled = np.where(np.abs(distances) > AT_ENDS * band, sides, 0)
-            self._known[number] = _Known(frame, distances, along, settled, np.zeros(len(sides), dtype=np.int64))
+            sides[distances == 0] = 0
+            self._known[number] = _Known(frame, distances, along, sides, np.zeros(len(sides), dtype=np.int64))
             return []
         met = before.met + np.where(self._meets(before, distances, along), sides, 0)
         settled = np.abs(distances) > band

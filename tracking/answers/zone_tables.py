@@ -37,7 +37,7 @@ def zone_tables(
     for zone in scene.zones:
         within = inside(paths.points, zone.corners)
         crossed = border_crossings(paths, zone, settings.band)
-        real, missed = doubt.real(crossed), doubt.missed_at_border(zone)
+        real, missed = doubt.real(crossed), doubt.missed_at_border(zone, crossed)
         found = stays_of(paths, within, crossed)
         here, waiting = people_in(paths, within, length), people_in(paths, within & waits, length)
         every[zone.name] = here

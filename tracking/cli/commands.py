@@ -128,6 +128,7 @@ REPRODUCE = {
     "end-to-end": (".end_to_end:reproduce", "costs learnt through the flow"),
     "omnidirectional": (".fisheye:reproduce", "people under ceiling fisheye cameras"),
     "stereo-sphere": (".sphere:reproduce", "a ball in space from two cameras"),
+    "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video, with peers"),
     "sphere-points": (".sphere_points:reproduce", "a thrown ball from its measured pixels"),
 }
 FIT = "fit a model to labelled video (all but body and motion need the train extra)"
@@ -142,6 +143,7 @@ COMMANDS: Tree = {
     "models": Group("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
     "calibrate": Group("find out where cameras are and how they see", "tracking.calibrate.run", CALIBRATE),
     "track": Group("follow something through a video with exported models", "tracking", TRACK),
+    "scene": Command("tracking.answers.run:scene", "draw lines and zones to count in, on a page in the browser"),
     "hide": Command("tracking.people.hiding:hide_people", "hide people in a video that was tracked"),
     "count": Command("tracking.answers.run:count", "who crosses lines and stays in zones, from a finished result"),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),

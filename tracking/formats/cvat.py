@@ -116,7 +116,7 @@ def _rows(path: Path, track: ElementTree.Element) -> Iterator[tuple[int, int, An
         ) from error
     frames = np.array([int(box.attrib["frame"]) for box in boxes], dtype=np.int64)
     if not len(frames):
-        return
+        raise RequestError(f"{path}: expected a box in each track, got none in track {number}")
     if not np.isfinite(corners).all():
         raise RequestError(f"{path}: expected finite corners of each box, got others in track {number}")
     if frames[0] < 0 or frames[-1] >= LAST_FRAME or (np.diff(frames) == 0).any():

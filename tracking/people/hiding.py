@@ -43,7 +43,7 @@ TracksLike: TypeAlias = str | Path | Result[Any] | Sequence[Track]
 Watch: TypeAlias = Callable[[Iterable[Any], str, int | None], Iterable[Any]]
 # What the second look keeps scores at least this, and each of its detections begins a track. Where one never scores
 # `SURE`, nobody may be there, and a place that is held for it is no doubt.
-SENSITIVE, SURE = 0.1, 0.3
+SENSITIVE, SURE = 0.05, 0.3
 LINKS = SortSettings(lifecycle=LifecycleSettings(min_hits=1, start_score=0.0, boxes="detected"))
 REASONS = {-1: "before the track", 1: "after the track", 2: "in a gap of the track"}
 VIDEOS = (".webm", ".mp4")

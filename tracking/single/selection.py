@@ -1,26 +1,15 @@
-"""A box that the user draws with the mouse, on a page in the browser.
-
-The page is served to this computer only, under an address that cannot be guessed. So it needs neither a display here
-nor an OpenCV with windows: over a remote shell the port can be forwarded.
-"""
+"""A box that the user draws with the mouse, on a page in the browser."""
 
 from __future__ import annotations
 
-import json
-import os
-import secrets
-import sys
-import threading
-import webbrowser
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
 
-import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.report.drawing import drawn_on
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
-LONGEST = 1000  # bytes of an answer
 LEAST_SIDE = 2.0  # pixels
 _PAGE = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>Draw the target</title>
@@ -55,7 +44,7 @@ _PAGE = """<!doctype html>
  frame.onpointerdown = event => { from = at(event); frame.setPointerCapture(event.pointerId); show(from); };
  frame.onpointermove = event => { if (from && event.buttons) show(at(event)); };
  button.onclick = async () => {
-  const answer = await fetch("box", {method: "POST", body: JSON.stringify(drawn)});
+  const answer = await fetch("answer", {method: "POST", body: JSON.stringify(drawn)});
   said.textContent = answer.ok ? "The target is being followed. This page can be closed." : await answer.text();
   button.disabled = answer.ok;
  };
@@ -64,107 +53,23 @@ _PAGE = """<!doctype html>
 
 
 def select_box(image: ImageArray) -> FloatArray:
-    """``(4,)`` corners of a box that the user draws on an image with the mouse.
-
-    A line says where the page is; where there is a display it opens by itself.
+    """``(4,)`` corners of a box that the user draws on an image with the mouse; see `drawn_on`.
 
     Raises:
         RequestError: the page cannot be served.
     """
-    try:
-        server = _Server(image)
-    except OSError as error:
-        raise RequestError(f"`select`: expected a free port for a page, got {error}; give `box` instead") from error
-    thread = threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True)
-    thread.start()
-    print(f"draw the box of the target at {server.address}", file=sys.stderr, flush=True)
-    if _has_display():
-        webbrowser.open(server.address)
-    try:
-        while not server.answered.wait(0.2):  # an endless wait would not hear an interrupt on every system
-            pass
-    finally:
-        server.shutdown()
-        server.server_close()
-    assert server.box is not None
-    return server.box
 
-
-def _has_display() -> bool:
-    """Whether a browser can open; without display it might be one that takes the terminal."""
-    on_linux = sys.platform.startswith("linux")
-    return not on_linux or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
-class _Server(ThreadingHTTPServer):
-    """The page for one image.
-
-    Attributes:
-        address: of the page.
-        image: as PNG.
-        size: width and height, pixels.
-        box: ``(4,)`` corners, once they are drawn.
-        answered: is set then.
-    """
-
-    daemon_threads = True
-
-    def __init__(self, image: ImageArray) -> None:
-        super().__init__(("127.0.0.1", 0), _Handler)
-        self.path = f"/{secrets.token_urlsafe(12)}/"
-        self.address = f"http://127.0.0.1:{self.server_address[1]}{self.path}"
-        self.image = bytes(cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1])
-        self.size = (image.shape[1], image.shape[0])
-        self.box: FloatArray | None = None
-        self.answered = threading.Event()
-
-    def take(self, content: bytes) -> str:
-        """Take the drawn box; what is wrong with it, or nothing."""
+    def box_of(answer: Any) -> FloatArray:
         try:
-            x, y, width, height = map(float, json.loads(content))
+            x, y, width, height = map(float, answer)
         except (TypeError, ValueError):
-            return "expected four numbers x, y, width, height"
-        corners = np.array([x, y, x + width, y + height])
+            x = y = width = height = np.nan
+        corners: FloatArray = np.array([x, y, x + width, y + height])
         if not np.isfinite(corners).all():
-            return "expected four numbers x, y, width, height"
-        corners = np.clip(corners, 0, np.tile(self.size, 2))
+            raise RequestError("expected four numbers x, y, width, height")
+        corners = np.clip(corners, 0, np.tile(image.shape[1::-1], 2))
         if (corners[2:] - corners[:2]).min() < LEAST_SIDE:
-            return f"expected a box of at least {LEAST_SIDE:g} x {LEAST_SIDE:g} pixels inside the image"
-        self.box = corners
-        return ""
+            raise RequestError(f"expected a box of at least {LEAST_SIDE:g} x {LEAST_SIDE:g} pixels inside the image")
+        return np.asarray(corners)
 
-
-class _Handler(BaseHTTPRequestHandler):
-    """Answers the page's requests."""
-
-    server: _Server
-
-    def do_GET(self) -> None:
-        """The page, and its image."""
-        found = {
-            self.server.path: ("text/html; charset=utf-8", _PAGE.encode()),
-            f"{self.server.path}image.png": ("image/png", self.server.image),
-        }.get(self.path)
-        self._answer(200, *found) if found else self._answer(404, "text/plain", b"nothing here")
-
-    def do_POST(self) -> None:
-        """The box."""
-        if self.path != f"{self.server.path}box":
-            self._answer(404, "text/plain", b"nothing here")
-            return
-        length = self.headers.get("Content-Length", "")
-        wrong = self.server.take(self.rfile.read(min(int(length), LONGEST)) if length.isdecimal() else b"")
-        self._answer(400 if wrong else 200, "text/plain; charset=utf-8", wrong.encode())
-        if not wrong:
-            self.server.answered.set()
-
-    def _answer(self, status: int, kind: str, content: bytes) -> None:
-        self.send_response(status)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(content)))
-        self.send_header("Cache-Control", "no-store")
-        self.end_headers()
-        self.wfile.write(content)
-
-    def log_message(self, format: str, *args: object) -> None:
-        """Requests are nobody's concern."""
+    return drawn_on(image, _PAGE, box_of, "draw the box of the target", "give `box` instead")

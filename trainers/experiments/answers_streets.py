@@ -161,13 +161,13 @@ def true_answers(tracks: list[Track], scene: Scene, length: int, frame_rate: flo
         occupancy[track.frames[within]] += 1
         seconds += [float(within.sum()) / frame_rate] if within.any() else []
         for line in scene.lines:
-            for side in _true_crossings(feet, track.boxes[:, 3] - track.boxes[:, 1], line.ends):
+            for _, side in true_crossings(feet, track.boxes[:, 3] - track.boxes[:, 1], line.ends):
                 counts[line.name][line.directions[0 if side > 0 else 1]] += 1
     return TrueAnswers(counts, occupancy.tolist(), float(np.mean(seconds)) if seconds else 0.0)
 
 
-def _true_crossings(feet: FloatArray, heights: FloatArray, ends: FloatArray) -> list[int]:
-    """1 or -1 for each time that a way of feet meets a line for good."""
+def true_crossings(feet: FloatArray, heights: FloatArray, ends: FloatArray) -> list[tuple[int, int]]:
+    """Row and side, 1 or -1, of each time that a way of feet meets a line for good."""
     (ax, ay), (bx, by) = ends.tolist()
     long = np.hypot(bx - ax, by - ay)
     far = ((bx - ax) * (feet[:, 1] - ay) - (by - ay) * (feet[:, 0] - ax)) / long
@@ -183,4 +183,4 @@ def _true_crossings(feet: FloatArray, heights: FloatArray, ends: FloatArray) -> 
                     met.pop()
                 else:
                     met.append((t, side))
-    return [side for _, side in met]
+    return met

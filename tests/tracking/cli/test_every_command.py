@@ -80,6 +80,7 @@ ELSEWHERE = {
         "tests/tracking/animals/test_animals_commands.py::test_a_film_is_tracked_in_millimetres_and_evaluated"
     ),
     "track fisheye": "tests/tracking/fisheye/test_fisheye_commands.py::test_given_boxes_become_places",
+    "scene": "tests/tracking/answers/test_drawn_scene.py::test_the_command_writes_what_is_drawn",
     "hide": "tests/tracking/people/test_hiding.py::test_the_command_hides_and_counts_doubtful_frames",
     "count": "tests/tracking/answers/test_count_command.py::test_the_command_writes_tables_plots_and_a_page",
     "evaluate people": "tests/tracking/cli/test_evaluate.py::test_a_partial_result_is_said_to_be_one",
@@ -107,6 +108,7 @@ ELSEWHERE = {
     "reproduce end-to-end": f"{EXPERIMENTS}/test_end_to_end.py::test_all_rows_and_again_from_the_store",
     "reproduce omnidirectional": f"{EXPERIMENTS}/test_fisheye.py::test_the_command_goes_to_the_end",
     "reproduce stereo-sphere": f"{EXPERIMENTS}/test_sphere.py::test_the_experiment_prints_writes_and_keeps",
+    "reproduce answers": f"{EXPERIMENTS}/test_answers.py::test_a_street_is_counted_and_told",
     "reproduce sphere-points": f"{EXPERIMENTS}/test_sphere_points.py::test_the_experiment_prints_every_row",
 }
 

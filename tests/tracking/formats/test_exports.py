@@ -101,6 +101,14 @@ def test_labels_train_with_the_images_beside_them(name: str, video: TrackedVideo
     assert [sample.ids.tolist() for sample in samples] == [[2], [2], [2], [], [], [2], [2], [], [9], [9]]
 
 
+@pytest.mark.parametrize("name", READ)
+def test_markup_in_names_stays_text(name: str, tmp_path: Path) -> None:
+    kind = '<b a="1">&amp; é, 車'
+    track = Track(1, np.array([0]), np.array([[1.0, 2, 9, 9]]), np.ones(1), names={4: kind}, origin=np.array([[-1, 4]]))
+    path = written(name, TrackedVideo([track], '<a href="x">.mp4', 25.0, (64, 48), 1), tmp_path)
+    assert read_exported(path).kind == {1: kind}
+
+
 def test_mot_dancetrack_and_kitti_come_back(video: TrackedVideo, tmp_path: Path) -> None:
     mot, sequence, kitti = (written(name, video, tmp_path / name) for name in _folders(tmp_path))
     for one, other in zip(video.tracks, read_tracks(mot), strict=True):
@@ -220,6 +228,7 @@ BOX = '{"id": 4, "image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4]'
         ("a.xml", "<annotations>", "expected CVAT's XML, got a broken one"),
         ("a.xml", '<!DOCTYPE a [<!ENTITY b "c">]><annotations/>', "which defines no entities"),
         ("a.xml", '<annotations><track id="1"><box frame="0"/></track></annotations>', "expected id, frame, xtl"),
+        ("a.xml", '<annotations><track id="3"/></annotations>', "expected a box in each track, got none in track 3"),
         ("a.xml", LONG.format(1), "expected finite corners of each box, got others in track 1"),
         ("a.xml", LONG.format(5_000_000).replace("nan", "9"), "a track of at most 1000000 frames, got one of 5000001"),
         ("a.json", COCO.format(BOX + "}"), "expected a track_id in each annotation, found none in that of id 4"),

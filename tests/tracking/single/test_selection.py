@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.report import drawing
 from tsuiseki.tracking.single import selection
 
 IMAGE = np.zeros((60, 80, 3), np.uint8)
@@ -21,14 +22,14 @@ IMAGE[10:30, 20:40] = (200, 50, 0)
 def page(monkeypatch):
     """The address of the page that the browser is told, and the box once it is drawn."""
     addresses, drawn = queue.Queue(), []
-    monkeypatch.setattr(selection, "_has_display", lambda: True)
-    monkeypatch.setattr(selection.webbrowser, "open", addresses.put)
+    monkeypatch.setattr(drawing, "_has_display", lambda: True)
+    monkeypatch.setattr(drawing.webbrowser, "open", addresses.put)
     thread = threading.Thread(target=lambda: drawn.append(selection.select_box(IMAGE)), daemon=True)
     thread.start()
     address = addresses.get(timeout=5)
     yield address, drawn, thread
     if thread.is_alive():
-        post(f"{address}box", [0, 0, 10, 10])
+        post(f"{address}answer", [0, 0, 10, 10])
     thread.join(5)
 
 
@@ -43,7 +44,7 @@ def test_the_page_shows_the_image_and_takes_the_box(page):
     assert "image.png" in urllib.request.urlopen(address, timeout=5).read().decode()
     content = np.frombuffer(urllib.request.urlopen(f"{address}image.png", timeout=5).read(), np.uint8)
     assert np.array_equal(cv2.imdecode(content, cv2.IMREAD_COLOR)[..., ::-1], IMAGE)
-    assert post(f"{address}box", [20, 10.5, 20, 20]) == ""
+    assert post(f"{address}answer", [20, 10.5, 20, 20]) == ""
     thread.join(5)
     assert drawn[0].tolist() == [20, 10.5, 40, 30.5]
 
@@ -56,7 +57,7 @@ def test_the_page_shows_the_image_and_takes_the_box(page):
 def test_what_is_no_box_is_refused_and_can_be_drawn_again(page, content, said):
     address, _, thread = page
     with pytest.raises(urllib.error.HTTPError) as refused:
-        post(f"{address}box", content)
+        post(f"{address}answer", content)
     assert refused.value.code == 400
     assert said in refused.value.read().decode()
     assert thread.is_alive()
@@ -64,7 +65,7 @@ def test_what_is_no_box_is_refused_and_can_be_drawn_again(page, content, said):
 
 def test_a_box_that_reaches_out_of_the_image_is_cut(page):
     address, drawn, thread = page
-    post(f"{address}box", [-5, 40, 30, 50])
+    post(f"{address}answer", [-5, 40, 30, 50])
     thread.join(5)
     assert drawn[0].tolist() == [0, 40, 25, 60]
 
@@ -76,5 +77,5 @@ def test_nobody_finds_the_page_by_its_port(page):
         with pytest.raises(urllib.error.HTTPError, match="404"):
             urllib.request.urlopen(place, timeout=5)
     with pytest.raises(urllib.error.HTTPError, match="404"):
-        post(f"{root}box", [1, 2, 30, 40])
+        post(f"{root}answer", [1, 2, 30, 40])
     assert thread.is_alive()

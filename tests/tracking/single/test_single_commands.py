@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.single import selection
+from tsuiseki.tracking.report import drawing
 from tsuiseki.tracking.single.settings import METHODS
 
 
@@ -56,8 +56,8 @@ def test_a_box_without_labels(labelled, tmp_path):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_one_interrupt_ends_the_wait_for_a_drawn_box(labelled, tmp_path, monkeypatch, number):
-    monkeypatch.setattr(selection, "_has_display", lambda: True)
-    monkeypatch.setattr(selection.webbrowser, "open", lambda _: signal.raise_signal(number))
+    monkeypatch.setattr(drawing, "_has_display", lambda: True)
+    monkeypatch.setattr(drawing.webbrowser, "open", lambda _: signal.raise_signal(number))
     assert main(["track", "single", str(labelled / "img"), "--select", "--out", str(tmp_path / "o")]) == 128 + number
     assert not (tmp_path / "o").exists()
 

@@ -1,0 +1,134 @@
+"""What the user draws on a picture with the mouse, on a page in the browser.
+
+The page is served to this computer only, under an address that cannot be guessed. So it needs neither a display here
+nor an OpenCV with windows: over a remote shell the port can be forwarded.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import sys
+import threading
+import webbrowser
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any, Generic, TypeVar
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import ImageArray
+
+T = TypeVar("T")
+LONGEST = 1_000_000  # bytes of an answer
+
+
+def drawn_on(image: ImageArray, page: str, take: Callable[[Any], T], asked: str, instead: str) -> T:
+    """What the user draws on an image with the mouse.
+
+    A line says where the page is; where there is a display it opens by itself.
+
+    Args:
+        image: ``(H, W, 3)`` uint8 RGB, ``image.png`` of the page.
+        page: HTML that posts JSON to ``answer``.
+        take: makes something of that; a `RequestError` of it is shown on the page, and the user goes on.
+        asked: what to do there, for the line.
+        instead: what to do where no page can be served.
+
+    Raises:
+        RequestError: the page cannot be served.
+    """
+    try:
+        server = _Server(image, page, take)
+    except OSError as error:
+        raise RequestError(f"expected a free port for a page, got {error}; {instead}") from error
+    thread = threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True)
+    thread.start()
+    print(f"{asked} at {server.address}", file=sys.stderr, flush=True)
+    if _has_display():
+        webbrowser.open(server.address)
+    try:
+        while not server.answered.wait(0.2):  # an endless wait would not hear an interrupt on every system
+            pass
+    finally:
+        server.shutdown()
+        server.server_close()
+    return server.answers[0]
+
+
+def _has_display() -> bool:
+    """Whether a browser can open; without display it might be one that takes the terminal."""
+    on_linux = sys.platform.startswith("linux")
+    return not on_linux or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+class _Server(ThreadingHTTPServer, Generic[T]):
+    """The page for one image.
+
+    Attributes:
+        address: of the page.
+        files: type and content of what it serves, by path.
+        answers: the one, once it is drawn.
+        answered: is set then.
+    """
+
+    daemon_threads = True
+
+    def __init__(self, image: ImageArray, page: str, take: Callable[[Any], T]) -> None:
+        super().__init__(("127.0.0.1", 0), _Handler)
+        self.path = f"/{secrets.token_urlsafe(12)}/"
+        self.address = f"http://127.0.0.1:{self.server_address[1]}{self.path}"
+        png = bytes(cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1])
+        self.files = {
+            self.path: ("text/html; charset=utf-8", page.encode()),
+            f"{self.path}image.png": ("image/png", png),
+        }
+        self._take = take
+        self.answers: list[T] = []
+        self.answered = threading.Event()
+
+    def take(self, content: bytes) -> str:
+        """Take the answer; what is wrong with it, or nothing."""
+        try:
+            self.answers.append(self._take(json.loads(content)))
+        except RequestError as error:
+            return str(error)
+        except (ValueError, RecursionError):
+            return "expected JSON"
+        return ""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers the page's requests."""
+
+    server: _Server[Any]
+
+    def do_GET(self) -> None:
+        """The page, and its image."""
+        found = self.server.files.get(self.path)
+        self._answer(200, *found) if found else self._answer(404, "text/plain", b"nothing here")
+
+    def do_POST(self) -> None:
+        """The answer."""
+        if self.path != f"{self.server.path}answer":
+            self._answer(404, "text/plain", b"nothing here")
+            return
+        length = self.headers.get("Content-Length", "")
+        wrong = self.server.take(self.rfile.read(min(int(length), LONGEST)) if length.isdecimal() else b"")
+        self._answer(400 if wrong else 200, "text/plain; charset=utf-8", wrong.encode())
+        if not wrong:
+            self.server.answered.set()
+
+    def _answer(self, status: int, kind: str, content: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Requests are nobody's concern."""
