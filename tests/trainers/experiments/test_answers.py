@@ -14,10 +14,10 @@ def test_a_street_is_counted_and_told(tmp_path, capsys):
     words = ["--streets", "1", "--frames", "60", "--data", str(tmp_path / "none"), "--cache", str(tmp_path / "cache")]
     assert main(["reproduce", "answers", *words, "--out", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
-    assert "1 streets, given boxes" in told
+    assert "1 streets, all boxes" in told
     assert "passed over" in told
     values = json.loads((tmp_path / "out/results.json").read_text())
-    assert values["given boxes"][0]["runs"][0]["occupancy"] < 0.2
+    assert values["all boxes"][0]["runs"][0]["errors"] == [0, 0, 0, 0]
 
 
 def test_the_truth_in_closed_form():
