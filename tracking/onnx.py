@@ -20,7 +20,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.devices import Device, device_of, opened_on
-from tsuiseki.tracking.errors import Dropped, RequestError
+from tsuiseki.tracking.errors import Dropped, RequestError, a_path
 
 Kind = Literal["detector", "appearance", "action", "affinity", "association", "objectness"]
 METADATA_KEY = "tsuiseki"
@@ -108,6 +108,8 @@ class WantedInput:
 
 def cores_of(threads: int) -> int:
     """``threads``, or for 0 the number of cores that this process may use."""
+    if not isinstance(threads, int) or threads < 0:
+        raise RequestError(f"`threads`: expected 0 or more, got {threads}")
     if threads:
         return threads
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -125,7 +127,7 @@ def open_session(path: str | Path, threads: int = 0, device: Device = "cpu") -> 
         RequestError: the file or one of its weights is missing, it is not ONNX, or newer than onnxruntime can read; or
             the device does not work.
     """
-    path = Path(path)
+    path = a_path(path)
     if not path.is_file():
         raise RequestError(f"expected an ONNX file at {path}, found none; check the path, or export one")
     for file in weight_files(path):
@@ -282,7 +284,7 @@ class OnnxModel:
     """
 
     def __init__(self, path: str | Path, kind: Kind, threads: int = 0, device: Device = "cpu") -> None:
-        self.path = Path(path)
+        self.path = a_path(path)
         self.session = open_session(path, threads, device)
         self.device = device_of(self.session)
         self.card = self._read_card(kind)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from tsuiseki.tracking.animals.skeleton import (
 )
 from tsuiseki.tracking.animals.tracker import AnimalTracker
 from tsuiseki.tracking.cli.options import Output, Video
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, an_instance
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.formats.result_folder import POINTS
@@ -63,8 +63,11 @@ def track_animals(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
+    if contrast not in get_args(Contrast):
+        raise RequestError(f"`contrast`: expected {', '.join(get_args(Contrast))}, got {contrast!r}")
     opened = Video.given(source, frames).open(images=True, replayable=True)
-    skeleton, made = skeleton or SkeletonSettings(), {"contrast": contrast, "source": named(source), "seed": seed}
+    skeleton = an_instance(skeleton or SkeletonSettings(), SkeletonSettings, "skeleton")
+    made = {"contrast": contrast, "source": named(source), "seed": seed}
     return animal_result(
         opened,
         opened.frames(),
@@ -72,7 +75,7 @@ def track_animals(
         skeleton.table(),
         contrast,
         threshold,
-        settings or SETTINGS,
+        an_instance(settings or SETTINGS, AnimalSettings, "settings"),
         StageTimes(),
         made,
     )

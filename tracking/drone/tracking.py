@@ -21,7 +21,7 @@ from tsuiseki.tracking.drone.models import DroneMethod, DroneModels, as_detectio
 from tsuiseki.tracking.drone.observations import Observation, observe
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import RequestError, RunError, a_path
 from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import devices_of
@@ -86,7 +86,7 @@ def track_drone(
     opened = Video.given(source, frames).open(images=True, replayable=True)
     given: Any = {"detections": detections, "detector": detector}
     finding = FindingOptions(**given, threads=threads, device=device, view="auto")
-    streams = None if actions is None else [Path(path) for path in actions]
+    streams = None if actions is None else [a_path(path, "actions") for path in actions]
     models = DroneModels.choose(opened, method, finding, appearance, streams)
     times = StageTimes()
     changes = None if affinity is None else CostNetwork(affinity, threads)

@@ -12,7 +12,7 @@ from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.run import count, frames_expected
 from tsuiseki.tracking.devices import Device
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import (
     AppearanceLike,
     Describe,
@@ -95,7 +95,8 @@ def track_fisheye(
 
     given: Any = {"detector": detector, "appearance": appearance, "threads": threads, "device": device}
     files = None if detections is None else [Path(detections)]
-    (inputs,) = opened_ceiling([source], Path(cameras), options, replace(DETECTING, **given), files, camera)
+    cameras = a_path(cameras, "cameras")
+    (inputs,) = opened_ceiling([source], cameras, options, replace(DETECTING, **given), files, camera)
     video, times = inputs.ceiling.source, StageTimes()
     if video.live:
         raise RequestError(f"expected a video that ends, got {video.name}, which is live; record it, or give a list")

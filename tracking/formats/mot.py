@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
 from tsuiseki.tracking.formats.rows import Rows, read_rows, whole_number
@@ -62,7 +62,7 @@ def read_ground_truth(path: str | Path, wanted: int | str | None = None) -> Grou
     Raises:
         RequestError: the file is missing, malformed, names an id twice in a frame, or has no box to evaluate.
     """
-    path = Path(path)
+    path = a_path(path)
     rows, ids, lines = _read(path, 9, "ground truth")
     if not len(rows):
         raise RequestError(f"{path} is empty: expected rows of ground truth")
@@ -122,7 +122,7 @@ def read_detections(
         RequestError: the file is missing or malformed, its rows are all beyond the video, or have a score outside the
             range.
     """
-    path = Path(path)
+    path = a_path(path)
     rows, _, lines = _read(path, 6, "detections", detected=True)
     if rows.shape[1] == 6:  # boxes without scores
         rows = np.column_stack([rows, np.full(len(rows), np.nan)])
@@ -225,7 +225,7 @@ def read_tracks(path: str | Path) -> list[Track]:
     Raises:
         RequestError: the file is missing or malformed, or names an id twice in a frame.
     """
-    path = Path(path)
+    path = a_path(path)
     rows, ids, lines = _read(path, 6, "tracks")
     if not len(rows):
         return []
@@ -265,7 +265,7 @@ def write_tracks(path: str | Path, tracks: Iterable[Track]) -> None:
     Raises:
         RequestError: the name is that of another format.
     """
-    path = Path(path)
+    path = a_path(path)
     if path.suffix.lower() in (".json", ".csv", ".parquet", ".xml", ".xlsx"):
         raise RequestError(f"{path}: expected the name of a text file, such as tracks.txt, got {path.suffix}")
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -12,7 +12,7 @@ from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.learnt_costs import CostChanges, ProjectsAppearance
 from tsuiseki.tracking.association.looks import Looks
 from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, an_instance
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
@@ -88,7 +88,12 @@ class FlowTracker:
             raise RequestError(f"expected a frame rate above 0 and a stride from 1, got {frame_rate} and {stride}")
         if delay is not None and not 0 <= delay < np.inf:
             raise RequestError(f"expected a delay of 0 seconds or more, got {delay}")
-        settings = adjusted(settings or FlowSettings(), min_time=min_time, fill=fill, smoothing=smoothing)
+        settings = adjusted(
+            an_instance(settings or FlowSettings(), FlowSettings, "settings"),
+            min_time=min_time,
+            fill=fill,
+            smoothing=smoothing,
+        )
         refuse_nan(settings)
         if delay is not None or changes is not None:
             settings = settings.alike()

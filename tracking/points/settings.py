@@ -119,7 +119,7 @@ class BlobSettings:
         if self.preset not in ("calibrated", "paper", "single"):
             raise RequestError(f"expected the preset calibrated, paper or single, got {self.preset!r}")
         _check(self, ("survival", "detection"), ("margin", "sharpness", "smallest"))
-        if self.particles < 1 or self.targets < 1 or min(self.size) < 3:
+        if self.particles < 1 or self.targets < 1 or not all(3 <= side < math.inf for side in self.size):
             raise RequestError("expected at least one particle, one target and a size of 3 pixels")
         if not 1 <= self.confirm[0] <= self.confirm[1]:
             raise RequestError(f"`confirm`: expected M,N with 1 <= M <= N frames, got {self.confirm}")

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from tsuiseki.tracking.cameras.camera_files import read_projective_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.filters.resampling import Covering
 from tsuiseki.tracking.formats.correspondences import read_ball_points
 from tsuiseki.tracking.result import Result
@@ -81,7 +81,7 @@ def sphere_points_run(
             raise RequestError(
                 f"`{name}`: expected none with `points`, which have no image to weigh; got {getattr(settings, name)}"
             )
-    placed = read_projective_cameras(Path(cameras))
+    placed = read_projective_cameras(a_path(cameras, "cameras"))
     if len(files) != len(placed) or len(files) < 2:
         raise RequestError(
             f"`points`: expected at least two files and one camera for each, got {len(files)} files and {len(placed)} "

@@ -15,7 +15,7 @@ from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective
 from tsuiseki.tracking.cameras.volume import check_volume, common_volume
 from tsuiseki.tracking.cli.options import Drawing, SeededOutput
 from tsuiseki.tracking.cli.run import Run
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.following import Seen, SphereLog, SphereRun, Start, check_start
 from tsuiseki.tracking.sphere.page import distances_to_truth, sphere_result, write_sphere_overlay
@@ -140,7 +140,7 @@ def sphere_run(
 
 def _opened(sources: Sequence[SourceLike], cameras: str | Path) -> tuple[Sequence[PlacedCamera], Sequence[Source]]:
     """The cameras of a file and the video of each."""
-    placed = read_projective_cameras(Path(cameras))
+    placed = read_projective_cameras(a_path(cameras, "cameras"))
     if len(sources) != len(placed) or len(sources) < 2:
         raise RequestError(
             f"expected at least two videos and one camera for each, got {len(sources)} videos and {len(placed)} "

@@ -18,6 +18,8 @@ from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy
 
 DEFAULT_FRAME_RATE = 25.0
+# Kinds of images that may hold several, of which only the first would be read.
+PAGED = ("TIFF", "WEBP", "PNG")
 ORIENTATION_TAG = 0x0112
 TURNED_ORIENTATIONS = (5, 6, 7, 8)
 # Leftovers of file managers that may lie among images.
@@ -130,9 +132,9 @@ def _images_only(folder: Path) -> tuple[Path, ...]:
 
 def _common_size(images: tuple[Path, ...]) -> tuple[int, int]:
     """Width and height of all the images; only their headers are read."""
-    first = _image_size(images[0])
+    first = one_image(images[0])
     for path in images[1:]:
-        size = _image_size(path)
+        size = one_image(path)
         if size != first:
             raise RequestError(
                 f"{path}: expected {first[0]}x{first[1]} pixels as in {images[0].name}, got {size[0]}x{size[1]}"
@@ -140,9 +142,13 @@ def _common_size(images: tuple[Path, ...]) -> tuple[int, int]:
     return first
 
 
-def _image_size(path: Path) -> tuple[int, int]:
+def one_image(path: Path) -> tuple[int, int]:
+    """Width and height of the image at ``path``; raises RequestError where it is none, or several in one file."""
     try:
         with Image.open(path) as image:
+            pages = getattr(image, "n_frames", 1) if image.format in PAGED else 1
+            if pages > 1:
+                raise RequestError(f"{path}: expected one image in a file, got {pages}; write each to its own file")
             # Asking a PNG for tags that it does not have would decode it all.
             turned = "exif" in image.info and image.getexif().get(ORIENTATION_TAG) in TURNED_ORIENTATIONS
             return (image.height, image.width) if turned else (image.width, image.height)

@@ -15,15 +15,18 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
+from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.coded_size import CodedSizes, Size
 from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, container_time, stated_rate, uneven
 from tsuiseki.tracking.video.given_frames import GivenFrames
-from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder
+from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder, one_image
 from tsuiseki.tracking.video.live import LiveSource
 
 SourceLike: TypeAlias = str | Path | int | Iterable[ImageArray | Frame]
+# FFmpeg draws the letters of a text file.
+DRAWN_TEXT = cv2.VideoWriter.fourcc(*"ansi")
 PLAYLIST_HEADERS = (b"#EXTM3U", b"ffconcat")
 
 
@@ -156,9 +159,11 @@ class VideoFile:
         with path.open("rb") as file:
             if file.read(16).startswith(PLAYLIST_HEADERS):
                 raise RequestError(f"{path} is a playlist, which may lead anywhere; give the video itself")
+        if path.suffix.lower() in IMAGE_SUFFIXES:
+            one_image(path)
         capture = cv2.VideoCapture(str(path))
         try:
-            readable = capture.isOpened()
+            readable = capture.isOpened() and int(capture.get(cv2.CAP_PROP_FOURCC)) != DRAWN_TEXT
             rate = stated_rate(capture)
             promised = int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT))) if readable else 0
             if not readable or not capture.grab():

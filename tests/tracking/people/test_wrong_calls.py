@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.animals.run import track_animals
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
@@ -19,7 +20,10 @@ from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.people.sort import Sort, SortSettings
 from tsuiseki.tracking.people.tracking import track_people
+from tsuiseki.tracking.points.settings import PointSettings
+from tsuiseki.tracking.points.tracker import PointTracker
 from tsuiseki.tracking.single.tracker import as_box
+from tsuiseki.tracking.sphere.run import track_sphere
 from tsuiseki.tracking.types import Detections, Estimate, Targets, Track
 from tsuiseki.tracking.weights import shipped
 
@@ -119,3 +123,22 @@ def test_tracks_are_written_as_text_only(tmp_path: Path) -> None:
     for name in ("t.json", "t.csv", "t.parquet"):
         with pytest.raises(RequestError, match="text file"):
             write_tracks(tmp_path / name, [track()])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: Sort(5), "`settings`: expected SortSettings, got int"),  # type: ignore[arg-type]
+        (lambda: FlowTracker(5), "`settings`: expected FlowSettings, got int"),  # type: ignore[arg-type]
+        (lambda: PointTracker(PointSettings(), (NAN, 1)), "`extent`: expected width and height"),
+        (lambda: track_animals(".", contrast="x"), "`contrast`: expected auto"),  # type: ignore[arg-type]
+        (lambda: read_tracks(5), "`path`: expected a path, got int"),  # type: ignore[arg-type]
+        (lambda: Detector(None), "`path`: expected a path, got NoneType"),  # type: ignore[arg-type]
+        (lambda: Detector(shipped("detector_street"), threads=-1), "`threads`: expected 0 or more"),
+        (lambda: Detector(shipped("detector_street"), score_threshold=NAN), "thresholds in .0, 1., got nan"),
+        (lambda: track_sphere([], 5, 0.1), "`cameras`: expected a path, got int"),  # type: ignore[arg-type]
+    ],
+)
+def test_wrong_arguments_are_refused_by_name(call: Callable[[], object], message: str) -> None:
+    with pytest.raises(RequestError, match=message):
+        call()

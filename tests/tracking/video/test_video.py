@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot_sequence import list_images
@@ -108,8 +109,6 @@ def test_an_odd_size_loses_its_last_row_and_column(tmp_path: Path) -> None:
 
 
 def test_a_turned_photograph_is_turned_upright(tmp_path: Path) -> None:
-    from PIL import Image
-
     for name, orientation in (("a.jpg", 6), ("b.jpg", 6)):
         exif = Image.Exif()
         exif[0x0112] = orientation
@@ -141,6 +140,8 @@ def test_what_is_no_video_is_refused(tmp_path: Path, webm: Path, images: Path) -
     (tmp_path / "header.webm").write_bytes(webm.read_bytes()[:300])
     refused(tmp_path / "missing.mp4", "found no")
     refused(tmp_path / "text.mp4", "OpenCV can decode")
+    (tmp_path / "gt.txt").write_text("1,1,10,10,20,40,1,1,1\n" * 200)
+    refused(tmp_path / "gt.txt", "OpenCV can decode")
     refused(tmp_path / "empty.webm", "OpenCV can decode")
     refused(tmp_path / "header.webm", "OpenCV can decode")
     refused(tmp_path / "list.m3u8", "playlist")
@@ -177,3 +178,14 @@ def test_an_image_that_breaks_off_later_fails_the_run(images: Path) -> None:
 def test_a_wrong_stretch_is_refused(text: str) -> None:
     with pytest.raises(RequestError, match="expected `frames` FIRST-LAST"):
         parse_frames(text)
+
+
+@pytest.mark.parametrize("name", ["stack.tif", "moving.webp", "moving.png"])
+@pytest.mark.parametrize("alone", [True, False])
+def test_several_images_in_one_file_are_refused_with_their_number(name: str, alone: bool, tmp_path: Path) -> None:
+    pages = [Image.new("RGB", (16, 16), (40 * n, 0, 0)) for n in range(3)]
+    pages[0].save(tmp_path / name, save_all=True, append_images=pages[1:])
+    with pytest.raises(RequestError, match="expected one image in a file, got 3"):
+        open_source(tmp_path / name if alone else tmp_path)
+    pages[0].save(tmp_path / name)
+    assert len(list(open_source(tmp_path / name if alone else tmp_path).frames())) == 1
