@@ -132,7 +132,7 @@ def _between_ends(here: FloatArray, there: FloatArray, along: FloatArray, furthe
 
 
 def interval_of(count: int, false: float, missed: float) -> tuple[int, int]:
-    """Ends of the interval about a count: from there on the likelier neighbour, while that brings it nearer to `LEVEL`.
+    """Ends of the interval: the likeliest numbers, as near to `LEVEL` together as can be, and the count.
 
     Args:
         count: found.
@@ -150,11 +150,13 @@ def interval_of(count: int, false: float, missed: float) -> tuple[int, int]:
     less = chances(false)
     # Of values from `count` less the most false ones on; without room for more at the ends.
     total = np.concatenate([[0.0], np.convolve(less[::-1], chances(missed)), [0.0]])
-    low = high = len(less)
+    low = high = int(total.argmax())
     held = total[low]
     while True:
         upwards = bool(total[high + 1] >= total[low - 1])
         more = max(total[high + 1], total[low - 1])
         if more == 0 or abs(held + more - LEVEL) >= abs(held - LEVEL):
-            return max(0, count + low - len(less)), count + high - len(less)
+            break
         held, low, high = held + more, low - (not upwards), high + upwards
+    at = count - len(less)
+    return max(0, min(count, at + low)), max(count, at + high)
