@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.errors import RequestError, an_instance
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -103,7 +103,8 @@ class ByteTrack(LifecycleTracker):
             start_score = high_score + 0.1
         life = {"max_age": max_age, "min_hits": min_hits, "start_score": start_score, "boxes": boxes}
         self.settings = adjusted(
-            an_instance(settings or ByteTrackSettings(), ByteTrackSettings, "settings"),
+            settings,
+            ByteTrackSettings,
             high_score=high_score,
             low_score=low_score,
             min_iou=min_iou,

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign
-from tsuiseki.tracking.errors import RequestError, an_instance
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -90,7 +90,8 @@ class DeepSort(LifecycleTracker):
     ) -> None:
         life = {"max_age": max_age, "min_hits": min_hits, "start_score": start_score, "boxes": boxes}
         self.settings = adjusted(
-            an_instance(settings or DeepSortSettings(), DeepSortSettings, "settings"),
+            settings,
+            DeepSortSettings,
             feature_gate=feature_gate,
             position_gate=position_gate,
             memory=memory,

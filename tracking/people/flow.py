@@ -12,7 +12,7 @@ from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.learnt_costs import CostChanges, ProjectsAppearance
 from tsuiseki.tracking.association.looks import Looks
 from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
-from tsuiseki.tracking.errors import RequestError, an_instance
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
@@ -89,7 +89,8 @@ class FlowTracker:
         if delay is not None and not 0 <= delay < np.inf:
             raise RequestError(f"expected a delay of 0 seconds or more, got {delay}")
         settings = adjusted(
-            an_instance(settings or FlowSettings(), FlowSettings, "settings"),
+            settings,
+            FlowSettings,
             min_time=min_time,
             fill=fill,
             smoothing=smoothing,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
@@ -52,15 +52,16 @@ class LifecycleSettings:
             raise RequestError(f"expected the boxes {' or '.join(get_args(ReportedBox))}, got {self.boxes!r}")
 
 
-def adjusted(settings: S, **given: Any) -> S:
+def adjusted(settings: S | None, kind: type[S], **given: Any) -> S:
     """Settings, in which those that are given and not None are others; names of `LifecycleSettings` go there.
 
     Raises:
-        RequestError: ``settings`` are none, or a value cannot be used.
+        RequestError: ``settings`` are of no such ``kind``, or a value cannot be used.
     """
-    if not is_dataclass(settings):
-        raise RequestError(f"expected settings by their names, such as max_age=30, got {settings!r}")
-    old: Any = settings
+    if not isinstance(settings, kind | None):
+        named = type(settings).__name__
+        raise RequestError(f"expected {kind.__name__}, or settings by their names, such as max_age=30, got {named}")
+    old: Any = kind() if settings is None else settings
     own = {one.name for one in fields(old)}
     known = {name: value for name, value in given.items() if value is not None}
     life = {name: known.pop(name) for name in [*known] if name not in own}

@@ -27,7 +27,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.errors import RequestError, an_instance
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
     BoxMotion,
@@ -121,7 +121,8 @@ class OcSort(LifecycleTracker):
             start_score = min_score
         life = {"max_age": max_age, "min_hits": min_hits, "start_score": start_score, "boxes": boxes}
         self.settings = adjusted(
-            an_instance(settings or OcSortSettings(), OcSortSettings, "settings"),
+            settings,
+            OcSortSettings,
             min_score=min_score,
             min_iou=min_iou,
             direction_weight=direction_weight,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tsuiseki.tracking.association.assignment import assign
-from tsuiseki.tracking.errors import RequestError, an_instance
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -68,9 +68,7 @@ class Sort(LifecycleTracker):
         boxes: ReportedBox | None = None,
     ) -> None:
         life = {"max_age": max_age, "min_hits": min_hits, "start_score": start_score, "boxes": boxes}
-        self.settings = adjusted(
-            an_instance(settings or SortSettings(), SortSettings, "settings"), min_iou=min_iou, **life
-        )
+        self.settings = adjusted(settings, SortSettings, min_iou=min_iou, **life)
         self.seed = seed
         super().__init__(self.settings.lifecycle, self.settings.motion)
 

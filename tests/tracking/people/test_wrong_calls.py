@@ -128,8 +128,8 @@ def test_tracks_are_written_as_text_only(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: Sort(5), "`settings`: expected SortSettings, got int"),  # type: ignore[arg-type]
-        (lambda: FlowTracker(5), "`settings`: expected FlowSettings, got int"),  # type: ignore[arg-type]
+        (lambda: Sort(5), "expected SortSettings, or settings by their names, such as max_age=30, got int"),  # type: ignore[arg-type]
+        (lambda: FlowTracker(5), "expected FlowSettings, or settings by their names, such as max_age=30, got int"),  # type: ignore[arg-type]
         (lambda: PointTracker(PointSettings(), (NAN, 1)), "`extent`: expected width and height"),
         (lambda: track_animals(".", contrast="x"), "`contrast`: expected auto"),  # type: ignore[arg-type]
         (lambda: read_tracks(5), "`path`: expected a path, got int"),  # type: ignore[arg-type]
