@@ -57,7 +57,7 @@ def main() -> None:
     best = dict.fromkeys(("prepare", "build", "solve", "bare", "whole tracker"), float("inf"))
     for _ in range(arguments.repeat):
         given = FlowInput(settings.input, Looks(FRAME_RATE), None)
-        seen, scores = _timed(best, "prepare", partial(given.rows, video))
+        seen, scores, _ = _timed(best, "prepare", partial(given.rows, video))
         observation = given.costs(scores)
         graph = _timed(best, "build", partial(_build, seen, observation, settings))
         _timed(best, "solve", partial(solve_in_windows, graph))
