@@ -41,7 +41,7 @@ def test_ssd512_trains_on_okutamas_layout(tmp_path):
     assert main(["export", "detector", "--checkpoint", str(best), "--out", str(exported)]) == 0
     assert Detector(exported).model.card.input_height == 512
     # One step from scratch teaches little; what it finds goes all the way.
-    frames = folder / "Drone1/Morning/Extracted-Frames-1280x720/1.1.1"
+    (frames,) = (folder / "Drone1/Morning/Extracted-Frames-1280x720").iterdir()
     given = ["--detector", str(exported), "--score-threshold", "0.3", "--frames", "1-2", "--keep-camera-motion"]
     track(frames, tmp_path / "tracks", "flow", *given)
 
