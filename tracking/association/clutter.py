@@ -59,13 +59,7 @@ def score_floor(frames: IntArray, boxes: FloatArray, scores: FloatArray, frame_r
     marginal = np.diff(moving[best:]) / np.diff(above[best:])
     weights = np.append(above[best], np.diff(above[best:]))
     right = isotonic_regression(np.append(trusted, marginal), weights=weights, increasing=False).x / trusted
-    low, high = right[::-1].searchsorted(KEPT), len(right) - 1
-    ordered = levels[best:][::-1]
-    if low == 0:
-        return float(ordered[0])
-    after = min(low, high)
-    share = (KEPT - right[::-1][low - 1]) / (right[::-1][after] - right[::-1][low - 1])
-    return float(ordered[low - 1] + share * (ordered[after] - ordered[low - 1]))
+    return float(np.interp(KEPT, right[::-1], levels[best:][::-1]))
 
 
 def standing_clutter(tracks: Sequence[Track], images: Sequence[FloatArray], frame_rate: float) -> IntArray:
@@ -96,8 +90,8 @@ def _extent(boxes: FloatArray) -> float:
     return float(np.linalg.norm(np.ptp(centre, axis=0)) / np.median(sizes(boxes)[:, 1]))
 
 
-def _links(frames: IntArray, boxes: FloatArray, frame_rate: float) -> tuple[IntArray, IntArray, FloatArray]:
-    """Earlier and later boxes that overlap, and how well: the shortest gap first, then the overlap."""
+def _links(frames: IntArray, boxes: FloatArray, frame_rate: float) -> tuple[IntArray, IntArray]:
+    """Earlier and later boxes that overlap, the best last: that of the shortest gap, then of the largest overlap."""
     every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
     found = []
     for gap in range(1, max(2, min(MOST_GAP, round(LONGEST_GAP * frame_rate))) + 1):
@@ -107,11 +101,11 @@ def _links(frames: IntArray, boxes: FloatArray, frame_rate: float) -> tuple[IntA
         found.append((i[good], j[good], overlap[good] - gap))
     i, j, fit = (np.concatenate(column) for column in zip(*found, strict=True))
     order = np.argsort(fit, kind="stable")
-    return i[order], j[order], fit[order]
+    return i[order], j[order]
 
 
 def _moving(
-    links: tuple[IntArray, IntArray, FloatArray],
+    links: tuple[IntArray, IntArray],
     level: float,
     frames: IntArray,
     boxes: FloatArray,
@@ -119,22 +113,22 @@ def _moving(
     frame_rate: float,
 ) -> int:
     """How many detections from a score upwards lie on chains that move."""
-    i, j, _ = links
+    i, j = links
     kept = (scores[i] >= level) & (scores[j] >= level)
     i, j = i[kept], j[kept]
     best_after, best_before = np.full(len(frames), -1), np.full(len(frames), -1)
-    # Ascending, so that the best link of each box is written last.
+    # The best link of each box is written last.
     best_after[i], best_before[j] = np.arange(len(i)), np.arange(len(j))
     mutual = (best_after[i] == np.arange(len(i))) & (best_before[j] == np.arange(len(j)))
     i, j = i[mutual], j[mutual]
     _, label = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(len(frames),) * 2), directed=False)
     used = np.flatnonzero(scores >= level)
     _, label = np.unique(label[used], return_inverse=True)
-    return int(_on_moving_chains(label, frames[used], boxes[used], frame_rate).sum())
+    return _on_moving_chains(label, frames[used], boxes[used], frame_rate)
 
 
-def _on_moving_chains(label: IntArray, frames: IntArray, boxes: FloatArray, frame_rate: float) -> IntArray:
-    """``(N,)`` 1 for detections whose chain covers a height and lasts half a second, else 0."""
+def _on_moving_chains(label: IntArray, frames: IntArray, boxes: FloatArray, frame_rate: float) -> int:
+    """How many detections lie on a chain that covers a height and lasts half a second."""
     order = np.argsort(label, kind="stable")
     start = np.flatnonzero(np.diff(label[order], prepend=-1))
     centre = centres(boxes)[order]
@@ -143,4 +137,4 @@ def _on_moving_chains(label: IntArray, frames: IntArray, boxes: FloatArray, fram
     when = frames[order]
     seconds = (np.maximum.reduceat(when, start) - np.minimum.reduceat(when, start) + 1) / frame_rate
     moves = (np.linalg.norm(span, axis=1) > MOVED * height) & (seconds >= LASTED)
-    return np.asarray(moves[label].astype(np.int64))
+    return int(moves[label].sum())

@@ -6,34 +6,18 @@ import numpy as np
 import pytest
 
 import tsuiseki
+from tests.tracking.answers.walkers import down, walker
 from tsuiseki.tracking.answers.counting import count
 from tsuiseki.tracking.answers.page import answers_page, files_of
 from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.types import Track
 
 ENTRANCE = SceneLine("entrance", np.array([[0.0, 100.0], [200.0, 100.0]]))
 EXIT = SceneLine("exit", np.array([[0.0, 300.0], [200.0, 300.0]]), ("out", "back"))
 SHOP = SceneZone("shop", np.array([[0.0, 100], [200, 100], [200, 300], [0, 300]]))
 SCENE = Scene([ENTRANCE, EXIT], [SHOP], (640, 480))
-
-
-HEIGHT = 50.0
-
-
-def walker(feet, number=1, frames=None, height=HEIGHT, observed=None):
-    """A track of somebody whose feet are at ``(T, 2)`` places."""
-    feet = np.asarray(feet, dtype=float)
-    boxes = np.column_stack([feet[:, 0] - 10, feet[:, 1] - height, feet[:, 0] + 10, feet[:, 1]])
-    numbers = np.arange(len(feet)) if frames is None else frames
-    return Track(number, numbers, boxes, np.ones(len(feet)), np.ones(len(feet), bool) if observed is None else observed)
-
-
-def down(x, ys):
-    """Places one below the other."""
-    return [(x, y) for y in ys]
 
 
 def answers(*tracks, scene=SCENE, rate=10.0, length=None, **settings):
