@@ -172,8 +172,7 @@ def calibrate_people(
     errors = np.full(len(views), np.nan)
     if len(views) > 1:
         joint = refined(views, _together(views, numbers, people, reach), people)
-        numbers, deviations = joint.cameras, joint.deviations
-        errors = np.array([joint.error(k) for k in range(len(views))])
+        numbers, deviations, errors = joint.cameras, joint.deviations, joint.errors
     found = PeopleCalibration(views, numbers, deviations, errors, people, rates)
     _warn(found)
     return found

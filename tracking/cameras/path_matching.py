@@ -39,7 +39,7 @@ class Alignment:
         turn: of its places, a complex number of length 1.
         shift: of its places after the turn, metres.
         score: places of people that agree.
-        rival: the same of the best other difference of the clocks.
+        rival: the same of the best alignment by another difference of the clocks, or to quite another place.
     """
 
     offset: float
@@ -71,7 +71,7 @@ def align(first: FloatArray, second: FloatArray, reach: int) -> Alignment | None
         second: ``(B, T)`` of the other camera.
         reach: largest difference of the clocks, in steps.
     """
-    tried: dict[int, tuple[float, complex, complex]] = {}
+    tried: dict[int, tuple[float, complex, complex, float]] = {}
 
     def attempt(lag: int) -> float:
         if lag not in tried and abs(lag) <= reach:
@@ -84,11 +84,11 @@ def align(first: FloatArray, second: FloatArray, reach: int) -> Alignment | None
         for near in range(lag - COARSE + 1, lag + COARSE):
             attempt(near)
     best = max(tried, key=lambda k: tried[k][0])
-    score, turn, shift = tried[best]
+    score, turn, shift, elsewhere = tried[best]
     if score <= 0:
         return None
     rival = max((one[0] for lag, one in tried.items() if abs(lag - best) * STEP > APART), default=0.0)
-    return Alignment(best * STEP, turn, shift, score, rival)
+    return Alignment(best * STEP, turn, shift, score, max(rival, elsewhere))
 
 
 def _lagged(places: FloatArray, lag: int) -> FloatArray:
@@ -118,12 +118,12 @@ def _fitted(sums: FloatArray) -> tuple[FloatArray, ...]:
     return turn, a, b, np.sqrt(np.minimum(*spread)), left
 
 
-def _agreed(first: FloatArray, second: FloatArray) -> tuple[float, complex, complex]:
-    """The turn and shift that most agree with, and how many places do."""
+def _agreed(first: FloatArray, second: FloatArray) -> tuple[float, complex, complex, float]:
+    """How many places agree, the turn and shift that they agree with, and how many agree with quite another."""
     sums = _sums(first, second)
     i, j = np.nonzero(sums[0].real >= FEWEST)
     if not len(i):
-        return 0.0, 1, 0
+        return 0.0, 1, 0, 0.0
     sums = sums[:, i, j]
     turn, a, b, spread, left = _fitted(sums)
     few = len(i) <= FEW
@@ -133,26 +133,30 @@ def _agreed(first: FloatArray, second: FloatArray) -> tuple[float, complex, comp
     guesses = [sums[:, hypotheses]]
     if few:
         pairs = [(p, q) for p, q in combinations(used.tolist(), 2) if i[p] != i[q] and j[p] != j[q]]
-        guesses.append(sum(sums[:, [pair[k] for pair in pairs]] for k in (0, 1)) if pairs else sums[:, :0])
+        ends = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        guesses.append(sums[:, ends[:, 0]] + sums[:, ends[:, 1]])
     turns, middles, others, spreads, lefts = _fitted(np.concatenate(guesses, axis=1))
     count = np.concatenate(guesses, axis=1)[0].real
     good = np.flatnonzero((lefts < MISFIT + SHARE * spreads) & (spreads > SPREAD))
     good = good[np.argsort(-(count * spreads / (lefts + 0.15))[good], kind="stable")[:MOST]]
     if not len(good):
-        return 0.0, 1, 0
+        return 0.0, 1, 0, 0.0
     turns, shifts = turns[good], middles[good] - turns[good] * others[good]
     away = np.abs(a[used] - turns[:, None] * b[used] - shifts[:, None])
     reach = AWAY + AWAY_SHARE * np.abs(b[used] - others[good][:, None])
     weight = np.clip(1 - away / reach, 0, 1) * np.minimum(sums[0, used].real, LONGEST)
     turned = np.abs(np.angle(turn[used] / turns[:, None]))
     weight *= np.where(spread[used] > SPREAD, np.clip(1 - turned / TURN, 0, 1), 1.0)
-    score = np.minimum(_once(weight, i[used], len(first)), _once(weight, j[used], len(second)))
+    score = np.minimum(_once(weight, i[used]), _once(weight, j[used]))
     k = int(np.argmax(score))
-    return float(score[k]), complex(turns[k]), complex(shifts[k])
+    middle = others[good[k]]
+    elsewhere = np.abs((turns - turns[k]) * middle + shifts - shifts[k]) > 3 * AWAY
+    elsewhere |= np.abs(np.angle(turns / turns[k])) > 2 * TURN
+    return float(score[k]), complex(turns[k]), complex(shifts[k]), float(score[elsewhere].max(initial=0.0))
 
 
-def _once(weight: FloatArray, path: IntArray, count: int) -> FloatArray:
+def _once(weight: FloatArray, path: IntArray) -> FloatArray:
     """``(H,)`` sums of weights ``(H, P)``, of each path the largest alone."""
-    largest = np.zeros((count, len(weight)))
-    np.maximum.at(largest, path, weight.T)
-    return np.asarray(largest.sum(axis=0))
+    order = np.argsort(path, kind="stable")
+    starts = np.flatnonzero(np.diff(path[order], prepend=-1))
+    return np.asarray(np.maximum.reduceat(weight[:, order], starts, axis=1).sum(axis=1))

@@ -44,7 +44,7 @@ TOLERANCES = (2.5, 1.5, 1.0, 0.8, 0.8)
 SURE, LEAST_SCORE = 1.25, 12.0
 # Places of two cameras that are compared at most, metres that a foot is uncertain by, weight of each place among those
 # of a walk, seconds a second by which clocks usually differ.
-MOST, FOOT, WEIGHT, DRIFTING = 200, 0.1, 0.5, 1e-3
+MOST, FOOT, WEIGHT, DRIFTING = 200, 0.1, 0.5, 1e-2
 # Scales of `NUMBERS` in the fit.
 SCALE = np.array([0.1, 20, 20, 0.05, 0.02, 0.1, 0.1, 1, 1, 0.2, 1e-3])
 DIFFERENCE = 1e-5
@@ -74,21 +74,12 @@ class Joint:
     Attributes:
         cameras: ``(C, 11)``, see `people_views.NUMBERS`.
         deviations: ``(C, 11)`` standard deviations.
-        shared: what each pair of cameras sees together.
-        distances: ``(M,)`` metres between the places of each of `shared`, one after the other.
+        errors: ``(C,)`` median metres between where a camera puts a person and where another does, each on average.
     """
 
     cameras: FloatArray
     deviations: FloatArray
-    shared: Sequence[Shared]
-    distances: FloatArray
-
-    def error(self, camera: int) -> float:
-        """Median distance in metres between a camera's people and those of the others; NaN where there are none."""
-        edges = np.cumsum([0, *(len(one.rows) for one in self.shared)])
-        own = [self.distances[a:b] for a, b, one in zip(edges[:-1], edges[1:], self.shared, strict=True)
-               if camera in (one.first, one.second)]  # fmt: skip
-        return float(np.median(np.concatenate(own))) if own else float("nan")
+    errors: FloatArray
 
 
 def placed(cameras: FloatArray, names: Sequence[str], found: Mapping[tuple[int, int], Alignment]) -> FloatArray:
@@ -142,9 +133,8 @@ def refined(views: Sequence[PeopleView], cameras: FloatArray, people: People) ->
     drifting = (drift * length > 0.5 * frame) & (drift > 3 * deviations[:, DRIFT])
     cameras[~drifting, DRIFT] = 0
     cameras, problem, fit = _round(views, cameras, people, TOLERANCES[-1], drifting)
-    shared = matched(views, cameras, people, TOLERANCES[-1])
-    distances = [np.abs(_apart(views, cameras, one, people)) for one in shared]
-    return Joint(cameras, problem.deviations(fit), shared, np.concatenate([np.empty(0), *distances]))
+    pairs = Pairs.of(views, matched(views, cameras, people, TOLERANCES[-1]))
+    return Joint(cameras, problem.deviations(fit), pairs.errors(cameras, people))
 
 
 def matched(views: Sequence[PeopleView], cameras: FloatArray, people: People, tolerance: float) -> list[Shared]:
@@ -199,13 +189,6 @@ def _rows(views: Sequence[PeopleView], cameras: FloatArray, i: int, j: int, part
     return Shared(i, j, rows[kept], others[kept])
 
 
-def _apart(views: Sequence[PeopleView], cameras: FloatArray, one: Shared, people: People) -> FloatArray:
-    """``(M,)`` complex metres from the second camera's place of a person to the first's."""
-    return Pairs.of(views, [one]).apart(
-        cameras[[one.first] * len(one.rows)], cameras[[one.second] * len(one.rows)], people
-    )
-
-
 @dataclass(frozen=True)
 class Pairs:
     """Boxes of the same people in two cameras each, of all pairs of cameras.
@@ -244,12 +227,22 @@ class Pairs:
         return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
     def apart(self, first: FloatArray, second: FloatArray, people: People) -> FloatArray:
-        """``(M,)`` as `_apart`, by ``(M, 11)`` cameras of each."""
+        """``(M,)`` complex metres from the second camera's places to the first's, by ``(M, 11)`` cameras of each."""
         place = on_floor(first, self.boxes, people.height)
         common = self.times * (1 + first[:, DRIFT]) + first[:, OFFSET]
         own = (common - second[:, OFFSET]) / (1 + second[:, DRIFT])
         boxes = self.others + self.speed * (own - self.before)[:, None]
         return place - on_floor(second, boxes, people.height)
+
+    def errors(self, cameras: FloatArray, people: People) -> FloatArray:
+        """``(C,)`` as of `Joint`; NaN where a camera shares nobody."""
+        apart = self.apart(cameras[self.first], cameras[self.second], people)
+        both = self.groups * len(cameras) + self.second
+        kept, first, person, counts = np.unique(both, return_index=True, return_inverse=True, return_counts=True)
+        sums = [np.bincount(person, part, len(kept)) for part in (apart.real, apart.imag)]
+        away, seen = np.hypot(*sums) / counts, (self.first[first], self.second[first])
+        own = [away[(seen[0] == k) | (seen[1] == k)] for k in range(len(cameras))]
+        return np.array([np.median(part) if len(part) else np.nan for part in own])
 
     def whitening(self, cameras: FloatArray, noises: FloatArray, people: People) -> FloatArray:
         """``(M, 2, 2)`` that make `apart` independent of deviation `WEIGHT`."""
@@ -300,7 +293,8 @@ class Problem:
 
     def _apart(self, first: FloatArray, second: FloatArray) -> FloatArray:
         apart = self.pairs.apart(first, second, self.people)
-        return np.einsum("nij,nj->ni", self.whitening, np.stack([apart.real, apart.imag], axis=1)).ravel()
+        errors = np.einsum("nij,nj->ni", self.whitening, np.stack([apart.real, apart.imag], axis=1))
+        return np.asarray(errors.ravel())
 
     def _alone(self, number: int, camera: FloatArray) -> FloatArray:
         """Heights and priors of one camera."""

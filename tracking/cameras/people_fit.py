@@ -61,12 +61,12 @@ def fit_view(view: PeopleView, people: People) -> tuple[FloatArray, FloatArray, 
     """
     _refuse_too_few(view)
     view = longest(view, MOST_PEOPLE)
-    noise, best = NOISE, None
+    noise, starts = NOISE, _starts(view, people)
     for _ in range(ROUNDS):
         errors = residuals(view, people, noise)
-        starts = _starts(view, people) if best is None else [best.x]
         fits = [least_robust(errors, partial(_differences, errors), start) for start in starts]
         best = min(fits, key=lambda fit: fit.cost)
+        starts = [best.x]
         noise = noise_of(height_errors(_camera(best.x, view), view, people.height), view.people)
     covariance = np.zeros((len(NUMBERS), len(NUMBERS)))
     groups = np.concatenate([view.people, view.people[_steps(view)[0]], np.full(5, -1)])

@@ -68,6 +68,9 @@ ELSEWHERE = {
     ),
     "calibrate checkerboard": "tests/tracking/cameras/test_checkerboard.py::test_the_command_finds_the_camera",
     "calibrate convert": "tests/tracking/fisheye/test_fisheye_commands.py::test_lenses_are_converted_with_a_residual",
+    "calibrate people": (
+        "tests/tracking/calibrate/test_people.py::test_the_command_writes_cameras_and_a_plan_and_checks"
+    ),
     "calibrate pose": "tests/tracking/fisheye/test_fisheye_commands.py::test_a_pose_from_height_and_from_points",
     "track people": "tests/tracking/people/test_track.py::test_a_person_is_tracked_from_any_source_by_any_method",
     "track single": "tests/tracking/single/test_single_commands.py::test_track_and_evaluate",
