@@ -92,11 +92,11 @@ class _Compared:
         self.enough = len(y) >= _PLACES
         every = max(-(-len(y) // _MOST_PLACES), 1)
         self.y, self.x = y, x = y[::every], x[::every]
-        g_x, g_y = across[y, x], down[y, x]
+        g_y, g_x, length = np.stack([down, across, length])[:, y, x]
         high, wide = picture.shape
         v, u = y - (high - 1) / 2, x - (wide - 1) / 2
         self.design = np.stack([picture[y, x], np.ones(len(y)), -g_x, -g_y, -(g_x * u + g_y * v), g_x * v - g_y * u])
-        self.least = np.maximum(_DIFFERENCE * length[y, x], 2 * _NOISE)
+        self.least = np.maximum(_DIFFERENCE * length, 2 * _NOISE)
         self.part = y * _PARTS[0] // high * _PARTS[1] + x * _PARTS[1] // wide
         self.seen = np.bincount(self.part, minlength=_PARTS[0] * _PARTS[1])
 
