@@ -150,13 +150,15 @@ class EstimatedTracks:
         """The tracks so far, by id."""
         if not self._rows:
             return []
-        frames, labels, *rest = (np.concatenate(part) for part in zip(*self._rows, strict=True))
+        columns = (np.concatenate(part) for part in zip(*self._rows, strict=True))
+        frames, labels, boxes, scores, observed, origin = columns
         order = np.argsort(labels, kind="stable")
         parts = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
         rows = {int(labels[part[0]]): part for part in parts if len(part)}
         named = [(number, rows[label]) for label, number in self._ids.items() if label in rows]
         return [
-            Track(number, frames[row], *(column[row] for column in rest), names=self._names) for number, row in named
+            Track(number, frames[row], boxes[row], scores[row], observed[row], origin[row], self._names)
+            for number, row in named
         ]
 
 
