@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -14,8 +14,9 @@ from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.people.hidden_places import Wanted
+    from tsuiseki.tracking.people.tracking import OpenedPeople
     from tsuiseki.tracking.result import Result
-    from tsuiseki.tracking.types import Frame, Track
+    from tsuiseki.tracking.types import Detections, Frame, Track
     from tsuiseki.tracking.video.source import Source
 
 
@@ -32,6 +33,18 @@ def people(
         hide: in the overlay hide people, heads, or all-but the tracks with these ids, such as all-but 3,5; see
             tsuiseki hide.
     """
+    return track(video, output, finding, linking, hide)
+
+
+def track(
+    video: Video,
+    output: SeededOutput,
+    finding: PeopleFinding,
+    linking: Linking,
+    hide: str | None = None,
+    look: Callable[[Run, OpenedPeople], Iterator[tuple[int, Detections]]] | None = None,
+) -> int:
+    """`people`, with detections that may come from elsewhere: ``look`` gives each frame's number and what is there."""
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.cli.run import count, frames_expected
     from tsuiseki.tracking.people.hidden_places import Wanted
@@ -45,7 +58,10 @@ def people(
     opened = open_people(source, finding, linking, output.seed)
     with output.run() as run:
         tell_models(run, opened.inputs.detect, opened.inputs.describe)
-        found = opened.inputs.found(run.frames(source, record=video.overlay), run.times)
+        if look is None:
+            found = opened.inputs.found(run.frames(source, record=video.overlay), run.times)
+        else:
+            found = look(run, opened)
         steps = run.steps(found, total=frames_expected(source))
         result, lines = people_result(opened, steps, run.times, {"method": linking.method, "source": video.source})
         for line in lines:
