@@ -110,19 +110,19 @@ class Processes:
         busy = [worker for worker in self._workers if worker.task is not None]
         by_pipe = {worker.pipe: worker for worker in busy}
         wait([*by_pipe, *(worker.process.sentinel for worker in busy)], seconds)
-        found = []
+        found: list[tuple[Task, Outcome]] = []
         for worker in busy:
-            assert worker.task is not None
-            alive = worker.process.is_alive()
+            task, alive = worker.task, worker.process.is_alive()
+            assert task is not None
             if worker.pipe.poll():
                 try:
-                    found.append((worker.task, worker.pipe.recv()))
+                    found.append((task, worker.pipe.recv()))
                     worker.task = None
                     continue
                 except (EOFError, OSError):
                     alive = False
             if not alive:
-                found.append((worker.task, Outcome("lost", LOST)))
+                found.append((task, Outcome("lost", LOST)))
                 self._workers.remove(worker)
                 worker.end()
         return found

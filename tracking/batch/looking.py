@@ -166,9 +166,10 @@ def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float
     parts += _parts(begins, wanted.last, batches * inputs.batch_size)
     told = [known.get(number, Detections.empty()) for number in range(wanted.first, begins)]
     choice, network = inputs.choice, inner_detector(inputs.detect)
-    chosen = (None, None) if choice is None else (choice.floor, choice.threshold)
+    floor, threshold = (None, None) if choice is None else (choice.floor, choice.threshold)
     gave = [*network.gave] if isinstance(network, ForeignDetector) else []
-    return LookingPlan(parts, begins, seen, views, *chosen, gave, told, stretches.stamps, stretches.times)
+    beside = told, stretches.stamps, stretches.times
+    return LookingPlan(parts, begins, seen, views, floor, threshold, gave, *beside)
 
 
 def _parts(first: int, last: int, length: int) -> list[tuple[int, int]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 from collections import Counter
 from collections.abc import Sequence
 from html import escape
@@ -60,8 +61,24 @@ def _page(batch: Path, command: str, rows: Sequence[Row]) -> str:
     ]
     head = ["Video", "Status", "Frames", "Tracks", "Work", "Result"]
     failed = {row.name: row.line for row in rows if row.status == "failed"}
-    sections = [section("Videos", html_table(head, shown)), section("What failed", listing(failed))]
+    sections = [
+        section("Crossings of all", listing(_crossings(batch, rows))),
+        section("Videos", html_table(head, shown)),
+        section("What failed", listing(failed)),
+    ]
     return html_page(f"{len(rows)} videos: {command}", f"{summary_of(rows)}.", sections)
+
+
+def _crossings(batch: Path, rows: Sequence[Row]) -> dict[str, str]:
+    """Of each line in each direction over all results of `tsuiseki count`; empty where there is none."""
+    sums: Counter[str] = Counter()
+    for row in rows:
+        path = batch / row.name / "answers.json"
+        if row.status != "failed" and path.is_file():
+            lines = json.loads(path.read_text(encoding="utf-8")).get("lines", {})
+            for line, way, count in zip(*(lines.get(name, []) for name in ("line", "direction", "count")), strict=True):
+                sums[f"{line}, {way}"] += count
+    return {name: str(count) for name, count in sorted(sums.items())}
 
 
 def _linked(batch: Path, row: Row) -> str:

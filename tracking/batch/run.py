@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from dataclasses import MISSING, dataclass, field, make_dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 from tsuiseki.tracking.batch.executors import Executor, Processes
 from tsuiseki.tracking.batch.jobs import STATE, Job, Place, function_of
@@ -132,7 +132,7 @@ def batch(
     return run_batch([str(source) for source in given], job, how)
 
 
-def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callable[[str], None] = str) -> BatchResult:
+def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callable[[str], object] = str) -> BatchResult:
     """`batch` with what was checked; ``said`` is told in a line what is finished."""
     jobs = jobs_of(sources, job)
     # What is wrong with the options shows before anything is done, and so do results of others.
@@ -213,8 +213,8 @@ def _several(group: str, names: Any, words: Sequence[str]) -> int:
     if not words or words[0] not in names:
         if words and words[0] not in ("-h", "--help"):
             raise RequestError(f"expected `tsuiseki batch {group}` and one of {', '.join(names)}, got {words[0]}")
-        print(f"usage: tsuiseki batch {group} WHAT SOURCES … --out DIR [options]\n\nWHAT is {', '.join(names)}.")
-        return 0 if words else 2
+        print(f"WHAT of `tsuiseki batch {group} WHAT` is {', '.join(names)}. Of people:\n")
+        words = ["people", "--help"]
     return _call((group, words[0]), words[1:])
 
 
@@ -238,20 +238,20 @@ def batched(command: tuple[str, ...]) -> Callable[..., int]:
     function, own = function_of(command), {option.name for option in options_of(partial_of(BatchOptions))}
     place = next(option.name for option in options_of(function) if option.by_place)
 
-    def run(sources: list[str], /, how: BatchOptions, **_: Any) -> int:
+    def run(sources: list[str], /, doing: BatchOptions, **_: Any) -> int:
         defaults = {option.name: option.default for option in options_of(function)}
         given = {
             name: value
-            for name, value in how.settings.items()
+            for name, value in doing.settings.items()
             if name in defaults and name not in own and value != _plain(defaults[name])
         }
-        result = run_batch(sources, Job(command, "", "", given), how, print)
-        print(f"{summary_of(result.rows)}: {how.out / 'index.html'}")
+        result = run_batch(sources, Job(command, "", "", given), doing, print)
+        print(f"{summary_of(result.rows)}: {doing.out / 'index.html'}")
         return 1 if result.failed else 0
 
     parameters = [
         inspect.Parameter("sources", inspect.Parameter.POSITIONAL_ONLY, annotation=list[str]),
-        inspect.Parameter("how", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=BatchOptions),
+        inspect.Parameter("doing", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=BatchOptions),
     ]
     for one in inspect.signature(function, eval_str=True).parameters.values():
         if is_shared(one.annotation):
@@ -288,7 +288,8 @@ def _without(kind: type, names: set[str]) -> type:
         if one.name in names
     ]
     by_name = [one for one in dataclasses.fields(kind) if one.metadata.get("positional") and one.name not in names]
-    hidden += [(one.name, hints[one.name], field(default_factory=list)) for one in by_name]
+    # What a command takes by place beside the source is an option here, and one for each video.
+    hidden += [(one.name, (get_args(hints[one.name]) or (hints[one.name],))[0], field(default="")) for one in by_name]
     unchecked = {"check": lambda _: None, "__doc__": kind.__doc__}
     return make_dataclass(kind.__name__, hidden, bases=(kind,), frozen=True, kw_only=True, namespace=unchecked)
 

@@ -54,6 +54,8 @@ def jobs_of(sources: Sequence[str], job: Job) -> list[Job]:
 
 def _jobs_of(source: str, job: Job) -> Iterator[tuple[str, Job]]:
     path = Path(source)
+    if not source:
+        raise RequestError("expected the name of a video, a folder or an address, got nothing")
     if "://" in source:
         for address in _addresses(source):
             yield address, replace(job, source=address, name=PurePosixPath(address.split("?")[0]).stem)

@@ -12,7 +12,42 @@ import onnx
 import pytest
 from onnx import numpy_helper
 
+from tsuiseki.tracking.batch import run
+from tsuiseki.tracking.batch.tasks import Outcome, Task, do
+
 FRAMES = 60
+
+
+class Here:
+    """Does tasks in this process, one after the other, and keeps what it did."""
+
+    def __init__(self) -> None:
+        self.tasks: list[Task] = []
+        self.outcomes: list[tuple[Task, Outcome]] = []
+
+    def free(self) -> bool:
+        return not self.outcomes
+
+    def submit(self, task: Task) -> None:
+        self.tasks.append(task)
+        self.outcomes.append((task, do(task)))
+
+    def finished(self, _: float) -> list[tuple[Task, Outcome]]:
+        done, self.outcomes = self.outcomes, []
+        return done
+
+    def close(self) -> None: ...
+
+    def kinds(self) -> list[str]:
+        return [task.kind for task in self.tasks]
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> Here:
+    """Does the tasks of whatever batch the test runs."""
+    executor = Here()
+    monkeypatch.setattr(run, "_executor", lambda _: (executor, True))
+    return executor
 
 
 def picture(number: int, rng: np.random.Generator) -> np.ndarray:
