@@ -22,8 +22,6 @@ from tsuiseki.tracking.batch.tasks import Task
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RunError
 
-PEOPLE = ["batch", "track", "people"]
-
 
 def facts(folder: Path) -> dict[str, Any]:
     """What ``run.json`` says but for time that it took."""
@@ -36,7 +34,9 @@ def test_stretches_of_five_videos_give_what_one_process_gives(
     videos: Path, networks: list[str], tmp_path: Path, here: Any
 ) -> None:
     words = [*networks, "--view", "1", "--score-threshold", "0.05", "--threads", "1"]
-    assert main([*PEOPLE, str(videos), *words, "--stretch", "0.6", "--out", str(tmp_path / "all")]) == 0
+    assert (
+        main(["batch", "track", "people", str(videos), *words, "--stretch", "0.6", "--out", str(tmp_path / "all")]) == 0
+    )
     assert here.kinds().count("begin") == here.kinds().count("finish") == 5
     assert here.kinds().count("look") > 15
     for source in videos.iterdir():
@@ -53,7 +53,7 @@ def test_stretches_of_five_videos_give_what_one_process_gives(
 def test_so_do_other_options(videos: Path, networks: list[str], tmp_path: Path, here: Any, more: list[str]) -> None:
     networks = networks if "sort" not in more else networks[:2]
     words = [str(videos / "coded.mp4"), *networks, "--score-threshold", "0.05", "--threads", "1", *more]
-    assert main([*PEOPLE, *words, "--stretch", "0.4", "--out", str(tmp_path / "all")]) == 0
+    assert main(["batch", "track", "people", *words, "--stretch", "0.4", "--out", str(tmp_path / "all")]) == 0
     assert main(["track", "people", *words, "--out", str(tmp_path / "one")]) == 0
     assert here.kinds().count("look") >= 3
     for name in ("tracks.txt", *(["overlay.webm"] if "--overlay" in more else [])):
@@ -112,7 +112,9 @@ def test_the_same_command_goes_on_after_a_kill(
 ) -> None:
     out = tmp_path / "o"
     words = [
-        *PEOPLE,
+        "batch",
+        "track",
+        "people",
         str(videos / "pictures"),
         *networks,
         "--view",
@@ -158,7 +160,7 @@ def test_results_are_known_by_content(
 ) -> None:
     video = tmp_path / "clip.avi"
     video.write_bytes((videos / "still.avi").read_bytes())
-    words = [*PEOPLE, str(video), *networks, "--view", "1", "--out", str(tmp_path / "o")]
+    words = ["batch", "track", "people", str(video), *networks, "--view", "1", "--out", str(tmp_path / "o")]
     assert main(words) == 0
     os.utime(video, (1, 1))
     here.tasks.clear()
@@ -184,7 +186,10 @@ def test_a_broken_video_fails_alone(
     (folder / "cut.avi").write_bytes(whole[: len(whole) // 2])
     (folder / "fine.avi").write_bytes(whole)
     out = tmp_path / "o"
-    assert main([*PEOPLE, str(folder), *networks, "--view", "1", "--stretch", "1", "--out", str(out)]) == 1
+    assert (
+        main(["batch", "track", "people", str(folder), *networks, "--view", "1", "--stretch", "1", "--out", str(out)])
+        == 1
+    )
     rows = [line.split(",", 2)[:2] for line in (out / "summary.csv").read_text().splitlines()[1:]]
     assert rows == [["broken", "failed"], ["cut", "failed"], ["fine", "done"]]
     page = (out / "index.html").read_text()
