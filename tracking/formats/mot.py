@@ -209,12 +209,13 @@ def _used(path: Path, rows: FloatArray, lines: IntArray, length: int | None) -> 
 
 
 def write_detections(path: Path, detections: Iterable[Detections]) -> None:
-    """Write one `Detections` a frame as ``det.txt``; what no detector scored gets 0."""
+    """Write one `Detections` a frame as ``det.txt``, the class in column 8; what no detector scored gets 0."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", encoding="utf-8") as file:
         for frame, found in enumerate(detections, start=1):
-            for box, score in zip(boxes_as_text(found.boxes), np.nan_to_num(found.scores), strict=True):
-                file.write(f"{frame},-1,{box},{score:.6f},-1,-1,-1\n")
+            columns = boxes_as_text(found.boxes), np.nan_to_num(found.scores), found.origin[:, 1]
+            for box, score, kind in zip(*columns, strict=True):
+                file.write(f"{frame},-1,{box},{score:.6f},{kind},-1,-1\n")
 
 
 def read_tracks(path: str | Path) -> list[Track]:
