@@ -25,7 +25,8 @@ def people(
     """Track the people in a video: each gets a number that stays.
 
     Without further options the people are found, described and linked by the models that ship with the toolkit.
-    DIR gets tracks.txt (MOTChallenge text), report.html, run.json and, with --overlay, overlay.webm.
+    DIR gets tracks.txt (MOTChallenge text), report.html, run.json, with --method flow flow.npz (what tsuiseki review
+    asks about) and, with --overlay, overlay.webm.
 
     Args:
         seed: of random numbers; kept in run.json, for the methods here draw none.
