@@ -26,7 +26,8 @@ def people(
     """Track the people in a video: each gets a number that stays.
 
     Without further options the people are found, described and linked by the models that ship with the toolkit.
-    DIR gets tracks.txt (MOTChallenge text), report.html, run.json and, with --overlay, overlay.webm.
+    DIR gets tracks.txt (MOTChallenge text), report.html, run.json, with --method flow flow.npz (what tsuiseki review
+    asks about) and, with --overlay, overlay.webm.
 
     Args:
         seed: of random numbers; kept in run.json, for the methods here draw none.
@@ -47,6 +48,7 @@ def track(
     """`people`, with detections that may come from elsewhere: ``look`` gives each frame's number and what is there."""
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.cli.run import count, frames_expected
+    from tsuiseki.tracking.formats.mot import detection_lines
     from tsuiseki.tracking.people.hidden_places import Wanted
     from tsuiseki.tracking.people.page import counted
     from tsuiseki.tracking.people.tracking import open_people, people_result
@@ -62,7 +64,8 @@ def track(
             found = opened.inputs.found(run.frames(source, record=video.overlay), run.times)
         else:
             found = look(run, opened)
-        steps = run.steps(found, total=frames_expected(source))
+        kept = run.kept("detections.txt", found, None if finding.detections else detection_lines)
+        steps = run.steps(kept, total=frames_expected(source))
         result, lines = people_result(opened, steps, run.times, {"method": linking.method, "source": video.source})
         for line in lines:
             print(line)
