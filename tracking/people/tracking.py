@@ -308,7 +308,7 @@ def people_result(
         times: of the run.
         settings: of the run; those named ``method`` and ``source`` are shown on its page.
     """
-    from tsuiseki.tracking.people.page import people_page
+    from tsuiseki.tracking.answers.page import with_page
     from tsuiseki.tracking.report.overlay import Overlay
 
     video, name = opened.inputs.source, settings["method"]
@@ -327,13 +327,10 @@ def people_result(
         facts=facts,
         seconds=times.seconds,
         frames=log.columns(tracks),
-        files={
-            "tracks.txt": lambda path, _: write_tracks(path, tracks),
-            "report.html": lambda path, folder: path.write_text(people_page(result, folder), encoding="utf-8"),
-        },
+        files={"tracks.txt": lambda path, _: write_tracks(path, tracks)},
         painter=Overlay(tracks, video.frame_rate).draw,
     )
-    return result, [*lines, *unused]
+    return with_page(result), [*lines, *unused]
 
 
 def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any], list[str]]:
