@@ -24,8 +24,8 @@ def people(
     """Track the people in a video: each gets a number that stays.
 
     Without further options the people are found, described and linked by the models that ship with the toolkit.
-    DIR gets tracks.txt (MOTChallenge text), report.html with its plots and numbers in report/, run.json and, with
-    --overlay, overlay.webm.
+    DIR gets tracks.txt (MOTChallenge text), report.html with its plots and numbers in report/, run.json, with --method
+    flow flow.npz (what tsuiseki review asks about) and, with --overlay, overlay.webm.
 
     Args:
         seed: of random numbers; kept in run.json, for the methods here draw none.
@@ -35,6 +35,7 @@ def people(
     from tsuiseki.tracking.answers.page import counted, with_page
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.cli.run import count, frames_expected
+    from tsuiseki.tracking.formats.mot import detection_lines
     from tsuiseki.tracking.people.hidden_places import Wanted
     from tsuiseki.tracking.people.tracking import open_people, people_result
 
@@ -44,7 +45,8 @@ def people(
     with output.run() as run:
         tell_models(run, opened.inputs.detect, opened.inputs.describe)
         found = opened.inputs.found(run.frames(source, record=video.overlay or wanted is not None), run.times)
-        steps = run.steps(found, total=frames_expected(source))
+        kept = run.kept("detections.txt", found, None if finding.detections else detection_lines)
+        steps = run.steps(kept, total=frames_expected(source))
         settings = {"method": linking.method, "source": video.source, "hide": hide}
         result, lines = people_result(opened, steps, run.times, settings)
         for line in lines:

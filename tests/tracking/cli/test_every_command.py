@@ -41,6 +41,9 @@ ELSEWHERE = {
         "tests/trainers/association/test_action_cost_fit.py::test_the_command_writes_the_cost_of_actions"
     ),
     "train association": "tests/trainers/association/test_training.py::trained",
+    "detect": (
+        "tests/tracking/people/test_detect.py::test_boxes_and_centres_of_the_frames_that_were_asked_for_are_written"
+    ),
     "train objectness": (
         "tests/tracking/single/test_single_commands.py::test_objectness_is_learnt_from_folders_and_needs_enough_boxes"
     ),
