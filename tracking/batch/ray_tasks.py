@@ -46,8 +46,6 @@ class RayTasks:
         environment: dict[str, str] = {}
         if THREADS not in os.environ:
             environment[THREADS] = "1"
-        # Messages of the raylet come by ways that `log_to_driver` does not close.
-        os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
         os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         how: dict[str, Any] = {"address": address}
@@ -62,6 +60,9 @@ class RayTasks:
                 )
         except Exception as error:
             raise RequestError(f"`ray`: {_reason(error, address, ray.__version__)}") from error
+        if self._ray.cluster_resources().get("GPU", 0.0) < gpus:
+            self._ray.shutdown()
+            raise RequestError(f"`gpus`: expected {gpus:g} of a GPU, but no machine of this Ray has one")
         remote = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=0, retry_exceptions=False)(do)
         self._remote: Any = remote
         self._waiting: dict[Any, Task] = {}
@@ -108,8 +109,16 @@ class RayTasks:
 
 @contextmanager
 def _quiet() -> Any:
-    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-        yield
+    """Nothing is printed, by what is not Python neither: parts of Ray write to the terminal themselves."""
+    before, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+            yield
+    finally:
+        os.dup2(before, 2)
+        os.close(before)
+        os.close(nowhere)
 
 
 def _answers(address: str) -> None:

@@ -21,7 +21,7 @@ from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.coded_size import CodedSizes, Size
 from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, container_time, stated_rate, uneven
 from tsuiseki.tracking.video.given_frames import GivenFrames
-from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder, one_image
+from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder, one_image, read_image
 from tsuiseki.tracking.video.live import LiveSource
 
 SourceLike: TypeAlias = str | Path | int | Iterable[ImageArray | Frame]
@@ -129,6 +129,16 @@ def address_of(source: Source) -> str:
 def named(source: SourceLike) -> str:
     """A source that was given, for the settings of a run."""
     return str(source) if isinstance(source, str | Path | int) else "images"
+
+
+def some_frames(source: Source, numbers: Sequence[int]) -> Iterator[Frame]:
+    """The frames of these 0-based numbers, in order, as far as there are such; of a folder no other is read."""
+    if isinstance(source, ImageFolder):
+        for number in (one for one in numbers if one < len(source.images)):
+            yield Frame(number, number / source.frame_rate, read_image(source.images[number], source.size))
+    else:
+        wanted = set(numbers)
+        yield from (frame for frame in source.frames() if frame.index in wanted)
 
 
 def endless(source: Source) -> bool:
