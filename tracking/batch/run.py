@@ -213,7 +213,7 @@ def _several(group: str, names: Any, words: Sequence[str]) -> int:
     if not words or words[0] not in names:
         if words and words[0] not in ("-h", "--help"):
             raise RequestError(f"expected `tsuiseki batch {group}` and one of {', '.join(names)}, got {words[0]}")
-        print(f"WHAT of `tsuiseki batch {group} WHAT` is {', '.join(names)}. Of people:\n")
+        print(f"usage: tsuiseki batch {group} WHAT …\n\nWHAT is {', '.join(names)}. Of people:\n")
         words = ["people", "--help"]
     return _call((group, words[0]), words[1:])
 

@@ -90,7 +90,7 @@ def test_another_version_is_said_in_a_line(monkeypatch: pytest.MonkeyPatch) -> N
 
     def refuse(**_: Any) -> None:
         raise RuntimeError(
-            "Version mismatch: The cluster was started with:\n    Ray: 2.9.0\n    Python: 3.10\nThis process was started"
+            "Version mismatch: The cluster was started with:\n    Ray: 2.9.0\n    Python: 3.10\nThis process"
         )
 
     monkeypatch.setattr(ray, "init", refuse)
