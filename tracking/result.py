@@ -398,6 +398,7 @@ class Result(Sequence[T_co]):
         files = self.files or {"tracks.csv": lambda path, _: write_table(path, self._table(), {})}
         with output_folder(folder, overwrite) as work:
             for name, write in files.items():
+                (work / name).parent.mkdir(parents=True, exist_ok=True)
                 write(work / name, work)
             seed = int(self.settings.get("seed", 0))
             record = RunRecord(["tsuiseki"], self.settings, seed, self.seconds, self.frames, facts=self.facts)
