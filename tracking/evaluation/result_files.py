@@ -206,7 +206,7 @@ def evaluate_detection_files(
     for low, high in VISIBLE if (shares < 1).any() else ():
         if ((shares >= low) & (shares < high)).any():
             name = f"visible {100 * low:.0f}-{100 * min(high, 1):.0f} %"
-            visible[name] = scored((_visible(labels, low, high), *more) for labels, *more in every.values())
+            visible[name] = scored((_visible(labels, low, high), n, d) for labels, n, d in every.values())
     return DetectionEvaluation({name: scored([one]) for name, one in every.items()}, scored(every.values()), visible)
 
 
