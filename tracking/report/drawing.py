@@ -90,6 +90,7 @@ class _Server(ThreadingHTTPServer, Generic[T]):
         self.files = {
             self.path: ("text/html; charset=utf-8", page.encode()),
             f"{self.path}image.png": ("image/png", png),
+            "/favicon.ico": ("image/png", b""),  # browsers ask for it
         }
         self._take = take
         self.answers: list[T] = []
