@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.types import IntArray, Track
+from tsuiseki.tracking.types import Track
 
 CHUNK = 500
 """Frames whose rows the page gets at once."""
@@ -18,12 +18,12 @@ Rows = NDArray[Any]
 
 def rows_of(tracks: Iterable[Track]) -> Rows:
     """The rows (`ROW`) of tracks, by frame, then by id."""
-    parts = []
+    parts = [np.empty(0, ROW)]
     for track in tracks:
-        part = np.empty(len(track), ROW)
-        part["frame"], part["id"], part["box"], part["filled"] = track.frames, track.id, track.boxes, ~track.observed
-        parts.append(part)
-    rows = np.concatenate(parts) if parts else np.empty(0, ROW)
+        parts.append(np.empty(len(track), ROW))
+        for name, column in zip(ROW.names or (), (track.frames, track.id, track.boxes, ~track.observed), strict=True):
+            parts[-1][name] = column
+    rows = np.concatenate(parts)
     return rows[np.lexsort((rows["id"], rows["frame"]))]
 
 
@@ -33,32 +33,20 @@ def chunk(rows: Rows, number: int) -> bytes:
     return rows[begin:end].tobytes()
 
 
-def spans_of(rows: Rows) -> dict[int, list[list[int]]]:
-    """By id the stretches of frames, first and last, in which it is there."""
-    order = np.lexsort((rows["frame"], rows["id"]))
-    ids, frames = rows["id"][order], rows["frame"][order]
-    breaks = np.flatnonzero((np.diff(ids) != 0) | (np.diff(frames) != 1)) + 1
-    begins, ends = np.r_[0, breaks][: len(ids)], np.r_[breaks, len(ids)] - 1
-    found: dict[int, list[list[int]]] = {}
-    for number, *span in zip(ids[begins].tolist(), frames[begins].tolist(), frames[ends].tolist(), strict=True):
-        found.setdefault(number, []).append(span)
+def spans_of(track: Track) -> list[list[int]]:
+    """The stretches of frames, first and last, in which a track is there."""
+    breaks = np.flatnonzero(np.diff(track.frames) != 1)
+    return np.column_stack([track.frames[np.r_[0, breaks + 1]], track.frames[np.r_[breaks, -1]]]).tolist()  # type: ignore[no-any-return]
+
+
+def changes(before: Mapping[int, Track], after: Mapping[int, Track]) -> list[tuple[int, int, int]]:
+    """Id, first and last frame of what differs between two results, tracks by id."""
+    found = []
+    for number in sorted(before.keys() | after.keys()):
+        pair = [tracks.get(number) for tracks in (before, after)]
+        if pair[0] != pair[1]:
+            rows = [rows_of([track] if track else []).view(f"V{ROW.itemsize}") for track in pair]
+            frames = np.setxor1d(*rows).view(ROW)["frame"]
+            if len(frames):
+                found.append((number, int(frames.min()), int(frames.max())))
     return found
-
-
-def changes(before: Rows, after: Rows) -> list[list[int]]:
-    """Id, first and last frame of what differs between two tables."""
-    marks = _marks(before), _marks(after)
-    differ = np.concatenate([before[~np.isin(marks[0], marks[1])], after[~np.isin(marks[1], marks[0])]])
-    ids, where = np.unique(differ["id"], return_inverse=True)
-    first, last = np.full(len(ids), np.iinfo(np.int64).max), np.full(len(ids), -1)
-    np.minimum.at(first, where, differ["frame"])
-    np.maximum.at(last, where, differ["frame"])
-    return np.column_stack([ids, first, last]).tolist()  # type: ignore[no-any-return]
-
-
-def _marks(rows: Rows) -> IntArray:
-    """A number for each row; of different rows they differ, save for chance of 1 in 2**64."""
-    words = np.ascontiguousarray(rows).view(np.uint32).reshape(len(rows), -1).astype(np.uint64)
-    factors = np.random.default_rng(0).integers(1, 2**63, words.shape[1], dtype=np.uint64) * 2 + 1
-    mixed = words * factors
-    return (mixed ^ (mixed >> np.uint64(29))).sum(axis=1).view(np.int64)  # type: ignore[no-any-return]

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 import threading
 from collections.abc import Mapping
+from dataclasses import astuple
 from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.review.box_rows import CHUNK, changes, rows_of, spans_of
 from tsuiseki.tracking.review.corrections import Correction
-from tsuiseki.tracking.review.session import Question, Session
-from tsuiseki.tracking.review.spoken import correction_of
+from tsuiseki.tracking.review.questions import Question, ShownBox
+from tsuiseki.tracking.review.session import Changes, Session
 from tsuiseki.tracking.types import Track
-
-SAVED_AFTER = 1.0
-"""Seconds after a change until the tracks are written; what was said is in its file before it is answered."""
 
 
 class Reviewed:
-    """A session for the page; one request after the other.
+    """A session for the page; one change after the other.
+
+    Args:
+        session: the result.
+        name: of it.
+        note: why there are no pictures; empty where there are.
 
     Attributes:
         rows: of all boxes.
@@ -27,10 +31,9 @@ class Reviewed:
             and each start.
     """
 
-    def __init__(self, session: Session, name: str, note: str, pictures: bool) -> None:
-        self._session, self._about = session, {"name": name, "note": note, "pictures": pictures}
-        self._lock, self._start, self._count = threading.Lock(), secrets.token_hex(4), 0
-        self._timer = threading.Timer(0, self.save)
+    def __init__(self, session: Session, name: str, note: str = "") -> None:
+        self._session, self._about = session, {"name": name, "note": note, "pictures": not note}
+        self._lock = threading.Lock()
         self._look()
 
     def change(self, what: str, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -43,71 +46,78 @@ class Reviewed:
             RequestError: it says nothing that can be done.
         """
         with self._lock:
-            before = self.rows
-            said = self._do(what, given)
-            self._count += 1
+            before = self._tracks
+            said = self._done(what, given)
             self._look()
-            self._timer.cancel()
-            self._timer = threading.Timer(SAVED_AFTER, self.save)
-            self._timer.start()
-            changed = changes(before, self.rows)
+            changed = changes(before, self._tracks)
             differ = {n for _, first, last in changed for n in range(first // CHUNK, last // CHUNK + 1)}
             return {**self.state, "said": said, "changed": changed, "chunks": sorted(differ)}
 
-    def save(self) -> None:
-        """Write the tracks."""
-        self._timer.cancel()
-        with self._lock:
-            self._session.save()
-
-    def _do(self, what: str, given: Mapping[str, Any]) -> str:
+    def _done(self, what: str, given: Mapping[str, Any]) -> str:
+        """Do it; what was done, for the person."""
+        session = self._session
         if what == "answer" and isinstance(given.get("key"), str) and isinstance(given.get("yes"), bool):
-            self._session.answer(given["key"], given["yes"])
-            return "Yes." if given["yes"] else "No."
+            return _sentence("yes" if given["yes"] else "no", session.answer(given["key"], given["yes"]))
         if what == "correct":
-            correction = correction_of(given, self._tracks)
-            self._session.correct(correction)
-            return f"{str(correction)[:1].upper()}{str(correction)[1:]}."
-        if what not in ("undo", "redo"):
-            raise RequestError("expected an answer, a correction, undo or redo")
-        self._session.undo() if what == "undo" else self._session.redo()
-        return "Undone." if what == "undo" else "Redone."
+            try:
+                correction = self._correction(**given)
+            except (TypeError, ValueError, IndexError, OverflowError) as error:
+                if isinstance(error, RequestError):
+                    raise
+                raise RequestError("expected a correction of boxes that are there; load the page again") from error
+            return _sentence(str(correction), session.correct(correction))
+        if what in ("undo", "redo"):
+            return _sentence(what + "ne" if what == "undo" else "done again", getattr(session, what)())
+        raise RequestError("expected an answer, a correction, undo or redo")
+
+    def _correction(self, kind: Any, frame: int = 0, of: int | None = None, **more: Any) -> Correction:
+        """A correction of the page: as `Session.made` takes it; an added box may belong to the track ``of``.
+
+        The kind ``target`` is a ``point`` at which the target ``of`` is, as large as where it was last.
+        """
+        if kind == "target":
+            (x, y), near = more["point"], self._session.made("real", [of or 1], frame).there[0]
+            kind, more = "box", {"box": (x - near.width / 2, y - near.height / 2, near.width, near.height)}
+        correction = self._session.made(kind, frame=frame, **more)
+        if of is None:
+            return correction
+        pair = (*self._session.made("real", [of], frame).boxes, *correction.boxes)
+        return Correction("several", parts=(correction, Correction("same", pair)))
 
     def _look(self) -> None:
         """Take over what the session has now."""
-        session = self._session
-        result, progress = session.tracks(), session.progress()
-        tracks = [getattr(track, "track", track) for track in result]
-        self._tracks: dict[int, Track] = {track.id: track for track in tracks}
+        session, progress = self._session, self._session.progress()
+        tracks, names = session.tracks(), session.names()
+        self._tracks: dict[int, Track] = dict(tracks.by_id)
         self.rows = rows_of(tracks)
-        names: Mapping[int, str] = {}
         self.state = {
             **self._about,
-            "version": f"{self._start}-{self._count}",
-            "size": session.size,
+            "version": secrets.token_hex(4),
+            "size": session.size or self.rows["box"][:, 2:].max(axis=0, initial=1).tolist(),
             "frames": session.n_frames,
             "rate": session.frame_rate,
             "rows": len(self.rows),
             "chunk": CHUNK,
-            "tracks": [
-                {"id": number, "name": names.get(number, ""), "spans": spans}
-                for number, spans in spans_of(self.rows).items()
-            ],
+            "tracks": [{"id": one.id, "name": names.get(one.id, ""), "spans": spans_of(one)} for one in tracks],
             "questions": [_shown(question) for question in session.questions()],
             "answered": progress.answered,
-            "left": progress.likely_errors_left,
+            "left": math.ceil(progress.likely_errors_left - 0.5),
         }
+
+
+def _sentence(text: str, changes_made: Changes) -> str:
+    notes = "".join(f" {note[:1].upper()}{note[1:]}." for note in changes_made.notes)
+    return f"{text[:1].upper()}{text[1:]}.{notes}"
 
 
 def _shown(question: Question) -> dict[str, Any]:
     """A question as the page has it; boxes as rows of frame, id and corners."""
-    sides = [[[f, i, x, y, x + w, y + h] for f, x, y, w, h, i in side] for side in (question.boxes_a, question.boxes_b)]
+    sides = [[_row(box) for box in side] for side in (question.boxes_a, question.boxes_b)]
     ids = dict.fromkeys(row[1] for side in sides for row in side)
-    return {
-        "key": question.key,
-        "sentence": question.sentence,
-        "frame": question.frame,
-        "ids": [*ids],
-        "yes": sides[0],
-        "no": sides[1],
-    }
+    told = {name: getattr(question, name) for name in ("key", "sentence", "frame")}
+    return {**told, "ids": [*ids], "yes": sides[0], "no": sides[1]}
+
+
+def _row(box: ShownBox) -> tuple[float, ...]:
+    frame, x, y, width, height, number = astuple(box)
+    return frame, number, x, y, x + width, y + height

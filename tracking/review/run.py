@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import os
 import secrets
+import threading
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,50 +33,48 @@ def review(result: Path, /, video: Path | None = None) -> int:
     from tsuiseki.tracking.report.drawing import show_page
     from tsuiseki.tracking.review.session import Session
 
-    for package in ("starlette", "uvicorn"):
-        needed(package, "the page")
+    needed("starlette", "the page")
+    uvicorn = needed("uvicorn", "the page")
     from tsuiseki.tracking.review.reviewed import Reviewed
-    from tsuiseki.tracking.review.server import Server, application
+    from tsuiseki.tracking.review.server import HOST, application, listening
 
     session = Session(result, video)
     try:
-        pictures, note = pictures_of(session, video)
-        reviewed = Reviewed(session, result.resolve().name, note, pictures is not None)
-        token = token_of(result)
-        server = Server(lambda port: application(reviewed, pictures, token, port), (PORT, 0))
+        pictures, note = pictures_of(session)
+        reviewed, token, opened = Reviewed(session, result.resolve().name, note), token_of(result), listening(PORT)
+        port = opened.getsockname()[1]
+        app = application(reviewed, pictures, token, port)
+        server = uvicorn.Server(uvicorn.Config(app, log_level="critical", lifespan="off"))
+        thread = threading.Thread(target=server.run, args=([opened],), daemon=True)
+        thread.start()
+        show_page(f"http://{HOST}:{port}/{token}/", "review the result")
         # What is said last is still written when a signal comes.
         DEADLINE.keeps = True
-        show_page(f"http://127.0.0.1:{server.port}/{token}/", "review the result")
         with suppress(KeyboardInterrupt):
-            server.wait()
-        server.stop()
-        reviewed.save()
+            while thread.is_alive():
+                thread.join(0.2)
+        server.should_exit = True
+        thread.join(0.5)
         print(f"{session.progress().answered} answers: {result}")
     finally:
         session.close()
     return 0
 
 
-def pictures_of(session: Session, video: Path | None) -> tuple[Pictures | None, str]:
+def pictures_of(session: Session) -> tuple[Pictures | None, str]:
     """The pictures of what was tracked in, or why there are none.
 
     Raises:
-        RequestError: ``video`` cannot be read; or the video is of another size, or shorter than the result.
+        RequestError: the video is shorter than the result.
     """
     from tsuiseki.tracking.review.pictures import Pictures
 
-    source = video or session.source
-    try:
-        pictures = Pictures(source)
-    except RequestError as error:
-        if video is not None:
-            raise
-        return None, f"Boxes are on a plain background, for there is no video: {error}."
-    if session.size and pictures.size != session.size:
-        sizes = [f"{width}x{height}" for width, height in (session.size, pictures.size)]
-        raise RequestError(f"{source}: expected pictures of {sizes[0]} pixels, as tracked, got {sizes[1]}")
+    if session.source is None:
+        return None, "Boxes are on a plain background, for the video is not there; --video names it."
+    pictures = Pictures(session.source)
     if pictures.length < session.n_frames:
-        raise RequestError(f"{source}: expected {session.n_frames} frames, as tracked, got {pictures.length}")
+        found = f"expected {session.n_frames} frames as in the result, got {pictures.length}"
+        raise RequestError(f"{session.source}: {found}")
     return pictures, ""
 
 

@@ -115,8 +115,8 @@ const app = {
       from: last,
       to: last,
       right: this.stretch,
-      undo: this.state?.undo,
-      redo: this.state?.redo,
+      undo: this.state?.answered,
+      redo: true,
       yes: this.question,
       no: this.question,
       skip: this.question,
@@ -157,11 +157,11 @@ const app = {
 
   addBox(box) {
     this.addMode(false);
-    this.correct({ kind: "box", frame: this.frame, box, ...(this.last() ? { of: this.last().id } : {}) });
+    this.correct({ kind: "box", frame: this.frame, box: sized(box), ...(this.last() ? { of: this.last().id } : {}) });
   },
 
   moveBox(id, box) {
-    this.correct({ kind: "box", frame: this.frame, box, at: [[this.frame, id]] });
+    this.correct({ kind: "box", frame: this.frame, box: sized(box), ids: [id] });
   },
 
   /** The one target is here; as large as where it was last. */
@@ -296,17 +296,17 @@ const app = {
   },
 
   pair(kind) {
-    return this.correct({ kind, at: this.chosen.map((one) => [one.frame, one.id]) });
+    const [one, two] = this.chosen;
+    return this.correct({ kind, ids: [one.id, two.id], frame: one.frame, last: two.frame });
   },
 
-  one(kind) {
-    return this.correct({ kind, at: [[this.frame, this.last().id]] });
-  },
-
-  track(kind, more = {}) {
-    return this.correct({ kind, at: [[this.last().frame, this.last().id]], ...more });
+  /** Of the track that was chosen last; in this frame, where the correction is about one box. */
+  one(kind, more = {}) {
+    return this.correct({ kind, ids: [this.last().id], frame: this.frame, ...more });
   },
 };
+
+const sized = ([left, top, right, bottom]) => [left, top, right - left, bottom - top];
 
 const ACTIONS = {
   yes: () => app.answer(true),
@@ -317,14 +317,14 @@ const ACTIONS = {
   redo: () => app.change("redo", {}),
   same: () => app.pair("same"),
   part: () => app.pair("not_same"),
-  exchange: () => app.correct({ kind: "switch", at: app.chosen.map((one) => [app.frame, one.id]) }),
+  exchange: () => app.correct({ kind: "switch", ids: app.chosen.map((one) => one.id), frame: app.frame }),
   nobody: () => app.one("not_person"),
   somebody: () => app.one("real"),
-  delete: () => app.track("delete"),
+  delete: () => app.one("delete"),
   add: () => app.addMode(!app.stage.adding),
   from: () => app.markEnd("first"),
   to: () => app.markEnd("last"),
-  right: () => app.track("right", { stretch: [app.stretch.first, app.stretch.last] }),
+  right: () => app.one("right", { frame: app.stretch.first, last: app.stretch.last }),
   play: () => app.play(),
   back: () => app.go(app.frame - 1),
   forth: () => app.go(app.frame + 1),
@@ -342,7 +342,7 @@ for (const [name, action] of Object.entries(ACTIONS)) $(name).addEventListener("
 $("scrub").addEventListener("input", () => app.go(Number($("scrub").value)));
 $("naming").addEventListener("submit", (event) => {
   event.preventDefault();
-  app.track("name", { name: $("called").value.trim() });
+  app.one("name", { name: $("called").value.trim() });
 });
 
 document.addEventListener("keydown", (event) => {
@@ -392,7 +392,7 @@ app.timeline = new Timeline(app);
 /** Take the state where it is another than the page has. */
 async function renew() {
   try {
-    const version = await app.link.json("alive");
+    const version = await app.link.json("version");
     if (version !== app.state?.version && !app.busy) app.take(await app.link.json("data"));
   } catch (error) {
     if (app.link.alive) app.say(error.message, true);

@@ -6,7 +6,20 @@ const DASHES = [[], [9, 4], [2, 3], [10, 3, 2, 3]];
 export const colourOf = (id) => COLOURS[id % COLOURS.length];
 const lightOf = (id) => ![4, 5, 2].includes(id % COLOURS.length);
 export const dashOf = (id) => DASHES[Math.floor(id / COLOURS.length) % DASHES.length];
-export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+const known = new Map(), probe = document.createElement("i");
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => known.clear());
+
+/** The colour that a variable of the style sheet has on this screen. */
+export function css(name) {
+  if (!known.has(name)) {
+    probe.style.color = `var(${name})`;
+    document.body.append(probe);
+    known.set(name, getComputedStyle(probe).color);
+    probe.remove();
+  }
+  return known.get(name);
+}
 
 /** Make the pixels of a canvas those of the screen; returns its context, in CSS pixels, and its size. */
 export function fitted(canvas, width = canvas.clientWidth, height = canvas.clientHeight) {
