@@ -34,6 +34,7 @@ def people(
     """
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.cli.run import count, frames_expected
+    from tsuiseki.tracking.formats.mot import detection_lines
     from tsuiseki.tracking.people.hidden_places import Wanted
     from tsuiseki.tracking.people.page import counted
     from tsuiseki.tracking.people.tracking import open_people, people_result
@@ -46,7 +47,8 @@ def people(
     with output.run() as run:
         tell_models(run, opened.inputs.detect, opened.inputs.describe)
         found = opened.inputs.found(run.frames(source, record=video.overlay), run.times)
-        steps = run.steps(found, total=frames_expected(source))
+        kept = run.kept("detections.txt", found, None if finding.detections else detection_lines)
+        steps = run.steps(kept, total=frames_expected(source))
         result, lines = people_result(opened, steps, run.times, {"method": linking.method, "source": video.source})
         for line in lines:
             print(line)

@@ -18,6 +18,7 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 
 from tsuiseki.tracking.association.looks import stride_of
+from tsuiseki.tracking.association.solved_network import NETWORK_FILE
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.cli.run import frames_expected
 from tsuiseki.tracking.devices import Device
@@ -54,7 +55,7 @@ from tsuiseki.tracking.people.score_choice import above_floor, score_choice
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers, skipped
 from tsuiseki.tracking.people.unused import FirstDetections
-from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.types.class_choice import called
@@ -329,11 +330,26 @@ def people_result(
         frames=log.columns(tracks),
         files={
             "tracks.txt": lambda path, _: write_tracks(path, tracks),
+            **network_files(opened.tracker, log.frames[0] if log.frames else 0),
             "report.html": lambda path, folder: path.write_text(people_page(result, folder), encoding="utf-8"),
         },
         painter=Overlay(tracks, video.frame_rate).draw,
     )
     return result, [*lines, *unused]
+
+
+def network_files(tracker: object, first: int) -> dict[str, Writer]:
+    """The network of a flow that was solved whole, as a file of the result, so that the tracks can be corrected.
+
+    Args:
+        tracker: that was asked for its tracks.
+        first: number of its first frame.
+    """
+    network = tracker.network() if isinstance(tracker, FlowTracker) else None
+    if network is None:
+        return {}
+    moved = replace(network, frames=network.frames + first)
+    return {NETWORK_FILE: lambda path, _: moved.write(path)}
 
 
 def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any], list[str]]:

@@ -1,1 +1,1 @@
-"""Results that a person looks through and corrects."""
+"""Results corrected by a person: where the tracker was least certain, what the person says, and solving it again."""
