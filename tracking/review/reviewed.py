@@ -33,8 +33,9 @@ class Reviewed:
 
     def __init__(self, session: Session, name: str, note: str = "") -> None:
         self._session, self._about = session, {"name": name, "note": note, "pictures": not note}
-        self._lock = threading.Lock()
+        self._lock, self._changed = threading.Lock(), threading.Event()
         self._look()
+        threading.Thread(target=self._keep_saved, daemon=True).start()
 
     def change(self, what: str, given: Mapping[str, Any]) -> dict[str, Any]:
         """Do what a person says: ``answer``, ``correct``, ``undo`` or ``redo``.
@@ -49,9 +50,19 @@ class Reviewed:
             before = self._tracks
             said = self._done(what, given)
             self._look()
+            self._changed.set()
             changed = changes(before, self._tracks)
             differ = {n for _, first, last in changed for n in range(first // CHUNK, last // CHUNK + 1)}
             return {**self.state, "said": said, "changed": changed, "chunks": sorted(differ)}
+
+    def _keep_saved(self) -> None:
+        """Write the tracks after each change, while the person goes on."""
+        while self._changed.wait():
+            self._changed.clear()
+            try:
+                self._session.save()
+            except (RequestError, OSError) as error:
+                self.state = {**self.state, "note": f"The tracks are not written: {error}", "version": _version()}
 
     def _done(self, what: str, given: Mapping[str, Any]) -> str:
         """Do it; what was done, for the person."""
@@ -61,7 +72,7 @@ class Reviewed:
         if what == "correct":
             try:
                 correction = self._correction(**given)
-            except (TypeError, ValueError, IndexError, OverflowError) as error:
+            except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
                 if isinstance(error, RequestError):
                     raise
                 raise RequestError("expected a correction of boxes that are there; load the page again") from error
@@ -75,6 +86,8 @@ class Reviewed:
 
         The kind ``target`` is a ``point`` at which the target ``of`` is, as large as where it was last.
         """
+        if not isinstance(more.get("name", ""), str) or not 0 <= frame < self._session.n_frames:
+            raise ValueError
         if kind == "target":
             (x, y), near = more["point"], self._session.made("real", [of or 1], frame).there[0]
             kind, more = "box", {"box": (x - near.width / 2, y - near.height / 2, near.width, near.height)}
@@ -92,7 +105,7 @@ class Reviewed:
         self.rows = rows_of(tracks)
         self.state = {
             **self._about,
-            "version": secrets.token_hex(4),
+            "version": _version(),
             "size": session.size or self.rows["box"][:, 2:].max(axis=0, initial=1).tolist(),
             "frames": session.n_frames,
             "rate": session.frame_rate,
@@ -103,6 +116,10 @@ class Reviewed:
             "answered": progress.answered,
             "left": math.ceil(progress.likely_errors_left - 0.5),
         }
+
+
+def _version() -> str:
+    return secrets.token_hex(4)
 
 
 def _sentence(text: str, changes_made: Changes) -> str:

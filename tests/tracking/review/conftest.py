@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -13,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.types import Track
 
 SIZE, FRAMES, PEOPLE = (640, 360), 80, 8
@@ -31,19 +32,27 @@ def walkers(people: int, frames: int, size: tuple[int, int]) -> list[Track]:
     return tracks
 
 
-@pytest.fixture
-def reviewable(tmp_path: Path) -> Path:
-    """The folder of a result; what was tracked in lies in ``clip`` beside it."""
-    tracks = walkers(PEOPLE, FRAMES, SIZE)
-    (tmp_path / "clip").mkdir()
+@pytest.fixture(scope="session")
+def tracked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a result."""
+    folder, tracks = tmp_path_factory.mktemp("tracked"), walkers(PEOPLE, FRAMES, SIZE)
+    (folder / "clip").mkdir()
     for frame in range(FRAMES):
         image = np.full((SIZE[1], SIZE[0], 3), 150, np.uint8)
         for track in tracks:
             x1, y1, x2, y2 = track.boxes[frame].astype(int)
             image[y1:y2, x1:x2] = (40 * track.id % 256, 90 * track.id % 256, 200)
-        cv2.imwrite(str(tmp_path / "clip" / f"{frame + 1:06d}.jpg"), image)
-    known = {"source": str(tmp_path / "clip"), "frame_rate": 25.0, "size": SIZE, "frames": {"frame": [*range(FRAMES)]}}
-    return Result(tracks, **known).save(tmp_path / "result")
+        cv2.imwrite(str(folder / "clip" / f"{frame + 1:06d}.jpg"), image)
+    noise = np.random.default_rng(0).normal(0, 1, (FRAMES, PEOPLE, 4))
+    found = [np.column_stack([[t.boxes[f] for t in tracks] + noise[f], np.full(PEOPLE, 0.9)]) for f in range(FRAMES)]
+    result = track_people(str(folder / "clip"), detections=found, appearance="none", frame_rate=25.0)
+    return result.save(folder / "result")
+
+
+@pytest.fixture
+def reviewable(tracked: Path, tmp_path: Path) -> Path:
+    """The folder of a result that nobody has reviewed."""
+    return Path(shutil.copytree(tracked, tmp_path / "result"))
 
 
 @pytest.fixture
@@ -52,10 +61,14 @@ def started(tmp_path: Path) -> Iterator[Callable[..., tuple[subprocess.Popen[str
     running = []
 
     def start(*words: object) -> tuple[subprocess.Popen[str], str]:
-        program = [sys.executable, "-c", "import sys; from tsuiseki.tracking.cli import main; sys.exit(main())", "review"]
+        call = "import sys; from tsuiseki.tracking.cli import main; sys.exit(main())"
         environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "DISPLAY": "", "WAYLAND_DISPLAY": ""}
         process = subprocess.Popen(
-            [*program, *map(str, words)], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+            [sys.executable, "-c", call, "review", *map(str, words)],
+            stderr=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
         )
         running.append(process)
         line = process.stderr.readline() if process.stderr else ""

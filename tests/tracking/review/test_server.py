@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import json
 import signal
 import socket
 import time
@@ -30,7 +31,6 @@ def client(reviewable):
     session = Session(reviewable)
     reviewed = Reviewed(session, "result")
     yield TestClient(application(reviewed, Pictures(session.source), TOKEN, 8000), base_url=ADDRESS)
-    reviewed.save()
     session.close()
 
 
@@ -115,16 +115,16 @@ def test_the_state_describes_the_result(client):
     assert client.get("boxes/1").content == b""
 
 
-def test_pictures_are_those_of_their_frames(client, tmp_path):
+def test_pictures_are_those_of_their_frames(client, tracked):
     for frame in (40, 3, 79, 0):
         got = cv2.imdecode(np.frombuffer(client.get(f"picture/{frame}").content, np.uint8), cv2.IMREAD_COLOR)
-        want = cv2.imread(str(tmp_path / "clip" / f"{frame + 1:06d}.jpg"))
+        want = cv2.imread(str(tracked.parent / "clip" / f"{frame + 1:06d}.jpg"))
         assert np.abs(got.astype(int) - want).mean() < 2
 
 
 def test_an_exchange_says_what_changed_and_is_undone(client):
     before = rows(client)
-    answer = client.post("change/correct", json={"kind": "switch", "at": [[70, 3], [70, 4]]}).json()
+    answer = client.post("change/correct", json={"kind": "switch", "ids": [3, 4], "frame": 70}).json()
     assert answer["changed"] == [[3, 70, FRAMES - 1], [4, 70, FRAMES - 1]]
     assert answer["chunks"] == [0]
     assert not np.array_equal(rows(client), before)
@@ -138,25 +138,36 @@ def test_an_exchange_says_what_changed_and_is_undone(client):
     [
         {},
         {"kind": "dance"},
-        {"kind": "same", "at": [[3, 1]]},
-        {"kind": "same", "at": [[3, 1], [3, 2]]},
-        {"kind": "same", "at": [[3, 1], [900, 2]]},
-        {"kind": "delete", "at": [[3, 99]]},
-        {"kind": "delete", "at": []},
-        {"kind": "switch", "at": [[3, 1]]},
-        {"kind": "box", "frame": 3, "box": [1, 2, 1, 5]},
+        {"kind": "same", "ids": [1], "frame": 3},
+        {"kind": "same", "ids": [1, 2], "frame": 3},
+        {"kind": "delete", "ids": [99]},
+        {"kind": "delete", "ids": []},
+        {"kind": "delete", "ids": 3},
+        {"kind": "delete", "ids": ["1"]},
+        {"kind": "switch", "ids": [1], "frame": 3},
+        {"kind": "box", "frame": 3, "box": [1, 2, 0, 5]},
         {"kind": "box", "frame": -1, "box": [1, 2, 3, 5]},
+        {"kind": "box", "frame": 900, "box": [1, 2, 3, 5]},
         {"kind": "box", "frame": 3, "box": [1, 2, float("inf"), 5]},
+        {"kind": "box", "frame": 3, "box": [1, 2]},
+        {"kind": "box", "frame": 3},
         {"kind": "box", "frame": 3, "box": [1, 2, 30, 50], "of": 1},
-        {"kind": "name", "at": "me"},
+        {"kind": "target", "frame": 3, "of": 1},
+        {"kind": "name", "ids": [1], "frame": "me"},
+        {"kind": "name", "ids": [1], "name": [1]},
+        {"kind": "several"},
+        {"kind": "next", "ids": [1, 1], "frame": 3, "last": 3},
+        {"kind": "right", "ids": [1], "frame": 9, "last": 3},
+        {"kind": "same", "ids": [1, 2], "dance": 3},
     ],
     ids=str,
 )
 def test_a_correction_that_says_nothing_is_refused_in_a_line(client, given):
-    import json
-
-    answer = client.post("change/correct", content=json.dumps(given), headers={"Content-Type": "application/json"})
+    before = client.get("data").json()
+    content = json.dumps(given)
+    answer = client.post("change/correct", content=content, headers={"Content-Type": "application/json"})
     assert (answer.status_code, len(answer.text.splitlines())) == (400, 1)
+    assert client.get("data").json() == before
 
 
 def test_answers_are_counted(client):
