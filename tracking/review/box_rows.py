@@ -45,8 +45,8 @@ def changes(before: Mapping[int, Track], after: Mapping[int, Track]) -> list[tup
     for number in sorted(before.keys() | after.keys()):
         pair = [tracks.get(number) for tracks in (before, after)]
         if pair[0] != pair[1]:
-            rows = [rows_of([track] if track else []).view(f"V{ROW.itemsize}") for track in pair]
-            frames = np.setxor1d(*rows).view(ROW)["frame"]
+            one, other = (rows_of([track] if track else []).view(f"V{ROW.itemsize}") for track in pair)
+            frames = np.setxor1d(one, other).view(ROW)["frame"]
             if len(frames):
                 found.append((number, int(frames.min()), int(frames.max())))
     return found

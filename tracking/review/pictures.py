@@ -66,6 +66,7 @@ class _Film:
 
     def __init__(self, path: Path) -> None:
         self._path, self._av = path, needed("av", "a video in `tsuiseki review`")
+        self._next, self._frames = 0, iter(list[tuple[int, Any]]())
         self._start_at(-1)
         packets = [one for one in self._container.demux(self._stream) if one.size and not one.is_discard]
         self._stamps = sorted(one.pts for one in packets if one.pts is not None)

@@ -34,6 +34,7 @@ class Reviewed:
     def __init__(self, session: Session, name: str, note: str = "") -> None:
         self._session, self._about = session, {"name": name, "note": note, "pictures": not note}
         self._lock, self._changed = threading.Lock(), threading.Event()
+        self.state: dict[str, Any] = {}
         self._look()
         threading.Thread(target=self._keep_saved, daemon=True).start()
 

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.review.pictures import Pictures
     from tsuiseki.tracking.review.session import Session
 
-PORT = 8760
+# A result has a port of its own, of these, so that its page stays where it is.
+PORTS = range(20_000, 30_000)
 
 
 def review(result: Path, /, video: Path | None = None) -> int:
@@ -41,7 +42,8 @@ def review(result: Path, /, video: Path | None = None) -> int:
     session = Session(result, video)
     try:
         pictures, note = pictures_of(session)
-        reviewed, token, opened = Reviewed(session, result.resolve().name, note), token_of(result), listening(PORT)
+        reviewed, token = Reviewed(session, result.resolve().name, note), token_of(result)
+        opened = listening(PORTS[int(token, 16) % len(PORTS)])
         port = opened.getsockname()[1]
         app = application(reviewed, pictures, token, port)
         server = uvicorn.Server(uvicorn.Config(app, log_level="critical", lifespan="off"))
