@@ -251,8 +251,7 @@ const app = {
     this.go(this.question.frame);
     this.picked();
     this.timeline.reveal(this.question.ids[0]);
-    const row = this.question.yes[0];
-    if (row) this.stage.reveal(row.slice(2));
+    this.stage.reveal(this.question.about[0].slice(2));
   },
 
   async answer(yes) {
