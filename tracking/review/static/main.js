@@ -247,7 +247,8 @@ const app = {
 
   goToQuestion() {
     if (!this.question) return;
-    this.chosen = this.question.ids.slice(0, 2).map((id) => ({ id, frame: this.question.frame }));
+    const ids = this.question.ids.filter((id) => this.tracks.has(id));
+    this.chosen = ids.slice(0, 2).map((id) => ({ id, frame: this.question.frame }));
     this.go(this.question.frame);
     this.picked();
     this.timeline.reveal(this.question.ids[0]);
