@@ -16,7 +16,7 @@ from tsuiseki.tracking.evaluation.points import evaluate_points as score_points
 from tsuiseki.tracking.evaluation.result_files import match_results
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.evaluation.truths import Truth, read_truths
-from tsuiseki.tracking.types import Estimate, FloatArray, Track
+from tsuiseki.tracking.types import Estimate, FloatArray, Track, as_numbers
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, parse_frames
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -118,7 +118,7 @@ def _are_tracks(given: object) -> bool:
 
 
 def _boxes(given: ArrayLike, name: str) -> FloatArray:
-    boxes = np.asarray(given, dtype=np.float64)
+    boxes = as_numbers(given, name)
     if boxes.ndim != 2 or boxes.shape[1] != 4:
         raise RequestError(f"expected `{name}` as boxes of shape (T, 4), got {boxes.shape}")
     return boxes
