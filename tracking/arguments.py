@@ -28,7 +28,10 @@ def guarded(public: Any) -> Any:
     Of `PLENTY`, which check themselves, only what they raise becomes a RequestError.
     """
     if inspect.isfunction(public):
-        return _checked(public)
+        checked = _checked(public)
+        # Where another process finds it.
+        checked.__module__ = "tsuiseki"
+        return checked
     if inspect.isclass(public) and not issubclass(public, Exception):
         plenty = public.__name__ in PLENTY
         for name, member in [*vars(public).items()]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import pickle
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -155,6 +156,11 @@ NAMED = [
 def test_a_refusal_names_the_argument_and_says_what_came(name: str, given: dict[str, Any], said: str) -> None:
     with pytest.raises(tsuiseki.RequestError, match=said):
         getattr(tsuiseki, name)(**given)
+
+
+def test_public_functions_and_what_they_give_go_to_other_processes() -> None:
+    assert pickle.loads(pickle.dumps(tsuiseki.track_people)) is tsuiseki.track_people
+    assert pickle.loads(pickle.dumps(TRACK)) == TRACK
 
 
 def test_an_argument_that_there_is_not_is_a_type_error() -> None:
