@@ -1,5 +1,6 @@
 """Answers in closed form."""
 
+import inspect
 import json
 
 import numpy as np
