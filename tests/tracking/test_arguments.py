@@ -79,7 +79,7 @@ RESULTS |= {"SensingModel", "Target", "Targets", "RequestError", "RunError"}
 
 def parameters(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
     """Names of the arguments and their types, those of a `TypedDict` of keywords among them."""
-    kinds = get_type_hints(function if inspect.isroutine(function) else function.__init__)  # type: ignore[misc]
+    kinds = get_type_hints(function if inspect.isroutine(function) else function.__init__)
     for name, parameter in inspect.signature(function).parameters.items():
         if parameter.kind is parameter.VAR_KEYWORD:
             yield from get_type_hints(*get_args(kinds[name])).items()
@@ -177,4 +177,3 @@ def test_numbers_and_lists_of_numpy_are_numbers_and_lists() -> None:
     assert not fits(True, int)
     assert not fits(np.float64("nan"), float | None)
     assert fits(np.zeros(4), Sequence[float] | None)
-    assert len(tsuiseki.track_points(**(PLACES | {"seed": np.int64(3)})).tracks) >= 0
