@@ -36,7 +36,7 @@ def guarded(public: Any) -> Any:
         plenty = public.__name__ in PLENTY
         for name, member in [*vars(public).items()]:
             if name == "__init__":
-                setattr(public, name, _refusing(member if plenty else _checked(member)))
+                setattr(public, name, _refusing(member if plenty else _checked(member, not is_dataclass(public))))
             elif not (name.startswith("_") or plenty):
                 if inspect.isfunction(member):
                     setattr(public, name, _checked(member))
@@ -59,7 +59,8 @@ def _refusing(make: Callable[..., None]) -> Callable[..., None]:
     return made
 
 
-def _checked(function: Callable[..., Any]) -> Callable[..., Any]:
+def _checked(function: Callable[..., Any], bounded: bool = True) -> Callable[..., Any]:
+    """``function`` whose arguments are checked, and ``bounded`` numbers; those of settings are where these are used."""
     signature = inspect.signature(function)
 
     @cache
@@ -76,7 +77,7 @@ def _checked(function: Callable[..., Any]) -> Callable[..., Any]:
             if name not in kinds() or parameter.kind is parameter.VAR_POSITIONAL:
                 continue
             if parameter.kind is not parameter.VAR_KEYWORD:
-                check_argument(name, value, kinds()[name], parameter.default)
+                check_argument(name, value, kinds()[name], parameter.default, bounded)
                 continue
             known = get_type_hints(*get_args(kinds()[name])) if get_args(kinds()[name]) else {}
             for inner, each in value.items():
@@ -88,7 +89,7 @@ def _checked(function: Callable[..., Any]) -> Callable[..., Any]:
     return checked
 
 
-def check_argument(name: str, value: Any, kind: Any, default: Any = inspect.Parameter.empty) -> None:
+def check_argument(name: str, value: Any, kind: Any, default: Any, bounded: bool = True) -> None:
     """Refuse a value that is not of its type, is NaN, or runs without end; settings are looked into.
 
     Args:
@@ -96,6 +97,7 @@ def check_argument(name: str, value: Any, kind: Any, default: Any = inspect.Para
         value: what came.
         kind: its type, resolved.
         default: of the argument; empty where there is none, and its numbers are of any size.
+        bounded: look at the size of numbers, and into settings.
 
     Raises:
         RequestError: it cannot be used.
@@ -104,9 +106,10 @@ def check_argument(name: str, value: Any, kind: Any, default: Any = inspect.Para
         raise RequestError(f"`{name}`: expected {shown(kind)}, got {_short(value)}")
     if name.rpartition(".")[2] in ("seed", "threads") and isinstance(value, Real) and value < 0:
         raise RequestError(f"`{name}`: expected a whole number from 0, got {value!r}")
-    if isinstance(value, Real) and not isinstance(value, bool) and default is not inspect.Parameter.empty:
-        check_sensible(name, value if isinstance(value, int | float) else float(value), default)
-    elif is_settings(value):
+    if bounded and isinstance(value, Real) and not isinstance(value, bool):
+        number = value if isinstance(value, int | float) else float(value)
+        check_sensible(name, number, number if default is inspect.Parameter.empty else default)
+    elif bounded and is_settings(value):
         usual, types = type(value)(), get_type_hints(type(value))
         for one in fields(value):
             check_argument(f"{name}.{one.name}", getattr(value, one.name), types[one.name], getattr(usual, one.name))

@@ -141,12 +141,18 @@ def test_every_argument_of_every_method_works_or_is_refused(tmp_path: Path) -> N
 NAMED = [
     ("track_single", {**SINGLE, "seed": "a"}, "`seed`: expected a whole number, got 'a'"),
     ("track_single", {**SINGLE, "method": "zz"}, "`method`: expected combined or "),
+    ("track_people", {**PEOPLE, "frame_rate": 1e-320}, "`frame_rate`: expected 0 or a number from 1e-09"),
     ("track_people", {**PEOPLE, "nonsense": 1}, "expected the keywords detections, .*, got 'nonsense'"),
     ("track_drone", {"source": IMAGES, "threads": -1}, "`threads`: expected a whole number from 0, got -1"),
     ("track_points", {**PLACES, "extent": (64, "a")}, "`extent`: expected .*, got tuple"),
-    ("BlobSettings", {"particles": 10**9}, "`particles`: expected a number below .* times the default, got 1e"),
-    ("FlowSettings", {"fill": 1e300}, "`fill`: expected a number below"),
-    ("Counter", {"scene": tsuiseki.Scene(), "patience": 10**9}, "`patience`: expected a number below"),
+    ("BlobSettings", {"particles": "a"}, "`particles`: expected a whole number, got 'a'"),
+    (
+        "track_blobs",
+        {**BLOBS, "settings": tsuiseki.BlobSettings(particles=10**9)},
+        "`settings.particles`: expected a n",
+    ),
+    ("FlowTracker", {"settings": tsuiseki.FlowSettings(fill=1e300)}, "`settings.fill`: expected a number below"),
+    ("track_measurements", {"measured": SCANS, "model": MODEL, "particles": 10**9}, "`particles`: expected a number b"),
     ("evaluate_people", {"truth": [1], "tracks": [TRACK]}, "`truth`: expected a path or GroundTruth or "),
     ("Detections", {"boxes": np.zeros((2, 3)), "scores": np.zeros(2)}, r"expected boxes of shape \(N, 4\), got"),
 ]
