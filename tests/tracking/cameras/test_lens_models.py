@@ -12,6 +12,7 @@ from tsuiseki.tracking.cameras.calibration import locate_camera
 from tsuiseki.tracking.cameras.intrinsic_files import HALF_PIXEL, read_intrinsics, read_lens_file
 from tsuiseki.tracking.cameras.lens_files import read_lens, read_lens_fitted
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, UnifiedLens
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning, RequestError
 
 POINTS = np.array([[0.1, -0.2, 1.0], [0.9, 0.3, 0.4], [-1.0, 0.5, 0.1], [0.8, -0.9, -0.3]])
@@ -130,6 +131,14 @@ PINHOLE = ros("plumb_bob", [0.1, 0, 0, 0, 0])
 def test_no_other_lens_is_taken_for_a_pinhole(tmp_path: Path, text: str, model: str) -> None:
     with pytest.raises(RequestError, match=model):
         read_intrinsics(write(tmp_path, text))
+
+
+def test_no_lens_is_written_that_is_far_from_what_was_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of this lens the corners of the image see nothing."""
+    words = ["calibrate", "convert", str(write(tmp_path, OMNIDIR.replace("0.8", "0.0"))), "--to", "kalibr-omni"]
+    assert main([*words, "--out", str(tmp_path / "out.yaml")]) == 1
+    assert "px rms away; choose another format with --to" in capsys.readouterr().err
+    assert not (tmp_path / "out.yaml").exists()
 
 
 def test_a_pinhole_is_not_taken_for_a_fisheye(tmp_path: Path) -> None:
