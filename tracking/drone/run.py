@@ -35,8 +35,8 @@ def drone(
     """Track the people in a video from a drone, and name what each is doing.
 
     People are found, described and their actions recognised by the models that ship with the toolkit; a minimum-cost
-    flow links them. DIR gets tracks.txt (MOTChallenge text), tracks.json (with actions), report.html, run.json and,
-    with --overlay, overlay.webm.
+    flow links them. DIR gets tracks.txt (MOTChallenge text), tracks.json (with actions), report.html with its
+    plots and numbers in report/, run.json and, with --overlay, overlay.webm.
 
     Args:
         method: flow links by place, motion and appearance; flow-saf also by actions of single frames; flow-maf averages

@@ -164,7 +164,8 @@ def link(
     Raises:
         RunError: there is no frame.
     """
-    from tsuiseki.tracking.drone.page import action_page, captions_of
+    from tsuiseki.tracking.answers.page import with_page
+    from tsuiseki.tracking.drone.page import action_timelines, captions_of
     from tsuiseki.tracking.report.overlay import Overlay
 
     watching = models.observers
@@ -194,13 +195,12 @@ def link(
         files={
             "tracks.txt": lambda path, _: write_tracks(path, tracks),
             "tracks.json": lambda path, _: write_acting_tracks(path, people, models.names),
-            "report.html": lambda path, folder: path.write_text(action_page(result, folder), encoding="utf-8"),
         },
         painter=Overlay(tracks, source.frame_rate, captions_of(people, models.names, threshold), 0.0).draw,
         names=models.names,
         threshold=threshold,
     )
-    return result
+    return with_page(result, more=lambda: [action_timelines(result)])
 
 
 def _logged(observations: Iterable[Observation], log: FrameLog) -> Iterator[Observation]:

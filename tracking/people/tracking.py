@@ -321,7 +321,7 @@ def people_result(
         times: of the run.
         settings: of the run; those named ``method`` and ``source`` are shown on its page.
     """
-    from tsuiseki.tracking.people.page import people_page
+    from tsuiseki.tracking.answers.page import with_page
     from tsuiseki.tracking.report.overlay import Overlay
 
     video, name = opened.inputs.source, settings["method"]
@@ -343,11 +343,10 @@ def people_result(
         files={
             "tracks.txt": lambda path, _: write_tracks(path, tracks),
             **network_files(opened.tracker, log.frames[0] if log.frames else 0),
-            "report.html": lambda path, folder: path.write_text(people_page(result, folder), encoding="utf-8"),
         },
         painter=Overlay(tracks, video.frame_rate).draw,
     )
-    return result, [*lines, *unused]
+    return with_page(result), [*lines, *unused]
 
 
 def network_files(tracker: object, first: int) -> dict[str, Writer]:

@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import count, frames_expected
 from tsuiseki.tracking.errors import RequestError, an_instance
@@ -205,6 +206,7 @@ def blob_result(
         times: of the run.
         settings: of the run.
     """
+    from tsuiseki.tracking.answers.page import with_page
     from tsuiseki.tracking.report.overlay import Overlay
 
     update: Callable[[Any], object] = tracker.update
@@ -228,7 +230,8 @@ def blob_result(
     known: dict[str, Any] = {"settings": settings, "seconds": times.seconds, "frames": columns, "files": files}
     if source is None:
         return Result(tracks, **known)
-    return Result.of(source, tracks, **known, painter=Overlay(tracks, source.frame_rate).draw)
+    result: Result[Track] = Result.of(source, tracks, **known, painter=Overlay(tracks, source.frame_rate).draw)
+    return with_page(result, nouns=("object", "objects"), settings=CountSettings(anchor="centre"))
 
 
 def said_of_counts(counts: Sequence[float] | None, preset: BlobPreset) -> list[str]:
@@ -284,7 +287,7 @@ def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
     """Track every object of a colour, or every measured point or box, each with an id.
 
     Give one of --colour, --colour-box, --detections and --detector. DIR gets tracks.txt (MOTChallenge text),
-    points.csv, run.json and, with --overlay, overlay.webm.
+    points.csv, report.html with its plots and numbers in report/, run.json and, with --overlay, overlay.webm.
 
     Args:
         seed: of the particles.

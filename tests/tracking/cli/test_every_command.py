@@ -83,6 +83,10 @@ ELSEWHERE = {
         "tests/tracking/animals/test_animals_commands.py::test_a_film_is_tracked_in_millimetres_and_evaluated"
     ),
     "track fisheye": "tests/tracking/fisheye/test_fisheye_commands.py::test_given_boxes_become_places",
+    "batch track": "tests/tracking/batch/test_batch.py::test_stretches_of_five_videos_give_what_one_process_gives",
+    "batch count": "tests/tracking/batch/test_sources.py::test_results_are_counted_and_scored",
+    "batch evaluate": "tests/tracking/batch/test_sources.py::test_results_are_counted_and_scored",
+    "batch status": "tests/tracking/batch/test_batch.py::test_the_same_command_goes_on_after_a_kill",
     "scene": "tests/tracking/answers/test_drawn_scene.py::test_the_command_writes_what_is_drawn",
     "hide": "tests/tracking/people/test_hiding.py::test_the_command_hides_and_counts_doubtful_frames",
     "count": "tests/tracking/answers/test_count_command.py::test_the_command_writes_tables_plots_and_a_page",
