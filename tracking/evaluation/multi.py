@@ -38,7 +38,7 @@ class PeopleScores:
         hota: mean over the overlaps of the geometric mean of ``det_a`` and ``ass_a``, in [0, 1].
         det_a: detection accuracy, in [0, 1].
         ass_a: association accuracy, in [0, 1].
-        mota: 1 minus misses, false boxes and switches per labelled box; at most 1, may be negative.
+        mota: 1 minus misses, false boxes and switches per labelled box, thesis eq. 4.5; at most 1, may be negative.
         motp: mean overlap of the matched boxes, in [0, 1].
         idf1: share of the boxes that bear the right identity throughout, in [0, 1].
         id_switches: times that a person's id changed.

@@ -123,12 +123,12 @@ def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
         tracks = read_exported(file).in_pixels(file, truth.size).tracks if format_at(file) else read_tracks(file)
         compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)]), truth.size)
         warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
-        tracks = restrict(tracks, truth.frames) if truth.wanted is None else _of_class(truth, tracks, file)
+        tracks = restrict(tracks, truth.frames) if truth.wanted is None else of_class(truth, tracks, file)
         pairs.append(SequencePair(truth.name, truth.labels, tracks, truth.length))
     return pairs
 
 
-def _of_class(truth: Truth, tracks: Sequence[Track], file: Path) -> list[Track]:
+def of_class(truth: Truth, tracks: Sequence[Track], file: object) -> list[Track]:
     """The tracks of the class that the labels are of, in the frames that count; all where none has a class.
 
     Names that a run keeps decide, else the numbers of the labels' own layout.
