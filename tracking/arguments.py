@@ -54,7 +54,7 @@ def _refusing(make: Callable[..., None]) -> Callable[..., None]:
             raise
         except (AttributeError, IndexError, OverflowError, TypeError, ValueError) as error:
             inspect.signature(make).bind(self, *given, **named)  # raises TypeError for unknown names
-            raise RequestError(f"{type(self).__name__}: {error}") from error
+            raise RequestError(str(error)) from error
 
     return made
 

@@ -32,6 +32,7 @@ def good(folder: Path) -> dict[str, dict[str, Any]]:
     missing, out = folder / "missing", folder / "out"
     return {
         "as_detections": {"found": FOUND[0]},
+        "batch": {"command": "track people", "sources": missing, "out": out},
         "convert": {"result": missing, "to": "cvat", "out": out},
         "count": {"result": [TRACK], "scene": tsuiseki.Scene(), "frame_rate": 10.0},
         "evaluate_people": {"truth": [TRACK], "tracks": [TRACK]},
@@ -82,7 +83,7 @@ def parameters(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
     kinds = get_type_hints(function if inspect.isroutine(function) else function.__init__)
     for name, parameter in inspect.signature(function).parameters.items():
         if parameter.kind is parameter.VAR_KEYWORD:
-            yield from get_type_hints(*get_args(kinds[name])).items()
+            yield from (get_type_hints(*inner).items() if (inner := get_args(kinds.get(name))) else ())
         elif name != "self":
             yield name, kinds[name]
 
