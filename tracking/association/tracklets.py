@@ -131,6 +131,7 @@ def join(
     changes: CostChanges | None = None,
     started: BoolArray | None = None,
     places: tuple[FloatArray, FloatArray] | None = None,
+    weighed: list[tuple[IntArray, IntArray, FloatArray]] | None = None,
 ) -> IntArray:
     """``(N,)`` track of each detection, -1 for none; tracks are numbered by their first tracklet.
 
@@ -144,6 +145,7 @@ def join(
             none is.
         places: ``(N,)`` changes of the costs of a start at each detection, and of an end, by which a join may cost
             more; by default none.
+        weighed: gets the indices of the detections of all joins that were weighed, and their costs less the most.
     """
     link = replace(link, miss=MISS_OF_JOIN)
     for _ in range(JOIN_PASSES):
@@ -158,6 +160,8 @@ def join(
             cost = np.where(started[j], np.inf, cost)
         if places is not None:
             cost = cost - places[0][parts.j] - places[1][parts.i]
+        if weighed is not None:
+            weighed.append((parts.i, parts.j, cost - MOST_FOR_JOIN))
         before, after = cheapest_matching(i, j, cost - MOST_FOR_JOIN)
         if len(before) == 0:
             break

@@ -12,6 +12,7 @@ from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.learnt_costs import CostChanges, ProjectsAppearance
 from tsuiseki.tracking.association.looks import Looks
 from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
+from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
 from tsuiseki.tracking.features.standing_camera import StandingCamera
@@ -114,6 +115,7 @@ class FlowTracker:
             self._flow = DelayedFlow(settings, given, window, round(delay * frame_rate))
         self._ended = self._flow
         self._given = self._used = 0
+        self._reported: list[Track] = []
         self.bad = BadBoxes()
 
     @property
@@ -196,6 +198,7 @@ class FlowTracker:
         self._ended = self._flow.ended()
         tracks = self._ended.tracks()
         self._used = sum(int(track.observed.sum()) for track in tracks)
+        self._reported = tracks
         return [self._in_frames(track) for track in tracks]
 
     def _in_frames(self, track: Track) -> Track:
@@ -206,6 +209,13 @@ class FlowTracker:
         found = replace(track, frames=looks.frames(track.frames))
         steps = np.diff(found.frames)[np.diff(track.frames) == 1]
         return fill_gaps(found, GapSettings(int(steps.max(initial=1)) - 1, np.inf, np.inf))
+
+    def network(self) -> SolvedNetwork | None:
+        """What the tracks were chosen from when they were last asked for; None with a delay, which forgets it."""
+        if not isinstance(self._ended, WholeFlow) or self._ended is self._flow:
+            return None
+        looks, network = self._flow.input.looks, self._ended.network(self._reported)
+        return network if looks.all else replace(network, frames=looks.frames(network.frames))
 
     def forget(self) -> None:
         """With a delay: drop what was answered from ``tracks()``; see `OnlineTracker`.

@@ -5,6 +5,7 @@ They are reported with gaps filled and boxes smoothed, in pixels of their own fr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.sliding_flow import Decision
 from tsuiseki.tracking.association.smoothing import GapSettings, SmoothingSettings, fill_gaps, smooth
+from tsuiseki.tracking.association.solved_network import NetworkRecord, SolvedNetwork
 from tsuiseki.tracking.association.tracklets import Chained, Tracklets, join, straddling_tracks
 from tsuiseki.tracking.people.flow_input import SETTLE, FlowInput, FlowSettings, solve_window
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
@@ -38,6 +40,8 @@ class WholeFlow:
         self.clutter = 0
         self.actions: list[FloatArray | None] = []
         self._tracklets = Tracklets()
+        self._record = NetworkRecord()
+        self._joins: list[tuple[IntArray, IntArray, FloatArray]] = []
         self._frame = 0
         self._waiting: list[Detections] = []
         self._every = DetectionTable.empty(given.frame_rate, given.size)
@@ -59,6 +63,7 @@ class WholeFlow:
         other = copy(self)
         other.input, other.window, other._tracklets = self.input.copy(), self.window.copy(), self._tracklets.copy()
         other._parts, other.actions = [*self._parts], []
+        other._record, other._joins = self._record.copy(), []
         return other
 
     def tracks(self) -> list[Track]:
@@ -67,6 +72,7 @@ class WholeFlow:
         window, tracklets = self.window, self._tracklets
         solve_window(window, self.input, self._scores[window.table.numbers])
         rest = window.remainder()
+        self._record.add(rest, window.undecided(), window.solved())
         tracklets.add(self._chained(rest, window.table))
         every = self._table()
         labels = tracklets.labels(len(every))
@@ -75,7 +81,7 @@ class WholeFlow:
             link, places = window.costs.link, None
             if window.costs.places is not None:
                 places = window.place_costs(every.image)
-            labels = join(every, labels, appearance, link, window.changes, None, places)
+            labels = join(every, labels, appearance, link, window.changes, None, places, self._joins)
         return self._finished(every, labels)
 
     def _decide(self) -> None:
@@ -83,10 +89,35 @@ class WholeFlow:
         self._absorb()
         window, settings = self.window, self.settings
         solve_window(window, self.input, self._scores[window.table.numbers])
-        table = window.table
+        table, numbers, solved = window.table, window.undecided(), window.solved()
         margin = round((settings.costs.rounds.window + SETTLE) * self.input.frame_rate)
         decision = window.decide(self._frame - 1, self._frame - margin)
+        self._record.add(decision, numbers, solved)
         self._tracklets.add(self._chained(decision, table))
+
+    def network(self, tracks: Sequence[Track]) -> SolvedNetwork:
+        """What the tracks were chosen from, once they were asked for.
+
+        Args:
+            tracks: those that are reported, in the frames of the detections.
+        """
+        every, rate = self._table(), self.input.frame_rate
+        row = {
+            key: track.id
+            for track in tracks
+            for key in zip(track.frames[track.observed].tolist(), track.detection[track.observed].tolist(), strict=True)
+        }
+        keys = zip(every.frames.tolist(), self._origin[:, 0].tolist(), strict=True)
+        return SolvedNetwork(
+            every.frames,
+            every.image,
+            self._scores,
+            self._origin,
+            self._record.graph(len(every), self._joins),
+            np.array([row.get(key, 0) for key in keys], dtype=np.int64),
+            max(min(self.settings.fewest(rate), self._frame), 1),
+            round(self.settings.fill * rate),
+        )
 
     def _absorb(self) -> None:
         """Take in the waiting frames."""
