@@ -41,6 +41,9 @@ ELSEWHERE = {
         "tests/trainers/association/test_action_cost_fit.py::test_the_command_writes_the_cost_of_actions"
     ),
     "train association": "tests/trainers/association/test_training.py::trained",
+    "evaluate appearance": (
+        "tests/tracking/evaluation/test_reidentification.py::test_networks_are_compared_on_labelled_video"
+    ),
     "detect": (
         "tests/tracking/people/test_detect.py::test_boxes_and_centres_of_the_frames_that_were_asked_for_are_written"
     ),
