@@ -17,7 +17,7 @@ from tsuiseki.tracking.evaluation.result_files import match_results, of_class
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.evaluation.truths import Truth, read_truths
 from tsuiseki.tracking.formats.label_classes import same_class
-from tsuiseki.tracking.types import Estimate, FloatArray, Track
+from tsuiseki.tracking.types import Estimate, FloatArray, Track, as_numbers
 from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, parse_frames
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -153,7 +153,7 @@ def _are_tracks(given: object) -> bool:
 
 
 def _boxes(given: ArrayLike, name: str) -> FloatArray:
-    boxes = np.asarray(given, dtype=np.float64)
+    boxes = as_numbers(given, name)
     if boxes.ndim != 2 or boxes.shape[1] != 4:
         raise RequestError(f"expected `{name}` as boxes of shape (T, 4), got {boxes.shape}")
     return boxes

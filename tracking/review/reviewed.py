@@ -6,12 +6,11 @@ import math
 import secrets
 import threading
 from collections.abc import Mapping
-from dataclasses import astuple
 from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.review.box_rows import CHUNK, changes, rows_of, spans_of
-from tsuiseki.tracking.review.corrections import Correction
+from tsuiseki.tracking.review.corrections import Box, Correction
 from tsuiseki.tracking.review.questions import Question, ShownBox
 from tsuiseki.tracking.review.session import Changes, Session
 from tsuiseki.tracking.types import Track
@@ -129,13 +128,14 @@ def _sentence(text: str, changes_made: Changes) -> str:
 
 
 def _shown(question: Question) -> dict[str, Any]:
-    """A question as the page has it; boxes as rows of frame, id and corners."""
-    sides = [[_row(box) for box in side] for side in (question.boxes_a, question.boxes_b)]
+    """A question as the page has it; boxes as rows of frame, id and corners, id 0 for those that it is ``about``."""
+    sides = [[_row(box, box.id) for box in side] for side in (question.boxes_a, question.boxes_b)]
     ids = dict.fromkeys(row[1] for side in sides for row in side)
     told = {name: getattr(question, name) for name in ("key", "sentence", "frame")}
-    return {**told, "ids": [*ids], "yes": sides[0], "no": sides[1]}
+    said = [part for one in (question.yes, question.no) for part in (one, *one.parts)]
+    about = [_row(box, 0) for box in dict.fromkeys(box for part in said for box in part.there)]
+    return {**told, "ids": [*ids], "yes": sides[0], "no": sides[1], "about": about}
 
 
-def _row(box: ShownBox) -> tuple[float, ...]:
-    frame, x, y, width, height, number = astuple(box)
-    return frame, number, x, y, x + width, y + height
+def _row(box: Box | ShownBox, number: int) -> tuple[float, ...]:
+    return box.frame, number, box.x, box.y, box.x + box.width, box.y + box.height
