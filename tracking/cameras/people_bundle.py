@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.cameras.path_matching import FEWEST, STEP, Alignment, places_at
 from tsuiseki.tracking.cameras.people_fit import (
     MOST_PEOPLE,
@@ -167,9 +166,10 @@ def _partners(first: FloatArray, second: FloatArray, tolerance: float) -> IntArr
     count = here @ there.T
     square = (np.abs(a) ** 2) @ there.T + here @ (np.abs(b) ** 2).T - 2 * (a @ b.conj().T).real
     gain = count - square / tolerance**2
-    rows, columns = assign(np.where((count >= FEWEST) & (gain > 0), -gain, 0.0), 0.0)
+    worth = (count >= FEWEST) & (gain > 0)
+    rows, columns = scipy.optimize.linear_sum_assignment(np.where(worth, gain, 0.0), maximize=True)
     partner = np.full(len(first), -1)
-    real = (count[rows, columns] >= FEWEST) & (gain[rows, columns] > 0)
+    real = worth[rows, columns]
     partner[rows[real]] = columns[real]
     return partner
 
