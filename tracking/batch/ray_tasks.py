@@ -64,7 +64,7 @@ class RayTasks:
         except Exception as error:
             raise RequestError(f"`ray`: {_reason(error, address, ray.__version__)}") from error
         self._muted = _Muted(sys.stdout)
-        sys.stdout = self._muted  # type: ignore[assignment]
+        sys.stdout = self._muted
         if self._asked(self._ray.cluster_resources).get("GPU", 0.0) < gpus:
             self.close()
             raise RequestError(f"`gpus`: expected {gpus:g} of a GPU, but no machine of this Ray has one")
