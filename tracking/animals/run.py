@@ -131,9 +131,9 @@ def animal_result(
         tracks, fields = in_millimetres(tracks, scale, source)
 
     def draw(frame: Frame) -> ImageArray:
-        from tsuiseki.tracking.animals.page import draw_animals
+        from tsuiseki.tracking.report.body_marks import draw_marks
 
-        return draw_animals(frame, tracks, placed)
+        return draw_marks(frame, tracks, fields, placed)
 
     result = Result[BodyTrack].of(
         source,

@@ -110,6 +110,7 @@ TRACK = {
 EVALUATE = {
     "people": "tracks: HOTA, MOTA, IDF1 and more",
     "detection": "detections: average precision",
+    "appearance": "appearance networks: ranks and average precision of finding a person again",
     "single": "one target: success and precision",
     "coverage": "tracks of many on one labelled person: coverage and switches",
     "points": "tracked points: OSPA, GOSPA and more",
@@ -153,6 +154,7 @@ COMMANDS: Tree = {
     "scene": Command("tracking.answers.run:scene", "draw lines and zones to count in, on a page in the browser"),
     "hide": Command("tracking.people.hiding:hide_people", "hide people in a video that was tracked"),
     "count": Command("tracking.answers.run:count", "who crosses lines and stays in zones, from a finished result"),
+    "review": Command("tracking.review.run:review", "look through a result on a page in the browser, and correct it"),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
     "batch": Group("a command on many videos, on all cores or on Ray", "tracking.batch", BATCH),
     "convert": Command("tracking.cli.convert:convert", "write a result into the file of another program"),

@@ -112,7 +112,9 @@ def __getattr__(name: str) -> Any:
 
         value: Any = metadata.version("tsuiseki")
     elif name in _HOMES:
-        value = getattr(_imported(_HOMES[name]), name)
+        from tsuiseki.tracking.arguments import guarded
+
+        value = guarded(getattr(_imported(_HOMES[name]), name))
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value

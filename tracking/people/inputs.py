@@ -330,7 +330,7 @@ def people_detect(
     found = as_detector(detector, finding.threshold, threads, options, finding.device, classes=chosen)
     if wanted == (1, None) or not isinstance(found, Detector | ForeignDetector):
         return found
-    return ViewedDetector(found, wanted, frame_rate=source.frame_rate)
+    return ViewedDetector(found, wanted, frame_rate=source.frame_rate, sparing=True)
 
 
 def ground_of(detect: Detect | Sequence[Detections], wanted: Ground, source: Source) -> GroundPlane | None:
