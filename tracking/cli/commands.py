@@ -110,6 +110,7 @@ TRACK = {
 EVALUATE = {
     "people": "tracks: HOTA, MOTA, IDF1 and more",
     "detection": "detections: average precision",
+    "appearance": "appearance networks: ranks and average precision of finding a person again",
     "single": "one target: success and precision",
     "coverage": "tracks of many on one labelled person: coverage and switches",
     "points": "tracked points: OSPA, GOSPA and more",
