@@ -28,8 +28,8 @@ EARLY, LONGEST, LEAST = 0.5, 300.0, 0.25
 PLACE = 0.3
 # Before anything is learnt: the usual time in seconds, its deviation in the logarithm, the weight of both in links;
 # share of those who leave that come by one entry.
-USUAL, SPREAD, WEIGHT, SHARE = 15.0, 0.6, 2.0, 0.3
-NARROWEST = 0.08
+USUAL, SPREAD, WEIGHT, SHARE = 15.0, 1.0, 2.0, 0.3
+NARROWEST = 0.15
 ROUNDS = 30
 # Deviations between the appearance of different people and of the same, before it is learnt, in pairs.
 ALIKE, ALIKE_WEIGHT = 2.5, 5.0
@@ -100,8 +100,8 @@ def linked(passages: Passages) -> Links:
     best = solve(graph)
     chosen = np.flatnonzero(best.follower[pairs.earlier] == pairs.later)
     margins = [solve(_without(graph, pairs.earlier[k], pairs.later[k])).cost - best.cost for k in chosen]
-    parts = (part[chosen] for part in (pairs.earlier, pairs.later, pairs.seconds))
-    return Links(*parts, np.array(margins), pairs.likeness[chosen])
+    earlier, later, seconds = pairs.earlier[chosen], pairs.later[chosen], pairs.seconds[chosen]
+    return Links(earlier, later, seconds, np.array(margins), pairs.likeness[chosen])
 
 
 def _without(graph: FlowGraph, tail: int, head: int) -> FlowGraph:
