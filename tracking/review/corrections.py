@@ -50,7 +50,7 @@ class Correction:
     """Something a person says.
 
     Attributes:
-        kind: ``same``: the two boxes are one person; ``not_same``: they are two; ``next``: one person, and no detection
+        kind: ``same``: the two boxes are one person; ``not_same``: they are two people; ``next``: one person, and no detection
             between; ``switch``: two people (last boxes before a frame) go on as each other (first boxes from it on);
             ``real``: a person, ``not_person``: none; ``box``: one box is added, or of two the first is moved to the
             second; ``name``: of the track; ``delete``: all boxes of a track; ``right``: the boxes of a stretch;
