@@ -20,6 +20,8 @@ from tsuiseki.tracking.animals.skeleton import (
     with_centre,
 )
 from tsuiseki.tracking.animals.tracker import AnimalTracker
+from tsuiseki.tracking.answers.page import with_page
+from tsuiseki.tracking.answers.scene import Scene
 from tsuiseki.tracking.cli.options import Output, Video
 from tsuiseki.tracking.errors import RequestError, an_instance
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
@@ -129,11 +131,11 @@ def animal_result(
         tracks, fields = in_millimetres(tracks, scale, source)
 
     def draw(frame: Frame) -> ImageArray:
-        from tsuiseki.tracking.animals.page import draw_animals
+        from tsuiseki.tracking.report.body_marks import draw_marks
 
-        return draw_animals(frame, tracks, placed)
+        return draw_marks(frame, tracks, fields, placed)
 
-    return Result[BodyTrack].of(
+    result = Result[BodyTrack].of(
         source,
         tracks,
         settings=made,
@@ -148,6 +150,8 @@ def animal_result(
         names=tuple(fields),
         points=placed,
     )
+    metres = None if scale is None else Scene(scale=scale / 1000)
+    return with_page(result, nouns=("animal", "animals"), scene=metres)
 
 
 def poses_by_points(table: PointTable, skeleton: SkeletonSettings, frames: Sequence[int]) -> list[list[AnimalPose]]:
@@ -234,9 +238,9 @@ def animals(
 ) -> int:
     """Track several animals before a fixed camera: place, heading and size of each, through contact, entering, leaving.
 
-    DIR gets states.csv (frame, id, a,b,theta,length,width in pixels and radians, score, status), run.json and, with
-    --overlay, overlay.webm; with --points or --labels also points.sleap.csv and points.dlc.csv, and
-    points.sleap.h5 where h5py is installed.
+    DIR gets states.csv (frame, id, a,b,theta,length,width in pixels and radians, score, status), report.html
+    with its plots and numbers in report/, run.json and, with --overlay, overlay.webm; with --points or --labels also
+    points.sleap.csv and points.dlc.csv, and points.sleap.h5 where h5py is installed.
 
     Args:
         contrast: how animals differ from what lies behind them: bright, dark or any; auto finds out.

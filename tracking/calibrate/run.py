@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from tsuiseki.tracking.cameras.calibration import CheckerboardFit, Coefficients, find_corners, fit_checkerboards
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.options import OutputFile, Shared
 from tsuiseki.tracking.types import FloatArray, Frame
 from tsuiseki.tracking.video.source import open_source
@@ -18,8 +18,9 @@ from tsuiseki.tracking.video.source import open_source
 if TYPE_CHECKING:
     from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
     from tsuiseki.tracking.cameras.projective import PinholeCamera
-    from tsuiseki.tracking.types import FloatArray
 
+# Pixels from which on a lens is none for a format.
+FAR = 50.0
 CAMERA_FILE = OutputFile(out=Path("cameras.yaml"))
 
 
@@ -257,13 +258,18 @@ def convert(
         image_size: WIDTH,HEIGHT of the calibration, where the file does not say, as py-OCamCalib's.
         resize: WIDTH,HEIGHT of other images of the camera, to which the calibration is scaled.
     """
-    import numpy as np
-
     from tsuiseki.tracking.cameras.lens_files import write_lens
     from tsuiseki.tracking.cameras.lens_fitting import inverse_error
 
     lens, read = sizes.read(file)
-    written = output.write(output.out, lambda path: write_lens(path, lens, to))
+
+    def write(path: Path) -> FloatArray:
+        residuals = write_lens(path, lens, to)
+        if (mean := float(np.sqrt(np.mean(residuals**2)))) > FAR:
+            raise RunError(f"the nearest lens of {to} lies {mean:.0f} px rms away; choose another format with `to`")
+        return residuals
+
+    written = output.write(output.out, write)
     steps = (
         [(to, written)]
         if not read.any()

@@ -173,7 +173,9 @@ def coverage(given: Comparison, stretch: Stretch, overlap: float = 0.5) -> None:
 def detection(
     given: Comparison, labels: Labels, iou: float = 0.5, score_range: tuple[float, float] = (0.0, 1.0)
 ) -> None:
-    """Score detections against ground truth: average precision, and the threshold of the best F1.
+    """Score detections against ground truth: average precision, recall, and the threshold of the best F1.
+
+    Where labels say how much of each person is visible, they are also scored by that, all others being ignored.
 
     Args:
         truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the

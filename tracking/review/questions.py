@@ -26,10 +26,12 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 QuestionKind = Literal["link", "start", "end", "detection", "exchange"]
 # Decisions whose other way costs this much more are certain.
 LIMIT = 6.0
-# Logits of the probability that decisions are wrong whose other way costs nothing: links from frame to frame, what each
-# doubling of their gap adds, two tracks that may be one, those of which a person parted one from another, and tracks
-# that may be nobody, or that were left out; and by how much a cost lowers them. Fitted on MOT17 val-half.
-LINK, GAP, APART, PARTED, NOBODY, LEFT_OUT, SLOPE = -1.6, 0.45, -2.0, -1.5, -2.0, -1.0, 0.45
+# Logits of the probability that decisions are wrong whose other way costs nothing, and by how much a cost lowers them,
+# fitted on MOT17 val-half: of links from frame to frame, what each doubling of their gap adds, of two people who may be
+# exchanged, of two tracks that may be one, of those at which a person parted tracks, of tracks that may be nobody, and
+# of those that were left out.
+LINK, GAP, EXCHANGED, APART, PARTED = -1.6, 0.45, -1.5, -2.0, -1.5
+NOBODY, LEFT_OUT, SLOPE = -2.0, -1.0, 0.45
 # A question is about up to so many detections on both sides of a link, as far as links are this share as doubtful.
 STRETCH, AS_DOUBTFUL = 10, 0.3
 # Detections further on that are another person's, too, where a link is wrong.
@@ -215,8 +217,7 @@ class Questioner:
                 arcs.append(arc)
                 spoilt.append(self._exchanged(removed))
         found = np.array(arcs, dtype=np.int64)
-        gap = np.array([max(self._frame(j) - self._frame(i) for i, j in self._changes[a].removed) for a in arcs])
-        wrong = probability(self.found.cost[found], LINK + GAP * np.log2(np.maximum(gap, 1)))
+        wrong = probability(self.found.cost[found], EXCHANGED)
         return wrong, np.array(spoilt, dtype=np.float64), found, self._ask_of_exchange
 
     def _exchanged(self, removed: tuple[tuple[int, int], ...]) -> int:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
@@ -84,6 +85,7 @@ class Session:
         frame_rate: frames a second; 25 where not known.
         size: width and height in pixels; None where not known.
         n_frames: how many there are.
+        saved: the files of the result are as the tracks are now.
 
     Raises:
         RequestError: it is no result, or somebody else reviews it; the video has another size or length; the
@@ -94,7 +96,7 @@ class Session:
         self.folder = Path(result)
         if not self.folder.is_dir():
             raise RequestError(f"expected the folder of a result to review, got {result}")
-        self._open = ExitStack()
+        self._open, self._saving = ExitStack(), Lock()
         try:
             hold(
                 self.folder,
@@ -126,6 +128,8 @@ class Session:
         self._flow.correct(self._log.said)
         self._asked: list[Question] | None = None
         self._refresh()
+        # Of a review that was killed, the last corrections may not be in the tracks yet.
+        self.saved = self._result.facts.get("corrections", 0) == len(self._log.said)
 
     @property
     def corrections_file(self) -> Path:
@@ -166,8 +170,7 @@ class Session:
 
     def names(self) -> dict[int, str]:
         """Names that were given to tracks, by id."""
-        named = self._flow.demands.names.items()
-        return {int(self._ids[n]): name for n, name in named if self._ids[n] and name}
+        return self._names
 
     def questions(self, limit: int = 50) -> list[Question]:
         """What to ask next, the least certain first."""
@@ -251,14 +254,16 @@ class Session:
         return self._boxes(rows[(frames >= first) & (frames <= last)])
 
     def correct(self, correction: Correction) -> Changes:
-        """Do what a person says; it is on disk when this returns.
+        """Do what a person says; it is among the corrections on disk when this returns.
 
         Raises:
             RequestError: it contradicts what was said before, or speaks of boxes that are not there.
         """
         find = Finder(self._flow.network.frames, self._flow.network.boxes)
         parts = correction.parts or (correction,)
-        lost = [b for p in parts if p.kind not in ("box", "real", "delete", "right") for b in p.there if find(b) < 0]
+        drawn = {p.boxes[-1] for p in parts if p.kind == "box"}
+        found = [b for p in parts if p.kind not in ("box", "real", "delete", "right") for b in p.there]
+        lost = [b for b in found if b not in drawn and find(b) < 0]
         if lost:
             raise RequestError(f"{correction}: no detection is there; add the box first")
         return self._said(correction)
@@ -276,9 +281,8 @@ class Session:
         self._flow.correct(log.said)
         append(self.corrections_file, [row], self._video)
         self._log = log
-        changes = self._refresh()
-        self.save()
-        return changes
+        self.saved = False
+        return self._refresh()
 
     def _refresh(self) -> Changes:
         """Report anew, and what is other than before."""
@@ -286,6 +290,8 @@ class Session:
         before = {track.id: track for track in getattr(self, "_tracks", [])}
         self._ids = track_ids(network.track, labels, self._reporter.most)
         self._tracks = self._reporter.tracks(network, self._ids, self._flow.demands.shown)
+        named = self._flow.demands.names.items()
+        self._names = {int(self._ids[n]): name for n, name in named if self._ids[n] and name}
         self._asked = None
         now = {track.id: track for track in self._tracks}
         changed = sorted(n for n in before.keys() | now.keys() if before.get(n) is not now.get(n))
@@ -298,26 +304,31 @@ class Session:
         return Progress(len(self._log.said), sum(question.wrong for question in self.questions(MOST_ASKED)))
 
     def save(self) -> None:
-        """Write the tracks, and into ``run.json`` how many corrections and names they have."""
-        path, kept = self.folder / "tracks.txt", self.folder / SOLVED_FILE
-        if not kept.is_file():
-            with whole_file(kept) as file:
-                write_tracks(file.name, self._solved_tracks())
-        self._note_in_record()
-        with whole_file(path) as file:
-            write_tracks(file.name, self._tracks)
+        """Write the tracks, and into ``run.json`` how many corrections and names they have; any thread may do it."""
+        with self._saving:
+            if self.saved:
+                return
+            self.saved = True
+            path, kept, tracks = self.folder / "tracks.txt", self.folder / SOLVED_FILE, self._tracks
+            if not kept.is_file():
+                with whole_file(kept) as file:
+                    write_tracks(file.name, self._solved_tracks())
+            self._note_in_record(tracks)
+            with whole_file(path) as file:
+                write_tracks(file.name, tracks)
 
-    def _note_in_record(self) -> None:
+    def _note_in_record(self, tracks: Sequence[Track]) -> None:
         path = self.folder / RUN_FILE
         record = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
         record.setdefault("facts", {}).update(corrections=len(self._log.said), track_names=self.names())
         record["files"] = sorted({*record.get("files", []), SOLVED_FILE, "tracks.txt"})
-        record.setdefault("results", {}).setdefault(".", {})["filled"] = filled_frames(self._tracks)
+        record.setdefault("results", {}).setdefault(".", {})["filled"] = filled_frames(tracks)
         with whole_file(path) as file:
             file.write(record_text(record | {"frames": record.pop("frames", {})}).encode())
 
     def close(self) -> None:
-        """Let go of the result."""
+        """Write the tracks, and let go of the result."""
+        self.save()
         self._open.close()
 
 

@@ -138,7 +138,7 @@ def test_settings_by_name_are_those_of_the_settings(make: Callable[..., Any]) ->
     for wrong in ({"min_hits": 0}, {"max_age": "a"}, {"boxes": "whole"}):
         with pytest.raises(RequestError, match="expected"):
             make(**wrong)
-    with pytest.raises(RequestError, match="settings by their names"):
+    with pytest.raises(RequestError, match="Settings"):
         make(30)
 
 
@@ -152,5 +152,5 @@ def test_the_score_of_a_start_follows_the_score_of_a_match() -> None:
 def test_settings_of_the_flow_by_name() -> None:
     tracker = FlowTracker(frame_rate=10.0, fill=0.0, min_time=0.5, smoothing=False)
     assert tracker.settings == FlowSettings(fill=0.0, min_time=0.5, smoothing=False)
-    with pytest.raises(RequestError, match="settings by their names"):
+    with pytest.raises(RequestError, match="Settings"):
         FlowTracker(25.0)  # type: ignore[arg-type]
