@@ -166,6 +166,7 @@ class FlowTracker:
             "detections_rejected": self._given - self._used,
             "typical_speed": round(self._ended.input.evidence.speed(), 3),
             "clutter_tracks": self._ended.clutter,
+            "tracks_finished_early": self._ended.finished_early,
         }
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
@@ -209,8 +210,8 @@ class FlowTracker:
         return fill_gaps(found, GapSettings(int(steps.max(initial=1)) - 1, np.inf, np.inf))
 
     def network(self) -> SolvedNetwork | None:
-        """What the tracks were chosen from when they were last asked for; None with a delay, which forgets it."""
-        if not isinstance(self._ended, WholeFlow) or self._ended is self._flow:
+        """What the tracks were chosen from when they were last asked for; None where it is forgotten on the way."""
+        if not isinstance(self._ended, WholeFlow) or self._ended is self._flow or self._ended.finished_early:
             return None
         looks, network = self._flow.input.looks, self._ended.network(self._reported)
         return network if looks.all else replace(network, frames=looks.frames(network.frames))

@@ -6,12 +6,11 @@ import math
 import secrets
 import threading
 from collections.abc import Mapping
-from dataclasses import astuple
 from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.review.box_rows import CHUNK, changes, rows_of, spans_of
-from tsuiseki.tracking.review.corrections import Correction
+from tsuiseki.tracking.review.corrections import Box, Correction
 from tsuiseki.tracking.review.questions import Question, ShownBox
 from tsuiseki.tracking.review.session import Changes, Session
 from tsuiseki.tracking.types import Track
@@ -92,6 +91,8 @@ class Reviewed:
         if kind == "target":
             (x, y), near = more["point"], self._session.made("real", [of or 1], frame).there[0]
             kind, more = "box", {"box": (x - near.width / 2, y - near.height / 2, near.width, near.height)}
+            if near.frame == frame:
+                more["ids"], of = [of or 1], None
         correction = self._session.made(kind, frame=frame, **more)
         if of is None:
             return correction
@@ -115,6 +116,7 @@ class Reviewed:
             "tracks": [{"id": one.id, "name": names.get(one.id, ""), "spans": spans_of(one)} for one in tracks],
             "questions": [_shown(question) for question in session.questions()],
             "answered": progress.answered,
+            "single": (session.folder / "boxes.txt").is_file() and len(tracks) == 1,
             "left": math.ceil(progress.likely_errors_left - 0.5),
         }
 
@@ -129,13 +131,14 @@ def _sentence(text: str, changes_made: Changes) -> str:
 
 
 def _shown(question: Question) -> dict[str, Any]:
-    """A question as the page has it; boxes as rows of frame, id and corners."""
-    sides = [[_row(box) for box in side] for side in (question.boxes_a, question.boxes_b)]
+    """A question as the page has it; boxes as rows of frame, id and corners, id 0 for those that it is ``about``."""
+    sides = [[_row(box, box.id) for box in side] for side in (question.boxes_a, question.boxes_b)]
     ids = dict.fromkeys(row[1] for side in sides for row in side)
     told = {name: getattr(question, name) for name in ("key", "sentence", "frame")}
-    return {**told, "ids": [*ids], "yes": sides[0], "no": sides[1]}
+    said = [part for one in (question.yes, question.no) for part in (one, *one.parts)]
+    about = [_row(box, 0) for box in dict.fromkeys(box for part in said for box in part.there)]
+    return {**told, "ids": [*ids], "yes": sides[0], "no": sides[1], "about": about}
 
 
-def _row(box: ShownBox) -> tuple[float, ...]:
-    frame, x, y, width, height, number = astuple(box)
-    return frame, number, x, y, x + width, y + height
+def _row(box: Box | ShownBox, number: int) -> tuple[float, ...]:
+    return box.frame, number, box.x, box.y, box.x + box.width, box.y + box.height

@@ -1,6 +1,6 @@
 // The two answers to a question, as short loops side by side.
 
-import { colourOf, drawBox } from "./paint.js";
+import { colourOf, drawAsked, drawBox } from "./paint.js";
 
 const MOST = 40; // frames of a loop
 const SIDE = 320; // pixels
@@ -19,10 +19,11 @@ export class Loops {
     this.question = question;
     clearInterval(this.timer);
     if (!question) return;
-    const rows = [...question.yes, ...question.no];
+    const rows = [...question.yes, ...question.no, ...question.about];
     const frames = [...new Set(rows.map((row) => row[0]))].sort((a, b) => a - b);
     this.frames = this.between(frames, state.frames);
-    this.crop = this.around(rows, state.size);
+    this.crop = this.around(question.about, state.size);
+    this.held = 0;
     this.images = new Map();
     this.at = 0;
     this.fetchAll(question, state);
@@ -37,12 +38,13 @@ export class Loops {
     return Array.from({ length: number }, (_, k) => Math.round(first + (k * (last - first)) / Math.max(number - 1, 1)));
   }
 
-  /** A square around all boxes, `[x, y, side]`. */
+  /** A square around boxes with some room, `[x, y, side]`. */
   around(rows, [width, height]) {
     const low = [2, 3].map((k) => Math.min(...rows.map((row) => row[k])));
     const high = [4, 5].map((k) => Math.max(...rows.map((row) => row[k])));
-    const side = Math.min(1.4 * Math.max(high[0] - low[0], high[1] - low[1]), 1.2 * Math.max(width, height));
-    return [(low[0] + high[0] - side) / 2, (low[1] + high[1] - side) / 2, Math.max(side, 16)];
+    const wide = Math.max(high[0] - low[0], high[1] - low[1]), tall = Math.max(...rows.map((row) => row[5] - row[3]));
+    const side = Math.min(Math.max(1.4 * wide, 2.5 * tall), 1.2 * Math.max(width, height));
+    return [(low[0] + high[0] - side) / 2, (low[1] + high[1] - side) / 2, side];
   }
 
   async fetchAll(question, state) {
@@ -64,7 +66,13 @@ export class Loops {
     const frame = this.frames[this.at];
     this.draw(this.canvases[0], this.question.yes, frame);
     this.draw(this.canvases[1], this.question.no, frame);
-    this.at = (this.at + (this.still.matches ? 4 : 1)) % this.frames.length;
+    // What the question is about stays longer.
+    const asked = this.question.about.some((row) => row[0] === frame);
+    if (asked && this.held < 5) this.held++;
+    else {
+      this.held = 0;
+      this.at = (this.at + (this.still.matches && !asked ? 4 : 1)) % this.frames.length;
+    }
   }
 
   draw(canvas, rows, frame) {
@@ -87,6 +95,7 @@ export class Loops {
       const near = this.nearest(own, frame);
       if (near) drawBox(context, place(near), id, String(id), { strong: near[0] === frame, thin: near[0] !== frame });
     }
+    for (const row of this.question.about.filter((one) => one[0] === frame)) drawAsked(context, place(row));
     context.fillStyle = "#fff";
     context.fillRect(0, SIDE - 4, (SIDE * (this.at + 1)) / this.frames.length, 4);
   }

@@ -247,12 +247,12 @@ const app = {
 
   goToQuestion() {
     if (!this.question) return;
-    this.chosen = this.question.ids.slice(0, 2).map((id) => ({ id, frame: this.question.frame }));
+    const ids = this.question.ids.filter((id) => this.tracks.has(id));
+    this.chosen = ids.slice(0, 2).map((id) => ({ id, frame: this.question.frame }));
     this.go(this.question.frame);
     this.picked();
     this.timeline.reveal(this.question.ids[0]);
-    const row = this.question.yes[0];
-    if (row) this.stage.reveal(row.slice(2));
+    this.stage.reveal(this.question.about[0].slice(2));
   },
 
   async answer(yes) {

@@ -51,6 +51,24 @@ export function drawBox(context, box, id, label, { strong = false, thin = false,
   context.fillText(label, x + 2, top + 12);
 }
 
+/** Corners around a box that a question is about. */
+export function drawAsked(context, [left, top, right, bottom]) {
+  const room = 5, long = Math.min(right - left, bottom - top) / 3 + room;
+  for (const [colour, width] of [["#000", 5], ["#fff", 2.5]]) {
+    context.strokeStyle = colour;
+    context.lineWidth = width;
+    context.beginPath();
+    for (const [x, dx] of [[left - room, long], [right + room, -long]]) {
+      for (const [y, dy] of [[top - room, long], [bottom + room, -long]]) {
+        context.moveTo(x + dx, y);
+        context.lineTo(x, y);
+        context.lineTo(x, y + dy);
+      }
+    }
+    context.stroke();
+  }
+}
+
 /** A small sign of a person for lists. */
 export function sign(id) {
   const make = (tag, given) => {

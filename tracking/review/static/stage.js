@@ -1,6 +1,6 @@
 // The video with the boxes on it: drawn, zoomed, and changed with a mouse, a pen or fingers.
 
-import { drawBox, fitted } from "./paint.js";
+import { drawAsked, drawBox, fitted } from "./paint.js";
 
 const EDGE = 9; // pixels around an edge in which it is taken
 const STILL = 4; // pixels a pointer moves before it drags
@@ -62,6 +62,9 @@ export class Stage {
       const here = this.toCanvas(moved, at);
       drawBox(context, here, id, this.app.nameOf(id), { strong, thin: filled, flash });
       if (strong) this.drawHandles(context, here);
+    }
+    for (const row of this.app.question?.about ?? []) {
+      if (row[0] === frame) drawAsked(context, this.toCanvas(row.slice(2), at));
     }
     if (this.drag?.kind === "add" && this.drag.box) {
       context.setLineDash([4, 4]);

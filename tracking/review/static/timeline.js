@@ -68,6 +68,9 @@ export class Timeline {
     context.fillStyle = css("--ground");
     context.fillRect(0, 0, width, HEAD);
     this.drawScale(context, width, ink);
+    // Of boxes that are in no track.
+    const alone = this.app.state.questions.filter((question) => !question.ids.length);
+    for (const question of alone) this.drawMark(context, this.x(question.frame), 1, ink, question);
     const here = Math.round(this.x(this.app.frame)) + 0.5;
     context.strokeStyle = ink.text;
     context.lineWidth = 1.5;
