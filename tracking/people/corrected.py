@@ -65,5 +65,6 @@ def correction_files(
         CORRECTIONS_FILE: lambda path, _: found.write(path),
     }
     facts: Mapping[str, Any] = {"corrections": len(found.done), "track_names": found.names}
-    lines = [f"corrections: {len(found.done)} done again, {len(found.left_out)} left out"]
+    every, lost = found.said, len(found.left_out)
+    lines = [f"corrections: {every - lost} of {every} done again"]
     return found.tracks, files, dict(facts), [*lines, *(f"left out: {line}" for line in found.left_out)]

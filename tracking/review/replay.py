@@ -21,13 +21,15 @@ class Replayed:
     Attributes:
         tracks: corrected.
         names: of tracks, by id.
-        done: corrections that apply.
+        said: how many corrections there are.
+        done: those that can hold together.
         left_out: a line for each that does not.
         video: of which they speak.
     """
 
     tracks: Sequence[Track]
     names: dict[int, str]
+    said: int
     done: tuple[Correction, ...]
     left_out: tuple[str, ...]
     video: Video
@@ -67,4 +69,4 @@ def replayed(tracks: Sequence[Track], network: SolvedNetwork, path: Path, video:
     ids = track_ids(flow.network.track, flow.labels(), reporter.most)
     names = {int(ids[n]): name for n, name in flow.demands.names.items() if ids[n] and name}
     corrected = reporter.tracks(flow.network, ids, flow.demands.shown)
-    return Replayed(corrected, names, tuple(done), (*left_out, *flow.demands.left_out), video)
+    return Replayed(corrected, names, len(said), tuple(done), (*left_out, *flow.demands.left_out), video)
