@@ -95,6 +95,7 @@ CALIBRATE = {
     "checkerboard": "a camera's focal length and lens, from pictures of a board",
     "convert": "a fisheye calibration in another program's format",
     "pose": "over a floor, from height and tilt or from points",
+    "people": "from the people who walk in them",
 }
 TRACK = {
     "people": (".people.run:people", "everyone in view, each with an id"),
@@ -110,6 +111,7 @@ TRACK = {
 EVALUATE = {
     "people": "tracks: HOTA, MOTA, IDF1 and more",
     "detection": "detections: average precision",
+    "appearance": "appearance networks: ranks and average precision of finding a person again",
     "single": "one target: success and precision",
     "coverage": "tracks of many on one labelled person: coverage and switches",
     "points": "tracked points: OSPA, GOSPA and more",

@@ -239,6 +239,30 @@ def people(given: PlottedComparison, labels: Labels, classes: list[int | str] | 
     given.draw(lambda path: save_comparison(scores, path))
 
 
+def appearance(given: Comparison, threads: int = 0) -> None:
+    """Score appearance networks: how often a person is found again among others, and mean average precision.
+
+    Args:
+        truth: labelled video with pictures, in a layout that evaluate people takes; or the folder of Market-1501, with
+            query and bounding_box_test.
+        results: appearance networks as ONNX, or the names of shipped or downloaded ones; several are compared.
+        threads: CPU cores; 0 takes all.
+    """
+    from dataclasses import asdict
+
+    from tsuiseki.tracking.evaluation.reidentification import read_views, score_views
+    from tsuiseki.tracking.evaluation.tables import score_table
+    from tsuiseki.tracking.features.exported import open_appearance
+
+    networks = {n: open_appearance(p, threads) for n, p in given.named().items()}
+    views = read_views(given.truth)
+    found = {name: score_views(views, network) for name, network in networks.items()}
+    shown = [[name, *(f"{v:.3f}" for v in (s.rank1, s.rank5, s.rank10, s.mean_average_precision)), str(s.queries)]
+             for name, s in found.items()]  # fmt: skip
+    table = score_table(("Network",), ("Rank 1", "Rank 5", "Rank 10", "mAP", "Queries"), [shown])
+    given.report(table, {name: asdict(scores) for name, scores in found.items()})
+
+
 def points(given: Comparison, stretch: Stretch, cutoff: float = 100.0, window: int = 10) -> None:
     """Score tracked points: OSPA, OSPA(2), GOSPA and its parts, number of targets, changed identities.
 

@@ -91,6 +91,8 @@ class Reviewed:
         if kind == "target":
             (x, y), near = more["point"], self._session.made("real", [of or 1], frame).there[0]
             kind, more = "box", {"box": (x - near.width / 2, y - near.height / 2, near.width, near.height)}
+            if near.frame == frame:
+                more["ids"], of = [of or 1], None
         correction = self._session.made(kind, frame=frame, **more)
         if of is None:
             return correction
@@ -114,6 +116,7 @@ class Reviewed:
             "tracks": [{"id": one.id, "name": names.get(one.id, ""), "spans": spans_of(one)} for one in tracks],
             "questions": [_shown(question) for question in session.questions()],
             "answered": progress.answered,
+            "single": (session.folder / "boxes.txt").is_file() and len(tracks) == 1,
             "left": math.ceil(progress.likely_errors_left - 0.5),
         }
 

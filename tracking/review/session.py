@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +16,9 @@ from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNet
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
 from tsuiseki.tracking.formats.result_folder import filled_frames
-from tsuiseki.tracking.output import RUN_FILE, hold, record_text, whole_file
+from tsuiseki.tracking.formats.single import write_boxes
+from tsuiseki.tracking.formats.track_tables import table_of, write_table
+from tsuiseki.tracking.output import RUN_FILE, hold, output_file, record_text, whole_file
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.review.corrections import (
     CORRECTIONS_FILE,
@@ -119,6 +121,7 @@ class Session:
         path = self.folder / NETWORK_FILE
         fill = round(FILL * self.frame_rate)
         network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill)
+        self._network = network
         self._log = CorrectionLog()
         if self.corrections_file.is_file():
             self._log = read_corrections(self.corrections_file, self._video)
@@ -324,13 +327,26 @@ class Session:
             if self.saved:
                 return
             self.saved = True
-            path, kept, tracks = self.folder / "tracks.txt", self.folder / SOLVED_FILE, self._tracks
-            if not kept.is_file():
-                with whole_file(kept) as file:
-                    write_tracks(file.name, self._solved_tracks())
+            tracks = self._tracks
+            if not (self.folder / SOLVED_FILE).is_file():
+                if not (self.folder / NETWORK_FILE).is_file():
+                    # The text does not say which boxes were filled in.
+                    self._replaced(NETWORK_FILE, self._network.write)
+                self._replaced(SOLVED_FILE, lambda file: write_tracks(file, self._solved_tracks()))
             self._note_in_record(tracks)
-            with whole_file(path) as file:
-                write_tracks(file.name, tracks)
+            if (self.folder / "tracks.csv").is_file():
+                self._replaced("tracks.csv", lambda file: write_table(file, table_of(tracks), {}))
+            if (self.folder / "boxes.txt").is_file():
+                boxes = np.full((self.n_frames, 4), np.nan)
+                for track in tracks[:1]:
+                    boxes[track.frames] = track.boxes
+                self._replaced("boxes.txt", lambda file: write_boxes(file, boxes))
+            self._replaced("tracks.txt", lambda file: write_tracks(file, tracks))
+
+    def _replaced(self, name: str, write: Callable[[Path], object]) -> None:
+        """Write a file of the result, which is there whole or as it was."""
+        with output_file(self.folder / name, overwrite=True) as work:
+            write(work)
 
     def _note_in_record(self, tracks: Sequence[Track]) -> None:
         path = self.folder / RUN_FILE
