@@ -238,6 +238,15 @@ def hold(held: Path, busy: str, until: ExitStack) -> None:
         return  # a file system without locks
 
 
+def held(folder: Path, until: ExitStack) -> bool:
+    """Hold a lock on ``folder``; False where another process does."""
+    try:
+        _lock(folder, folder, until)
+    except RequestError:
+        return False
+    return True
+
+
 def _unfinished(parent: Path, name: str) -> list[Path]:
     """What runs that were killed have left behind."""
     return [p for p in parent.iterdir() if p.name.startswith(f".{name}.") and p.name.endswith(UNFINISHED)]

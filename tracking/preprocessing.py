@@ -25,7 +25,13 @@ def check_images(images: Sequence[ImageArray]) -> int:
         RequestError: they are no images ``(H, W, 3)`` uint8, or one of them alone.
     """
     for image in images:
-        if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        if (
+            not isinstance(image, np.ndarray)
+            or image.dtype != np.uint8
+            or image.ndim != 3
+            or image.shape[2] != 3
+            or not image.size
+        ):
             shown = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
             raise RequestError(f"expected a list of images (H, W, 3) uint8, got one entry of {shown}; is it one image?")
     return len(images)

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.features.camera_path import FrameRuns
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # Pixels across of the copies.
 _WIDTH = 160
@@ -49,13 +49,16 @@ class StandingCamera:
         patience: frames after which another frame is what the next ones are compared with.
         settled: see above; more than a frame, and no more than the patience.
         moved: frames, the first among them, for which nothing says that the camera stood still.
+        known: ``(F,)`` by frame, what comparing it told before, so that pictures need not; None compares them.
+        compared: frame that the next one is compared with.
     """
 
     patience: int = 10
     settled: int = 5
     moved: FrameRuns = field(default_factory=FrameRuns)
+    known: BoolArray | None = None
+    compared: int = 0
     _count: int = 0
-    _compared: int = 0
     _moving: bool = False
     _reference: _Compared | None = None
 
@@ -63,18 +66,29 @@ class StandingCamera:
         """Frames so far."""
         return self._count
 
-    def add(self, image: ImageArray) -> None:
-        """Take the next frame ``(H, W, 3)`` uint8."""
-        copy = _small(image)
-        reference = self._reference
+    def add(self, image: ImageArray) -> bool:
+        """Take the next frame ``(H, W, 3)`` uint8; whether it shows what the frame ``compared`` does."""
+        if self.known is not None:
+            same = bool(self.known[self._count])
+            self.take(same)
+            return same
+        copy, reference = _small(image), self._reference
         same = reference is not None and reference.shape == copy.shape and reference.stands_still_in(copy)
-        since = self._count - self._compared
-        self._moving = (reference is not None and not same) or (self._moving and since < self.settled)
+        if self.take(same):
+            self._reference = _Compared(copy)
+        return same
+
+    def take(self, same: bool) -> bool:
+        """Go on by whether the next frame shows what ``compared`` does; whether it is compared with from now on."""
+        since = self._count - self.compared
+        self._moving = (self._count > 0 and not same) or (self._moving and since < self.settled)
         if not same or self._moving:
             self.moved.append(self._count)
-        if not same or since >= self.patience:
-            self._reference, self._compared = _Compared(copy), self._count
+        anew = not same or since >= self.patience
+        if anew:
+            self.compared = self._count
         self._count += 1
+        return anew
 
     def stands_still(self, frame: int) -> bool:
         """Whether pictures say so of the step into a frame; False for frames that did not come."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,8 +14,9 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.people.hidden_places import Wanted
     from tsuiseki.tracking.people.hiding import Hiding
+    from tsuiseki.tracking.people.tracking import OpenedPeople
     from tsuiseki.tracking.result import Result
-    from tsuiseki.tracking.types import Track
+    from tsuiseki.tracking.types import Detections, Track
     from tsuiseki.tracking.video.source import Source
 
 
@@ -32,6 +34,18 @@ def people(
         hide: in the overlay and in the pictures of the report hide people, heads, or all-but the tracks with these
             ids, such as all-but 3,5; see tsuiseki hide.
     """
+    return track(video, output, finding, linking, hide)
+
+
+def track(
+    video: Video,
+    output: SeededOutput,
+    finding: PeopleFinding,
+    linking: Linking,
+    hide: str | None = None,
+    look: Callable[[Run, OpenedPeople], Iterator[tuple[int, Detections]]] | None = None,
+) -> int:
+    """`people`, with detections that may come from elsewhere: ``look`` gives each frame's number and what is there."""
     from tsuiseki.tracking.answers.page import counted, with_page
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.cli.run import count, frames_expected
@@ -44,7 +58,10 @@ def people(
     opened = open_people(source, finding, linking, output.seed)
     with output.run() as run:
         tell_models(run, opened.inputs.detect, opened.inputs.describe)
-        found = opened.inputs.found(run.frames(source, record=video.overlay or wanted is not None), run.times)
+        if look is None:
+            found = opened.inputs.found(run.frames(source, record=video.overlay or wanted is not None), run.times)
+        else:
+            found = look(run, opened)
         kept = run.kept("detections.txt", found, None if finding.detections else detection_lines)
         steps = run.steps(kept, total=frames_expected(source))
         settings = {"method": linking.method, "source": video.source, "hide": hide}

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Lock
 from typing import Any, Literal
 
 import numpy as np
@@ -15,7 +16,9 @@ from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNet
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
 from tsuiseki.tracking.formats.result_folder import filled_frames
-from tsuiseki.tracking.output import RUN_FILE, hold, record_text, whole_file
+from tsuiseki.tracking.formats.single import write_boxes
+from tsuiseki.tracking.formats.track_tables import table_of, write_table
+from tsuiseki.tracking.output import RUN_FILE, hold, output_file, record_text, whole_file
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.review.corrections import (
     CORRECTIONS_FILE,
@@ -39,6 +42,8 @@ from tsuiseki.tracking.video.source import image_size, open_source
 SOLVED_FILE = "tracks.solved.txt"
 # Seconds of a gap that is filled where the result does not say it.
 FILL = 2.0
+# Questions that are found at a time.
+MOST_ASKED = 100
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ class Progress:
 
     Attributes:
         answered: what was said and not taken back.
-        likely_errors_left: decisions that are probably wrong, from what the other way costs.
+        likely_errors_left: how many of the questions that are left would probably be answered with no.
     """
 
     answered: int
@@ -82,6 +87,7 @@ class Session:
         frame_rate: frames a second; 25 where not known.
         size: width and height in pixels; None where not known.
         n_frames: how many there are.
+        saved: the files of the result are as the tracks are now.
 
     Raises:
         RequestError: it is no result, or somebody else reviews it; the video has another size or length; the
@@ -92,7 +98,7 @@ class Session:
         self.folder = Path(result)
         if not self.folder.is_dir():
             raise RequestError(f"expected the folder of a result to review, got {result}")
-        self._open = ExitStack()
+        self._open, self._saving = ExitStack(), Lock()
         try:
             hold(
                 self.folder,
@@ -116,15 +122,17 @@ class Session:
         self._video = Video(self._result.name if self._result.source else "", self.size, self.n_frames)
         path = self.folder / NETWORK_FILE
         fill = round(FILL * self.frame_rate)
-        network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill)
+        network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill, self.frame_rate)
+        self._network = network
         self._log = CorrectionLog()
         if self.corrections_file.is_file():
             self._log = read_corrections(self.corrections_file, self._video)
         self._flow, self._reporter = CorrectedFlow(network), Reporter(solved)
         self._flow.correct(self._log.said)
-        self._questioner: Questioner | None = None
-        self._asked: list[Question] = []
+        self._asked: list[Question] | None = None
         self._refresh()
+        # Of a review that was killed, the last corrections may not be in the tracks yet.
+        self.saved = self._result.facts.get("corrections", 0) == len(self._log.said)
 
     @property
     def corrections_file(self) -> Path:
@@ -165,30 +173,15 @@ class Session:
 
     def names(self) -> dict[int, str]:
         """Names that were given to tracks, by id."""
-        named = self._flow.demands.names.items()
-        return {int(self._ids[n]): name for n, name in named if self._ids[n] and name}
+        return self._names
 
     def questions(self, limit: int = 50) -> list[Question]:
         """What to ask next, the least certain first."""
-        if len(self._asked) < limit:
-            self._asked = self._ranked(limit)
+        if self._asked is None or len(self._asked) < min(limit, MOST_ASKED):
+            flow = self._flow
+            asking = Questioner(flow.network, flow.settled(), self._ids, flow.parted())
+            self._asked = asking.ranked(max(limit, MOST_ASKED))
         return self._asked[:limit]
-
-    def _ranked(self, limit: int) -> list[Question]:
-        asking = self._questions_now()
-        found: dict[str, Question] = {}
-        for arc in asking.doubtful()[0].tolist():
-            question = asking.question(arc)
-            if question is not None:
-                found.setdefault(question.key, question)
-            if len(found) >= limit:
-                break
-        return list(found.values())
-
-    def _questions_now(self) -> Questioner:
-        if self._questioner is None:
-            self._questioner = Questioner(self._flow.network, self._flow.settled(), self._ids)
-        return self._questioner
 
     def answer(self, key: str, yes: bool) -> Changes:
         """Answer a question: yes for as it was solved, no for the other way.
@@ -196,7 +189,7 @@ class Session:
         Raises:
             RequestError: there is no such question now; or see `correct`.
         """
-        found = [question for question in self._asked if question.key == key]
+        found = [question for question in self._asked or [] if question.key == key]
         if not found:
             raise RequestError(f"expected the key of a question that was asked, got {key}; ask for the questions again")
         said = found[0].yes if yes else found[0].no
@@ -264,14 +257,16 @@ class Session:
         return self._boxes(rows[(frames >= first) & (frames <= last)])
 
     def correct(self, correction: Correction) -> Changes:
-        """Do what a person says; it is on disk when this returns.
+        """Do what a person says; it is among the corrections on disk when this returns.
 
         Raises:
             RequestError: it contradicts what was said before, or speaks of boxes that are not there.
         """
         find = Finder(self._flow.network.frames, self._flow.network.boxes)
         parts = correction.parts or (correction,)
-        lost = [b for p in parts if p.kind not in ("box", "real", "delete", "right") for b in p.there if find(b) < 0]
+        drawn = {p.boxes[-1] for p in parts if p.kind == "box"}
+        found = [b for p in parts if p.kind not in ("box", "real", "delete", "right") for b in p.there]
+        lost = [b for b in found if b not in drawn and find(b) < 0]
         if lost:
             raise RequestError(f"{correction}: no detection is there; add the box first")
         return self._said(correction)
@@ -289,9 +284,8 @@ class Session:
         self._flow.correct(log.said)
         append(self.corrections_file, [row], self._video)
         self._log = log
-        changes = self._refresh()
-        self.save()
-        return changes
+        self.saved = False
+        return self._refresh()
 
     def _refresh(self) -> Changes:
         """Report anew, and what is other than before."""
@@ -299,7 +293,9 @@ class Session:
         before = {track.id: track for track in getattr(self, "_tracks", [])}
         self._ids = track_ids(network.track, labels, self._reporter.most)
         self._tracks = self._reporter.tracks(network, self._ids, self._flow.demands.shown)
-        self._questioner, self._asked = None, []
+        named = self._flow.demands.names.items()
+        self._names = {int(self._ids[n]): name for n, name in named if self._ids[n] and name}
+        self._asked = None
         now = {track.id: track for track in self._tracks}
         changed = sorted(n for n in before.keys() | now.keys() if before.get(n) is not now.get(n))
         spans = [_span(before.get(n), now.get(n)) for n in changed]
@@ -308,31 +304,47 @@ class Session:
 
     def progress(self) -> Progress:
         """How far the review is."""
-        asking = self._questions_now()
-        _, margin = asking.doubtful()
-        return Progress(len(self._log.said), float((1 / (1 + np.exp(margin))).sum()))
+        return Progress(len(self._log.said), sum(question.wrong for question in self.questions(MOST_ASKED)))
 
     def save(self) -> None:
-        """Write the tracks, and into ``run.json`` how many corrections and names they have."""
-        path, kept = self.folder / "tracks.txt", self.folder / SOLVED_FILE
-        if not kept.is_file():
-            with whole_file(kept) as file:
-                write_tracks(file.name, self._solved_tracks())
-        self._note_in_record()
-        with whole_file(path) as file:
-            write_tracks(file.name, self._tracks)
+        """Write the tracks, and into ``run.json`` how many corrections and names they have; any thread may do it."""
+        with self._saving:
+            if self.saved:
+                return
+            self.saved = True
+            tracks = self._tracks
+            if not (self.folder / SOLVED_FILE).is_file():
+                if not (self.folder / NETWORK_FILE).is_file():
+                    # The text does not say which boxes were filled in.
+                    self._replaced(NETWORK_FILE, self._network.write)
+                self._replaced(SOLVED_FILE, lambda file: write_tracks(file, self._solved_tracks()))
+            self._note_in_record(tracks)
+            if (self.folder / "tracks.csv").is_file():
+                self._replaced("tracks.csv", lambda file: write_table(file, table_of(tracks), {}))
+            if (self.folder / "boxes.txt").is_file():
+                boxes = np.full((self.n_frames, 4), np.nan)
+                for track in tracks[:1]:
+                    boxes[track.frames] = track.boxes
+                self._replaced("boxes.txt", lambda file: write_boxes(file, boxes))
+            self._replaced("tracks.txt", lambda file: write_tracks(file, tracks))
 
-    def _note_in_record(self) -> None:
+    def _replaced(self, name: str, write: Callable[[Path], object]) -> None:
+        """Write a file of the result, which is there whole or as it was."""
+        with output_file(self.folder / name, overwrite=True) as work:
+            write(work)
+
+    def _note_in_record(self, tracks: Sequence[Track]) -> None:
         path = self.folder / RUN_FILE
         record = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
         record.setdefault("facts", {}).update(corrections=len(self._log.said), track_names=self.names())
         record["files"] = sorted({*record.get("files", []), SOLVED_FILE, "tracks.txt"})
-        record.setdefault("results", {}).setdefault(".", {})["filled"] = filled_frames(self._tracks)
+        record.setdefault("results", {}).setdefault(".", {})["filled"] = filled_frames(tracks)
         with whole_file(path) as file:
             file.write(record_text(record | {"frames": record.pop("frames", {})}).encode())
 
     def close(self) -> None:
-        """Let go of the result."""
+        """Write the tracks, and let go of the result."""
+        self.save()
         self._open.close()
 
 

@@ -207,33 +207,37 @@ class VideoFile:
             while self.frames_wanted.last is None or len(times) <= self.frames_wanted.last:
                 index = len(times)
                 if not capture.grab():
-                    self._refuse_early_end(index, stamp)
+                    self.refuse_early_end(index, stamp)
                     break
-                size = self._same_size(index, size, sizes.read())
+                size = self.same_size(index, size, sizes.read())
                 stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
                 first = first if times else stamp
-                times.append(self._time(stamp - first, times))
+                times.append(self.time_of(stamp - first, times))
                 if index in self.frames_wanted:
-                    image = _retrieve(capture, f"{self.path}: frame {index + 1}")
+                    image = retrieved(capture, f"{self.path}: frame {index + 1}")
                     yield self.times.note(Frame(index, times[-1], image))
         finally:
             capture.release()
             sizes.close()
+        self.tell_uneven(times)
+
+    def tell_uneven(self, times: Sequence[float]) -> None:
+        """Say that frames at ``times``, seconds, lie unevenly, where they do."""
         if found := uneven(times) if self.timed_by == "container" else {}:
             warnings.warn(
                 f"{self.name}: its frames are {found['shortest_step']:g} to {found['longest_step']:g} s apart, about "
                 f"{found['missing']} are missing; their times are the container's",
                 InputWarning,
-                stacklevel=2,
+                stacklevel=3,
             )
 
-    def _time(self, stated: float, before: Sequence[float]) -> float:
+    def time_of(self, stated: float, before: Sequence[float]) -> float:
         """Of the frame after those ``before``."""
         if self.timed_by == "frame rate":
             return len(before) / self.frame_rate
         return container_time(stated, before, self.frame_rate)
 
-    def _same_size(self, index: int, size: Size | None, stated: Size | None) -> Size | None:
+    def same_size(self, index: int, size: Size | None, stated: Size | None) -> Size | None:
         """The size of the pictures so far; raises RunError where a coded frame states another one."""
         if size is not None and stated is not None and stated != size:
             raise RunError(
@@ -242,7 +246,7 @@ class VideoFile:
             )
         return stated or size
 
-    def _refuse_early_end(self, frames: int, seconds: float) -> None:
+    def refuse_early_end(self, frames: int, seconds: float) -> None:
         """Tell a truncated file from one whose header only estimates its length.
 
         Both the number of frames and the time of the last one have to fall short, since the first is an estimate where
@@ -262,7 +266,8 @@ def _slack(promised: int) -> float:
     return max(3.0, 0.02 * promised)
 
 
-def _retrieve(capture: cv2.VideoCapture, what: str) -> ImageArray:
+def retrieved(capture: cv2.VideoCapture, what: str) -> ImageArray:
+    """The frame that was grabbed, RGB; raises RunError where it cannot be decoded."""
     decoded, image = capture.retrieve()
     if not decoded:
         raise RunError(f"{what} cannot be decoded")

@@ -227,7 +227,7 @@ def test_ctrl_c_before_a_frame_is_finished_leaves_nothing(
     def stop(*_: object) -> ImageArray:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("tsuiseki.tracking.video.source._retrieve", stop)
+    monkeypatch.setattr("tsuiseki.tracking.video.source.retrieved", stop)
     assert main([*inputs.words(), "--out", str(tmp_path / "o")]) == 130
     assert list(tmp_path.iterdir()) == []
     assert capsys.readouterr().err == "tsuiseki: interrupted; nothing was written\n"
