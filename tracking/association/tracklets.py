@@ -85,6 +85,25 @@ class Tracklets:
         if chained.features is not None:
             self._add_features(self._labels[numbers], chained.features)
 
+    def merge(self, numbers: IntArray, joined: IntArray) -> None:
+        """Take detections of ``numbers`` ``(K,)`` for those of one tracklet where they have one number in ``joined``.
+
+        Detections that are not among them belong to none of these tracklets; -1 leaves a detection as it is.
+        """
+        labels = self._labels[numbers]
+        some = (joined >= 0) & (labels >= 0)
+        old, at = np.unique(labels[some], return_index=True)
+        whole = joined[some][at]
+        first = np.full(int(joined.max(initial=-1)) + 1, self._count)
+        np.minimum.at(first, whole, old)
+        new = first[whole]
+        into = np.arange(self._count)
+        into[old] = new
+        self._labels[numbers[some]] = into[labels[some]]
+        for source, target in zip(old[old != new].tolist(), new[old != new].tolist(), strict=True):
+            if source < len(self._sums):
+                self._sums[target] += self._sums[source]
+
     def labels(self, count: int) -> IntArray:
         """``(count,)`` tracklet of each detection, -1 for one that belongs to none."""
         self._grow(count)

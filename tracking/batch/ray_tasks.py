@@ -6,6 +6,8 @@ import logging
 import os
 import re
 import socket
+import sys
+import threading
 from collections.abc import Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
@@ -43,6 +45,7 @@ class RayTasks:
         except ImportError as error:
             raise RequestError("`ray`: Ray is not installed; pip install 'tsuiseki[ray]'") from error
         self._ray, self.count = ray, count
+        self._waiting: dict[Any, Task] = {}
         environment: dict[str, str] = {}
         if THREADS not in os.environ:
             environment[THREADS] = "1"
@@ -60,12 +63,12 @@ class RayTasks:
                 )
         except Exception as error:
             raise RequestError(f"`ray`: {_reason(error, address, ray.__version__)}") from error
-        if self._ray.cluster_resources().get("GPU", 0.0) < gpus:
-            self._ray.shutdown()
+        self._muted = _Muted(sys.stdout)
+        sys.stdout = self._muted
+        if self._asked(self._ray.cluster_resources).get("GPU", 0.0) < gpus:
+            self.close()
             raise RequestError(f"`gpus`: expected {gpus:g} of a GPU, but no machine of this Ray has one")
-        remote = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=0, retry_exceptions=False)(do)
-        self._remote: Any = remote
-        self._waiting: dict[Any, Task] = {}
+        self._remote: Any = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=0, retry_exceptions=False)(do)
 
     def free(self) -> bool:
         """See `Executor.free`."""
@@ -85,7 +88,8 @@ class RayTasks:
                 outcome = self._ray.get(reference, timeout=PATIENCE)
             except self._ray.exceptions.RayTaskError as error:
                 outcome = Outcome("failed", f"{type(error.cause).__name__}: {error.cause}")
-            except self._ray.exceptions.RayError:
+            except self._ray.exceptions.RayError as error:
+                self._refuse_end(error)
                 outcome = Outcome("lost", LOST)
             found.append((self._waiting.pop(reference), outcome))
         return found
@@ -96,6 +100,13 @@ class RayTasks:
             for reference in self._waiting:
                 self._ray.cancel(reference, force=True)
             self._ray.shutdown()
+        sys.stdout = self._muted.stream
+
+    def _refuse_end(self, error: Exception) -> None:
+        """Raise RunError where it is not a worker that has gone, but what this process speaks to Ray by."""
+        alone = isinstance(error, self._ray.exceptions.LocalRayletDiedError)
+        if alone or not any(node["Alive"] for node in self._asked(self._ray.nodes)):
+            raise RunError("Ray has gone from this machine; give the same command again: it goes on") from error
 
     def _asked(self, call: Any, *values: Any, **more: Any) -> Any:
         """What Ray answers; raises RunError where it has gone."""
@@ -105,6 +116,19 @@ class RayTasks:
             raise RunError(
                 f"Ray does not answer any more ({_first_line(error)}); give the same command again: it goes on"
             ) from error
+
+
+class _Muted:
+    """A stream that threads of Ray do not write to: lines of the raylet come through them whatever one sets."""
+
+    def __init__(self, stream: Any) -> None:
+        self.stream = stream
+
+    def write(self, text: str) -> int:
+        return len(text) if threading.current_thread().name.startswith("ray_") else int(self.stream.write(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
 
 
 @contextmanager

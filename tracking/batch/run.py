@@ -211,10 +211,10 @@ def count(words: Sequence[str]) -> int:
 
 def _several(group: str, names: Any, words: Sequence[str]) -> int:
     if not words or words[0] not in names:
-        if words and words[0] not in ("-h", "--help"):
+        if words and words[0] not in ("-h", "--help", "--help-all"):
             raise RequestError(f"expected `tsuiseki batch {group}` and one of {', '.join(names)}, got {words[0]}")
         print(f"usage: tsuiseki batch {group} WHAT …\n\nWHAT is {', '.join(names)}. Of people:\n")
-        words = ["people", "--help"]
+        words = ["people", *words[:1]] if words else ["people", "--help"]
     return _call((group, words[0]), words[1:])
 
 

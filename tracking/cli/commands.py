@@ -95,6 +95,7 @@ CALIBRATE = {
     "checkerboard": "a camera's focal length and lens, from pictures of a board",
     "convert": "a fisheye calibration in another program's format",
     "pose": "over a floor, from height and tilt or from points",
+    "people": "from the people who walk in them",
 }
 TRACK = {
     "people": (".people.run:people", "everyone in view, each with an id"),

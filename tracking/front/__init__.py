@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.bodies.run import follow_deformable as follow_deformable
     from tsuiseki.tracking.bodies.run import track_deformable as track_deformable
     from tsuiseki.tracking.bodies.settings import DeformableSettings as DeformableSettings
+    from tsuiseki.tracking.calibrate.checking import check_cameras as check_cameras
+    from tsuiseki.tracking.calibrate.people import PeopleCalibration as PeopleCalibration
+    from tsuiseki.tracking.calibrate.people import calibrate_people as calibrate_people
     from tsuiseki.tracking.drone.settings import DroneSettings as DroneSettings
     from tsuiseki.tracking.drone.tracking import track_drone as track_drone
     from tsuiseki.tracking.errors import RequestError as RequestError

@@ -17,7 +17,6 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
-from tsuiseki.tracking.options import refuse_nan
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, refuse_heaps
 from tsuiseki.tracking.people.lifecycle import adjusted
@@ -96,7 +95,6 @@ class FlowTracker:
             fill=fill,
             smoothing=smoothing,
         )
-        refuse_nan(settings)
         if delay is not None or changes is not None:
             settings = settings.alike()
         self.settings = settings
@@ -168,6 +166,7 @@ class FlowTracker:
             "detections_rejected": self._given - self._used,
             "typical_speed": round(self._ended.input.evidence.speed(), 3),
             "clutter_tracks": self._ended.clutter,
+            "tracks_finished_early": self._ended.finished_early,
         }
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
@@ -211,8 +210,8 @@ class FlowTracker:
         return fill_gaps(found, GapSettings(int(steps.max(initial=1)) - 1, np.inf, np.inf))
 
     def network(self) -> SolvedNetwork | None:
-        """What the tracks were chosen from when they were last asked for; None with a delay, which forgets it."""
-        if not isinstance(self._ended, WholeFlow) or self._ended is self._flow:
+        """What the tracks were chosen from when they were last asked for; None where it is forgotten on the way."""
+        if not isinstance(self._ended, WholeFlow) or self._ended is self._flow or self._ended.finished_early:
             return None
         looks, network = self._flow.input.looks, self._ended.network(self._reported)
         return network if looks.all else replace(network, frames=looks.frames(network.frames))

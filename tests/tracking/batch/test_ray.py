@@ -68,7 +68,8 @@ def test_a_killed_raylet_ends_the_batch_in_a_line_and_the_same_goes_on(
     before = count(tmp_path / "o", "look")
     driver = started([word for word in words if word != "--ray"])
     assert driver.wait(120) == 0
-    assert before <= count(tmp_path / "o", "look") <= 19
+    # 8 and 15 stretches; two under way and two that waited on Ray are done again.
+    assert before < 23 <= count(tmp_path / "o", "look") <= 27
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:{0}", "nowhere", "auto"])
