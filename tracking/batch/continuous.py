@@ -20,8 +20,10 @@ from tsuiseki.tracking.batch.looking import Again, LookingPlan, standing
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.standing_camera import StandingCamera
+from tsuiseki.tracking.formats.track_tables import table_of, tracks_of
 from tsuiseki.tracking.interchange import DetectionsLike
 from tsuiseki.tracking.output import whole_file
+from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.tracking import OpenedPeople, open_people
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
@@ -30,7 +32,6 @@ from tsuiseki.tracking.types import Detections, Track
 WHEN = re.compile(r"(?<!\d)(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_.T ]?(\d\d)[-_.:h]?(\d\d)[-_.:m]?(\d\d)(?!\d)")
 # Seconds without pictures that are all alike to whoever links people: none are as long.
 LONGEST_GAP = 60.0
-COLUMNS = ("frames", "boxes", "scores", "observed", "origin")
 
 
 def start_of(job: Job) -> float | None:
@@ -98,7 +99,9 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
         files = sorted(state.glob("[0-9]*.npz"))
         video = Again(plan, files, opened, StageTimes())
         if first is None:
-            first = _with_camera(opened, given, camera)
+            first = opened
+            if isinstance(first.tracker, FlowTracker):
+                first.tracker.follow(camera)
         known = standing(plan.parts[0][0], files)
         begin = end
         if job.start is not None and jobs[0].start is not None:
@@ -128,36 +131,20 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
         _write(state / "joined.npz", tracks, *place)
 
 
-def _with_camera(opened: OpenedPeople, given: dict[str, Any], camera: StandingCamera) -> OpenedPeople:
-    """A fresh tracker that asks ``camera`` where the camera stood still in all files."""
-    from tsuiseki.tracking.people.flow import FlowTracker
-
-    again = open_people(given["video"].open(), given["finding"], given["linking"], given["output"].seed)
-    if isinstance(again.tracker, FlowTracker) and isinstance(opened.inputs.camera, StandingCamera):
-        again.tracker.follow(camera)
-    return again
-
-
 def _write(path: Path, tracks: Sequence[Track], begin: int, first: int, end: int) -> None:
     """Write what lies in the frames from ``first`` up to ``end``, in those of a file that begins at ``begin``."""
-    parts: list[tuple[Any, ...]] = []
+    found = []
     for track in tracks:
         here = (track.frames >= first) & (track.frames < end)
         if (here & track.observed).any():
-            columns = [getattr(track, name)[here] for name in COLUMNS]
-            parts.append((np.full(int(here.sum()), track.id), columns[0] - begin, *columns[1:]))
-    empty = Track(1, *(np.empty(shape) for shape in (0, (0, 4), 0)))
-    parts.append((np.empty(0, np.int64), *(getattr(empty, name) for name in COLUMNS)))
-    names = ("id", *COLUMNS)
+            rows = track.frames[here] - begin, track.boxes[here], track.scores[here], track.observed[here]
+            found.append(Track(track.id, *rows, track.origin[here], track.names))
+    table: dict[str, Any] = table_of(found)
     with whole_file(path) as file:
-        np.savez(
-            file, **{name: np.concatenate(rows) for name, rows in zip(names, zip(*parts, strict=True), strict=True)}
-        )
+        np.savez(file, **table)
 
 
 def joined_tracks(path: Path) -> list[Track]:
     """The tracks of one of the files, by id."""
     with np.load(path, allow_pickle=False) as file:
-        table = {name: file[name] for name in file.files}
-    rows = [np.flatnonzero(table["id"] == number) for number in np.unique(table["id"])]
-    return [Track(int(table["id"][row[0]]), *(table[name][row] for name in COLUMNS)) for row in rows]
+        return tracks_of({name: file[name] for name in file.files})

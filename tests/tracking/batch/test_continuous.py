@@ -42,13 +42,9 @@ def recorded(tmp_path: Path) -> Path:
     """Of 60 frames the second file repeats the last second of the first, and the third begins half a second late."""
     folder = tmp_path / "recorder"
     folder.mkdir()
-    for name, first, last in (
-        ("cam_20260101-000000", 0, 30),
-        ("cam_20260101-000002", 20, 45),
-        ("cam_20260101-000005", 50, 60),
-    ):
-        record(folder / f"{name}.avi", first, last)
-        write_detections(folder / f"{name}.txt", first, last)
+    for second, first, last in ((0, 0, 30), (2, 20, 45), (5, 50, 60)):
+        record(folder / f"cam_20260101-00000{second}.avi", first, last)
+        write_detections(folder / f"cam_20260101-00000{second}.txt", first, last)
     return folder
 
 
