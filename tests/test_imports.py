@@ -28,7 +28,7 @@ ALLOWED = {
 LAYERS = ("errors", "weights", "types", "geometry", "output", "options", "processes", "devices", "onnx",
           "preprocessing", "interchange", "formats", "video", "stages", "cameras", "features", "filters",
           "association", "evaluation", "report", "result", "cli", "single", "people", "drone", "fisheye", "animals",
-          "bodies", "points", "sphere", "answers", "calibrate", "demo", "front")  # fmt: skip
+          "bodies", "points", "sphere", "floor", "answers", "calibrate", "demo", "front")  # fmt: skip
 TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (
     "labelled_images", "identity_crops", "action_crops", "footage", "generated_pictures")))  # fmt: skip
 

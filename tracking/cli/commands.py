@@ -105,6 +105,7 @@ TRACK = {
     "points": (".points.measured:points", "targets from the measurements of a sensor"),
     "deformable": (".bodies.run:deformable", "bodies that bend, such as fish from above"),
     "animals": (".animals.run:animals", "several animals before a fixed camera"),
+    "floor": (".floor.run:floor", "people on one floor that several cameras see"),
     "fisheye": (".fisheye.run:fisheye", "people under ceiling cameras, and where on the floor"),
 }
 EVALUATE = {
@@ -115,6 +116,7 @@ EVALUATE = {
     "points": "tracked points: OSPA, GOSPA and more",
     "states": "bodies that bend: position, heading, identity",
     "action": "what people do: F1 and average precision",
+    "floor": "people on one floor: IDF1, MOTA, HOTA, MODA and more",
 }
 REPRODUCE = {
     "multi-correlation-filter": (".single_target:reproduce", "correlation filters selected by a particle filter"),
