@@ -26,7 +26,7 @@ DOCS = REPOSITORY / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
 EVERY_PAGE = [*PAGES, REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md"]
 LONGEST = {"README.md": 600, "docs/what-did-not-help.md": 1500}
-LONGEST_METHOD, LONGEST_MANUAL, LONGEST_SENTENCE, LONGEST_CHANGELOG = 700, 29_000, 25, 40
+LONGEST_METHOD, LONGEST_MANUAL, LONGEST_SENTENCE, LONGEST_CHANGELOG = 700, 31_000, 25, 40
 # Pages whose lines make what they need.
 TUTORIALS = [page for page in PAGES if page.parent.name in ("tutorials", "extending") and page.name != "index.md"]
 # They train, or follow many particles, for more than five seconds.
