@@ -16,7 +16,7 @@ MOST_MODEL_BYTES = 40 * 2**20
 
 def expected_files() -> set[str]:
     """The files of the repository that must be in the wheel, by their path there."""
-    suffixes = {".py", ".onnx", ".json", ".yaml", ".typed"}
+    suffixes = {".py", ".onnx", ".json", ".yaml", ".typed", ".html", ".css", ".js", ".svg"}
     return {
         f"tsuiseki/{path.relative_to(REPOSITORY).as_posix()}".replace("tsuiseki/tracking/front/", "tsuiseki/")
         for folder in FOLDERS

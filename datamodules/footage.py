@@ -24,6 +24,7 @@ class TrainingSource:
     Attributes:
         folder: a MOTChallenge sequence or a folder of sequences, VisDrone-MOT or Okutama-Action.
         frames: first and last frame of each sequence, 1-based and both included; null for all.
+        part: likewise in shares of its length, such as [0, 0.9].
         share: how often examples come from here, relative to the other sources.
         fixed_camera: the camera stands still in each sequence, so that people can be cut out and pasted.
         least_visible: people of whom a smaller share is visible are ignored, in [0, 1].
@@ -47,6 +48,7 @@ class TrainingSource:
 
     folder: str
     frames: tuple[int, int] | None = None
+    part: tuple[float, float] = (0.0, 1.0)
     share: float = 1.0
     fixed_camera: bool = False
     least_visible: float = 0.25
@@ -90,7 +92,7 @@ class Footage:
 
     def __init__(self, source: TrainingSource) -> None:
         self.source = source
-        self.labels = labelled_images(source.folder, source.frames)
+        self.labels = labelled_images(source.folder, source.frames, source.part)
         first = read_image(self.labels[0].path)
         self._decoded: list[ImageArray] | None = None
         if first.nbytes * len(self.labels) <= _MEMORY:

@@ -20,6 +20,7 @@ from tsuiseki.datamodules.scenes.people.person import (
 )
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.market import TRAIN, is_market, read_market
 from tsuiseki.tracking.formats.mars import MarsCrop, is_mars, read_mars
 from tsuiseki.tracking.geometry import intersections
 from tsuiseki.tracking.output import whole_file
@@ -75,7 +76,7 @@ def join_crops(parts: Sequence[IdentityCrops]) -> IdentityCrops:
 
 
 def crops_from_folder(folder: Path, frames: tuple[int, int] | None, least_visible: float = 0.3) -> IdentityCrops:
-    """Views of the labelled people of a MOTChallenge sequence, of every sequence in a folder, or of MARS.
+    """Views of the labelled people of a MOTChallenge sequence, of every sequence in a folder, of MARS or Market-1501.
 
     Args:
         folder: the sequence, the folder of sequences, or MARS or a part of it, to which only this argument applies.
@@ -86,6 +87,8 @@ def crops_from_folder(folder: Path, frames: tuple[int, int] | None, least_visibl
     Raises:
         RequestError: the folder is not readable as sequences with images, or fewer than two people are left.
     """
+    if is_market(folder):
+        return _from_mars([crop for crop in read_market(folder, TRAIN) if crop.person > 0])
     if is_mars(folder):
         return _from_mars(training_crops(folder))
     parts: dict[str, list[tuple[LabelledFrame, BoolArray]]] = {}

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from tsuiseki.tracking import cli
+from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
@@ -17,6 +22,10 @@ from tsuiseki.tracking.formats.okutama import actions_of, write_okutama
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
 REPOSITORY = Path(__file__).resolve().parent.parent
+# The marks of `make test`.
+BY_DEFAULT = ("", "not gpu and not thesis_size and not browser")
+# Commands that ended well, in this process and in those of pytest-xdist.
+RAN: set[str] = set()
 
 
 @pytest.fixture(scope="session")
@@ -26,6 +35,19 @@ def data_folder() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real data at {folder}; set TSUISEKI_DATA to the folder that holds mot/, sot/, ...")
     return folder
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """The system's Chromium, driven by playwright; skips the test where either is missing."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="no playwright; install the extra dev")
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    if program is None:
+        pytest.skip("no Chromium on this computer; install the system's package chromium")
+    with playwright.sync_playwright() as driver:
+        opened = driver.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield opened
+        opened.close()
 
 
 @pytest.fixture(scope="session")
@@ -82,21 +104,56 @@ def pytest_configure() -> None:
     for number, handler in usual.items():
         if signal.getsignal(number) is signal.SIG_IGN:
             signal.signal(number, handler)
+    cli._run = noted(cli._run)
+
+
+def noted(run: Callable[[Command, list[str], list[str]], int]) -> Callable[[Command, list[str], list[str]], int]:
+    """``run``, which puts the commands that end well into `RAN`."""
+
+    def noting(command: Command, typed: list[str], words: list[str]) -> int:
+        status = run(command, typed, words)
+        RAN.update([" ".join(typed)] if status == 0 else ())
+        return status
+
+    return noting
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: Any) -> None:
+    """What a process of pytest-xdist ran."""
+    RAN.update(getattr(node, "workeroutput", {}).get("commands", ()))
+
+
+def never_run(ran: Collection[str]) -> list[str]:
+    """Commands that are not among ``ran``."""
+    groups = {name: one.commands if isinstance(one, Group) else {"": one} for name, one in COMMANDS.items()}
+    every = [f"{name} {inner}".strip() for name, commands in groups.items() for inner in commands]
+    return [name for name in every if name not in ran]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Whatever asks for the real data is an integration test."""
+    """Whatever asks for the real data is an integration test, whatever asks for a browser one in a browser."""
+    marks = {"data_folder": pytest.mark.integration, "browser": pytest.mark.browser}
     for item in items:
-        if "data_folder" in getattr(item, "fixturenames", ()):
-            item.add_marker(pytest.mark.integration)
+        for name in marks.keys() & set(getattr(item, "fixturenames", ())):
+            item.add_marker(marks[name])
 
 
 @pytest.hookimpl(trylast=True)
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    """On CI a run of everything fails when the real data is there and a test that needs it did not run."""
-    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    """A run of everything fails where a command never ended well; on CI also where real data was there and not used."""
+    config = session.config
+    if hasattr(config, "workeroutput"):
+        config.workeroutput["commands"] = sorted(RAN)
+    reporter = config.pluginmanager.get_plugin("terminalreporter")
+    if reporter is None or config.args_source.name == "ARGS" or config.option.collectonly:
+        return
+    chosen = config.option.keyword or config.option.deselect or config.option.markexpr not in BY_DEFAULT
+    if exitstatus == pytest.ExitCode.OK and not chosen and (missing := never_run(RAN)):
+        reporter.write_line(f"no test runs these commands with good input: {', '.join(missing)}", red=True)
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
     folder = Path(os.environ.get("TSUISEKI_DATA", REPOSITORY.parent / "shared" / "data"))
-    if not os.environ.get("CI") or not folder.is_dir() or reporter is None or session.config.args_source.name == "ARGS":
+    if not os.environ.get("CI") or not folder.is_dir():
         return
     skipped = [r.nodeid for r in reporter.stats.get("skipped", []) if "integration" in r.keywords]
     passed = [r.nodeid for r in reporter.stats.get("passed", []) if "integration" in r.keywords]

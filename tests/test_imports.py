@@ -27,8 +27,9 @@ ALLOWED = {
 # Inside `tracking` a module imports only what stands before it here.
 LAYERS = ("errors", "weights", "types", "geometry", "output", "options", "processes", "devices", "onnx",
           "preprocessing", "interchange", "formats", "video", "stages", "cameras", "features", "filters",
-          "association", "evaluation", "report", "result", "cli", "single", "people", "drone", "fisheye", "animals",
-          "bodies", "points", "sphere", "floor", "answers", "calibrate", "demo", "front")  # fmt: skip
+          "association", "evaluation", "report", "result", "cli", "arguments", "review", "answers",
+          "single", "people", "drone", "fisheye", "animals",
+          "bodies", "points", "sphere", "floor", "batch", "calibrate", "demo", "front")  # fmt: skip
 TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (
     "labelled_images", "identity_crops", "action_crops", "footage", "generated_pictures")))  # fmt: skip
 
@@ -126,7 +127,7 @@ def test_tracking_people_starts_without_what_it_needs_late():
     """SciPy loads its parts on first use; loaded at the start they would take as long as ten frames."""
     late = ("scipy.optimize", "scipy.ndimage", "scipy.sparse", "scipy.fft", "rich")
     program = (
-        "import sys, tsuiseki.tracking.people.run, tsuiseki.tracking.people.page; "
+        "import sys, tsuiseki.tracking.people.run, tsuiseki.tracking.answers.page; "
         f"print([name for name in {late} if name in sys.modules])"
     )
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout

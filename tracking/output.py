@@ -171,7 +171,7 @@ class RunRecord:
             **({"results": self.results} if self.results else {}),
             "frames": columns_shifted(self.frames, 1),
         }
-        (folder / RUN_FILE).write_text(_readable(values), encoding="utf-8")
+        (folder / RUN_FILE).write_text(record_text(values), encoding="utf-8")
 
 
 def columns_shifted(columns: Mapping[str, Sequence[Any]], by: int) -> dict[str, Sequence[Any]]:
@@ -191,8 +191,8 @@ def is_partial(folder: Path) -> bool:
         return False
 
 
-def _readable(values: Mapping[str, Any]) -> str:
-    """JSON with a line for each setting and each column of numbers."""
+def record_text(values: Mapping[str, Any]) -> str:
+    """What ``run.json`` holds: JSON with a line for each setting and each column of numbers."""
     text = json.dumps({**values, "frames": None}, indent=2, default=str)
     columns = ",\n".join(f"    {json.dumps(name)}: {json.dumps(list(c))}" for name, c in values["frames"].items())
     assert text.endswith('"frames": null\n}')
@@ -218,7 +218,11 @@ def _make(folder: Path) -> None:
 
 
 def _lock(held: Path, wanted: Path, until: ExitStack) -> None:
-    """Hold a lock on the folder ``held``; raises RequestError where another run does."""
+    hold(held, f"another run is writing {wanted} at this moment; choose another name", until)
+
+
+def hold(held: Path, busy: str, until: ExitStack) -> None:
+    """Hold a lock on a folder; raises RequestError, which says ``busy``, where another process or session does."""
     if fcntl is None:
         return
     try:
@@ -229,9 +233,18 @@ def _lock(held: Path, wanted: Path, until: ExitStack) -> None:
     try:
         fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise RequestError(f"another run is writing {wanted} at this moment; choose another name") from error
+        raise RequestError(busy) from error
     except OSError:
         return  # a file system without locks
+
+
+def held(folder: Path, until: ExitStack) -> bool:
+    """Hold a lock on ``folder``; False where another process does."""
+    try:
+        _lock(folder, folder, until)
+    except RequestError:
+        return False
+    return True
 
 
 def _unfinished(parent: Path, name: str) -> list[Path]:

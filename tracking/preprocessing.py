@@ -25,7 +25,13 @@ def check_images(images: Sequence[ImageArray]) -> int:
         RequestError: they are no images ``(H, W, 3)`` uint8, or one of them alone.
     """
     for image in images:
-        if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        if (
+            not isinstance(image, np.ndarray)
+            or image.dtype != np.uint8
+            or image.ndim != 3
+            or image.shape[2] != 3
+            or not image.size
+        ):
             shown = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
             raise RequestError(f"expected a list of images (H, W, 3) uint8, got one entry of {shown}; is it one image?")
     return len(images)
@@ -100,12 +106,19 @@ def _sampled(image: ImageArray, box: tuple[int, int, int, int], height: int, wid
     return np.asarray(image[rows[:, None], columns])
 
 
-def normalise(images: NDArray[np.uint8], card: ModelCard) -> NDArray[np.float32]:
-    """``(N, H, W, 3)`` uint8 RGB to the ``(N, 3, H, W)`` float32 that the model of ``card`` takes."""
-    levels = np.arange(256, dtype=np.float64)[:, None] / 255
-    tables = ((levels - np.asarray(card.mean)) / np.asarray(card.std)).astype(np.float32)
-    count, height, width, channels = images.shape
-    planes = np.empty((count, channels, height, width), dtype=np.float32)
+def normalise(images: Sequence[ImageArray] | ImageArray, card: ModelCard) -> NDArray[np.float32]:
+    """``(N, H, W, 3)`` uint8 RGB, N > 0, to the ``(N, 3, H, W)`` float32 that the model of ``card`` takes."""
+    return standardised(images, 255.0, card.mean, card.std)
+
+
+def standardised(
+    images: Sequence[ImageArray] | ImageArray, most: float, mean: Sequence[float], std: Sequence[float]
+) -> NDArray[np.float32]:
+    """``(N, 3, H, W)`` float32 of ``(N, H, W, 3)`` uint8, N > 0: divided by ``most``, less ``mean``, by ``std``."""
+    levels = np.arange(256, dtype=np.float64)[:, None] / most
+    tables = ((levels - np.asarray(mean)) / np.asarray(std)).astype(np.float32)
+    height, width, channels = images[0].shape
+    planes = np.empty((len(images), channels, height, width), dtype=np.float32)
     # A table look-up per channel writes the planes at once: several times faster than arithmetic and a transpose.
     for image, target in zip(images, planes, strict=True):
         for channel, plane in enumerate(cv2.split(image)):
@@ -121,4 +134,7 @@ def _interpolation(image: NDArray[Any], width: int) -> int:
 def _resize(image: ImageArray, width: int, height: int) -> ImageArray:
     if image.shape[:2] == (height, width):
         return image
-    return np.asarray(cv2.resize(image, (width, height), interpolation=_interpolation(image, width)), dtype=np.uint8)
+    # Up to half the size bilinear still takes every pixel, in a fifth of the time.
+    halved = image.shape[1] > 2 * width or image.shape[0] > 2 * height
+    how = _interpolation(image, width) if halved else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, (width, height), interpolation=how), dtype=np.uint8)

@@ -15,13 +15,21 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.exports import SUFFIXES, format_at, format_named, read_exported
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.result_folder import filled_frames, read_folder
-from tsuiseki.tracking.formats.track_tables import cut_to, needed, read_table, table_of, tracks_of, write_table
+from tsuiseki.tracking.formats.track_tables import (
+    cut_to,
+    names_in,
+    needed,
+    read_table,
+    table_of,
+    tracks_of,
+    write_table,
+)
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.interchange import as_detections
 from tsuiseki.tracking.output import RunRecord, columns_shifted, output_file, output_folder
 from tsuiseki.tracking.types import Frame, ImageArray, Position, Targets, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
-from tsuiseki.tracking.types.tracks import PointTable, targets_at
+from tsuiseki.tracking.types.tracks import BodyTrack, PointTable, targets_at
 from tsuiseki.tracking.video.frame_times import uneven
 from tsuiseki.tracking.video.source import Source, SourceLike, address_of, endless, image_size, open_source
 
@@ -111,6 +119,7 @@ class Result(Sequence[T_co]):
         elif path.suffix.lower() in FILES:
             table, known = read_table(path)
             tracks, known["frames"] = tracks_of(table), columns_shifted(known.get("frames", {}), -1)
+            known.setdefault("names", names_in(table))
         else:
             raise RequestError(f"expected the folder of a result, or a file {', '.join(FILES)}, got {path}")
         known |= {name: tuple(known[name]) for name in ("size", "names") if known.get(name) is not None}
@@ -261,9 +270,13 @@ class Result(Sequence[T_co]):
     def _paint(self) -> Callable[[Frame], ImageArray]:
         if self.painter is not None:
             return self.painter
-        boxes = self._boxed
+        boxes, every = self._boxed, list[Any](self.tracks)
+        if boxes is None and self.names[:3] == ("a", "b", "theta") and isinstance(every[0], BodyTrack):
+            from tsuiseki.tracking.report.body_marks import draw_marks
+
+            return lambda frame: draw_marks(frame, every, self.names, self.points)
         if boxes is None:
-            raise RequestError("only the run that made these tracks can draw them; a file keeps no outlines")
+            raise RequestError("only the run that made these tracks can draw them; a file keeps no places in pictures")
         from tsuiseki.tracking.report.overlay import Overlay
 
         return Overlay(boxes, self.frame_rate).draw
@@ -385,6 +398,7 @@ class Result(Sequence[T_co]):
         files = self.files or {"tracks.csv": lambda path, _: write_table(path, self._table(), {})}
         with output_folder(folder, overwrite) as work:
             for name, write in files.items():
+                (work / name).parent.mkdir(parents=True, exist_ok=True)
                 write(work / name, work)
             seed = int(self.settings.get("seed", 0))
             record = RunRecord(["tsuiseki"], self.settings, seed, self.seconds, self.frames, facts=self.facts)

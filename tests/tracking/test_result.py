@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -222,7 +222,21 @@ def test_an_overlay_is_drawn_on_the_video(ending: str, tmp_path: Path) -> None:
 
 def test_only_the_run_draws_what_has_no_boxes() -> None:
     with pytest.raises(RequestError, match="only the run that made"):
-        Result(KINDS["bodies"][0]).draw(np.zeros((8, 8, 3), np.uint8), 4)
+        Result(KINDS["ball"][0]).draw(np.zeros((8, 8, 3), np.uint8), 4)
+
+
+@pytest.mark.parametrize("name", ["a.csv", "folder"])
+def test_loaded_bodies_are_drawn(name: str, tmp_path: Path) -> None:
+    states = np.array([[40.0, 30, 0, 30, 12], [40.0, 30, 0, 30, 12]])
+    fish = replace(body(1), states=states)
+    names = ("a", "b", "theta", "length", "width")
+    loaded: Result[Any] = Result.load(Result([fish], frame_rate=5.0, names=names).save(tmp_path / name))
+    drawn = loaded.draw(np.zeros((60, 80, 3), np.uint8), 4)
+    assert drawn[30, 40:54].any(axis=1).all()  # the arrow ahead
+    assert drawn[34:38, 38:42].any()  # the ellipse
+    arrow = Result([replace(fish, states=states[:, :3])], names=names[:3]).draw(np.zeros((60, 80, 3), np.uint8), 4)
+    assert arrow[30, 40:54].any(axis=1).all()
+    assert not arrow[34:38, 38:42].any()
 
 
 @pytest.mark.parametrize(

@@ -20,8 +20,10 @@ from tsuiseki.tracking.animals.skeleton import (
     with_centre,
 )
 from tsuiseki.tracking.animals.tracker import AnimalTracker
+from tsuiseki.tracking.answers.page import with_page
+from tsuiseki.tracking.answers.scene import Scene
 from tsuiseki.tracking.cli.options import Output, Video
-from tsuiseki.tracking.errors import RequestError, an_instance
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.formats.result_folder import POINTS
@@ -66,7 +68,7 @@ def track_animals(
     if contrast not in get_args(Contrast):
         raise RequestError(f"`contrast`: expected {', '.join(get_args(Contrast))}, got {contrast!r}")
     opened = Video.given(source, frames).open(images=True, replayable=True)
-    skeleton = an_instance(skeleton or SkeletonSettings(), SkeletonSettings, "skeleton")
+    skeleton = skeleton or SkeletonSettings()
     made = {"contrast": contrast, "source": named(source), "seed": seed}
     return animal_result(
         opened,
@@ -75,7 +77,7 @@ def track_animals(
         skeleton.table(),
         contrast,
         threshold,
-        an_instance(settings or SETTINGS, AnimalSettings, "settings"),
+        settings or SETTINGS,
         StageTimes(),
         made,
     )
@@ -129,11 +131,11 @@ def animal_result(
         tracks, fields = in_millimetres(tracks, scale, source)
 
     def draw(frame: Frame) -> ImageArray:
-        from tsuiseki.tracking.animals.page import draw_animals
+        from tsuiseki.tracking.report.body_marks import draw_marks
 
-        return draw_animals(frame, tracks, placed)
+        return draw_marks(frame, tracks, fields, placed)
 
-    return Result[BodyTrack].of(
+    result = Result[BodyTrack].of(
         source,
         tracks,
         settings=made,
@@ -148,6 +150,8 @@ def animal_result(
         names=tuple(fields),
         points=placed,
     )
+    metres = None if scale is None else Scene(scale=scale / 1000)
+    return with_page(result, nouns=("animal", "animals"), scene=metres)
 
 
 def poses_by_points(table: PointTable, skeleton: SkeletonSettings, frames: Sequence[int]) -> list[list[AnimalPose]]:
@@ -234,9 +238,9 @@ def animals(
 ) -> int:
     """Track several animals before a fixed camera: place, heading and size of each, through contact, entering, leaving.
 
-    DIR gets states.csv (frame, id, a,b,theta,length,width in pixels and radians, score, status), run.json and, with
-    --overlay, overlay.webm; with --points or --labels also points.sleap.csv and points.dlc.csv, and
-    points.sleap.h5 where h5py is installed.
+    DIR gets states.csv (frame, id, a,b,theta,length,width in pixels and radians, score, status), report.html
+    with its plots and numbers in report/, run.json and, with --overlay, overlay.webm; with --points or --labels also
+    points.sleap.csv and points.dlc.csv, and points.sleap.h5 where h5py is installed.
 
     Args:
         contrast: how animals differ from what lies behind them: bright, dark or any; auto finds out.

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from tsuiseki.tracking.answers.doubt import Doubt
-from tsuiseki.tracking.answers.line_tables import flows, line_tables, turns
+from tsuiseki.tracking.answers.line_tables import Columns, flows, line_tables, sides, turns
 from tsuiseki.tracking.answers.paths import Paths, paths_of
 from tsuiseki.tracking.answers.scene import Scene, read_scene
 from tsuiseki.tracking.answers.settings import CountSettings
-from tsuiseki.tracking.answers.zone_tables import gathering_table, people, zone_tables
+from tsuiseki.tracking.answers.zone_tables import counts_table, gathering_table, people, zone_tables
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.types import IntArray, Track
+from tsuiseki.tracking.types import FloatArray, IntArray, Track
+from tsuiseki.tracking.types.tracks import BodyTrack
 
 Table = Mapping[str, Sequence[Any]]
 """Columns by name, all of one length."""
@@ -36,6 +39,8 @@ class Answers:
     * ``stays``: zone, id, start, end, seconds, waited (seconds), entered and left (False where it began or ended
       unseen).
     * ``occupancy``: time, zone, people (mean over the second), most, waiting (mean).
+    * ``counts``: time, people (mean over the second) and most in view.
+    * ``sides``: origin, destination, count: from which side of the picture to which everybody went.
     * ``people``: id, first, last, seconds, path (length), metres and speed (m/s) where metres are known, class.
     * ``gatherings``: start, end, people (in all), most (at a time), x, y, ids.
 
@@ -45,6 +50,7 @@ class Answers:
         scene: what was counted in.
         length: frames.
         frame_rate: frames a second.
+        size: ``(2,)`` width and height of the picture, pixels; where it is not known, of what holds all paths.
     """
 
     tables: Mapping[str, Table]
@@ -52,6 +58,7 @@ class Answers:
     scene: Scene
     length: int
     frame_rate: float
+    size: FloatArray
     paths: Paths = field(repr=False)
 
     def count(self, line: str, direction: str) -> tuple[int, int, int]:
@@ -100,37 +107,59 @@ def count(
     if settings.anchor == "floor":
         scene = scene.on_floor()
     tracks = boxes_of(result)
+    if settings.anchor is None and scene.unit == "pixels" and any(isinstance(one, BodyTrack) for one in result):
+        settings = replace(settings, anchor="centre")
     paths = paths_of(tracks, scene, settings)
     frames = getattr(result, "frames", {}).get("frame", ())
     first, length = min(frames, default=0), max([-1, *frames, *(int(track.frames[-1]) for track in tracks)]) + 1
-    doubt = Doubt(paths, scene, rate, length)
-    lines, crossings = line_tables(paths, scene, settings, doubt)
-    tables = {
-        "lines": lines,
-        "crossings": crossings,
-        "flows": flows(scene, crossings, settings.interval, length / rate),
-    }
-    tables["turns"] = turns(crossings)
-    found, occupancy = zone_tables(paths, scene, settings, doubt, (first, length))
-    tables |= found
-    tables["people"] = people(paths, rate)
+    extent = scene.size or getattr(result, "size", None) or scene.pixels(paths.points).max(axis=0, initial=1.0)
+    size = np.asarray(extent, dtype=np.float64)
+    tables, occupancy = _tables(paths, scene, settings, (first, length), rate, size)
     names = {track.id: track.class_name for track in tracks}
     for name in ("crossings", "people"):
         tables[name]["class"] = [names[number] for number in tables[name]["id"]]
-    tables["gatherings"] = gathering_table(paths, settings.gathering, rate)
-    return Answers(tables, occupancy, scene, length, rate, paths)
+    return Answers(tables, occupancy, scene, length, rate, size, paths)
+
+
+def _tables(
+    paths: Paths, scene: Scene, settings: CountSettings, span: tuple[int, int], rate: float, size: FloatArray
+) -> tuple[dict[str, Columns], dict[str, IntArray]]:
+    doubt = Doubt(paths, scene, rate, span[1])
+    lines, crossings = line_tables(paths, scene, settings, doubt)
+    zones, occupancy = zone_tables(paths, scene, settings, doubt, span)
+    return {
+        "lines": lines,
+        "crossings": crossings,
+        "flows": flows(scene, crossings, settings.interval, span[1] / rate),
+        "turns": turns(crossings),
+        "sides": sides(paths, scene.pixels(paths.points), size),
+        "counts": counts_table(paths, span, rate),
+        **zones,
+        "people": people(paths, rate),
+        "gatherings": gathering_table(paths, settings.gathering, rate),
+    }, occupancy
 
 
 def boxes_of(result: Sequence[Any]) -> list[Track]:
-    """The tracks of boxes in a result.
+    """The tracks of boxes in a result; of animals the squares about them, as wide as they are long.
 
     Raises:
         RequestError: it has none of boxes.
     """
     tracks = [getattr(one, "track", one) for one in result]
+    names = getattr(result, "names", ())
+    if {"a", "b", "length"} <= set(names):
+        tracks = [_squares(one, names) if isinstance(one, BodyTrack) else one for one in tracks]
     wrong = next((one for one in tracks if not isinstance(one, Track)), None)
     if wrong is not None:
         raise RequestError(
-            f"expected tracks of boxes to count, got {type(wrong).__name__}; track people, blobs or boxes"
+            f"expected tracks of boxes to count, got {type(wrong).__name__}; track people, animals or blobs"
         )
     return [track for track in tracks if len(track)]
+
+
+def _squares(track: BodyTrack, names: Sequence[str]) -> Track:
+    a, b, length = (track.states[:, names.index(name)] for name in ("a", "b", "length"))
+    half = np.maximum(length, 1.0) / 2
+    boxes = np.column_stack([a - half, b - half, a + half, b + half])
+    return Track(track.id, track.frames, boxes, track.scores, track.tracking)

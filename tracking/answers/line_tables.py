@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,12 @@ from tsuiseki.tracking.answers.doubt import Doubt, interval_of
 from tsuiseki.tracking.answers.paths import Paths
 from tsuiseki.tracking.answers.scene import Scene
 from tsuiseki.tracking.answers.settings import CountSettings
+from tsuiseki.tracking.types import FloatArray
 
 Columns = dict[str, list[Any]]
+SIDES = ("left", "right", "top", "bottom")
+SIDE = 0.1
+"""How near to a side of the picture paths begin and end there, as a share of its width or height."""
 
 
 def line_tables(paths: Paths, scene: Scene, settings: CountSettings, doubt: Doubt) -> tuple[Columns, Columns]:
@@ -62,9 +67,30 @@ def turns(crossings: Columns) -> Columns:
     ways = dict[int, list[str]]()
     for who, line in zip(crossings["id"], crossings["line"], strict=True):
         ways.setdefault(who, []).append(line)
-    counted = Counter((way[0], way[-1]) for way in ways.values() if len(set(way)) > 1)
+    return _ways((way[0], way[-1]) for way in ways.values() if len(set(way)) > 1)
+
+
+def sides(paths: Paths, pixels: FloatArray, size: FloatArray) -> Columns:
+    """The table ``sides``: from which side of the picture to which everybody went.
+
+    Args:
+        paths: of everybody.
+        pixels: ``(N, 2)`` their places in the picture.
+        size: ``(2,)`` its width and height, pixels.
+    """
+    ids, first = np.unique(paths.ids, return_index=True)
+    last = len(paths) - 1 - np.unique(paths.ids[::-1], return_index=True)[1]
+    ends = []
+    for rows in (first, last) if len(ids) else ():
+        near = pixels[rows] / size
+        gaps = np.column_stack([near[:, 0], 1 - near[:, 0], near[:, 1], 1 - near[:, 1]])
+        ends.append(np.where(gaps.min(axis=1) < SIDE, np.array(SIDES)[gaps.argmin(axis=1)], "within").tolist())
+    return _ways(zip(*ends, strict=True))
+
+
+def _ways(pairs: Iterable[tuple[str, str]]) -> Columns:
     table = empty("origin", "destination", "count")
-    for (origin, destination), number in sorted(counted.items()):
+    for (origin, destination), number in sorted(Counter(pairs).items()):
         add(table, origin, destination, number)
     return table
 

@@ -1,94 +1,295 @@
-"""`report.html` of answers, and their tables as files."""
+"""`report.html` of tracks, the same for all that is followed: who was where and when, in pictures, plots and tables.
+
+Beside the page lies each plot as PNG, and its numbers as CSV.
+"""
 
 from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
-from functools import partial
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from functools import cached_property, partial
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from tsuiseki.tracking.answers.counting import Answers, Table
-from tsuiseki.tracking.answers.plots import FIGURES
-from tsuiseki.tracking.report.page import html_page, html_table, scrolling, section
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.answers.counting import Answers, Table, boxes_of, count
+from tsuiseki.tracking.answers.heat import heat_table, heat_values, path_table
+from tsuiseki.tracking.answers.plots import FIGURES, matrix
+from tsuiseki.tracking.answers.scene import Scene
+from tsuiseki.tracking.answers.settings import CountSettings
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.evaluation.coverage import spans
+from tsuiseki.tracking.report.page import (
+    BOXES_NOTE,
+    embedded_image,
+    embedded_overlay,
+    html_page,
+    html_table,
+    listing,
+    scrolling,
+    seconds_table,
+    section,
+)
+from tsuiseki.tracking.report.pictures import Pictures, frames_to_show, heat_picture, paths_picture, pictures_of
 from tsuiseki.tracking.report.plots import inline_svg
+from tsuiseki.tracking.report.timeline import Bar, timeline
+from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Track
+from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.video.source import open_source, some_frames
 
-MOST_ROWS = 50
-HEADINGS = {
-    "lines": "Crossings of lines",
-    "zones": "Zones",
-    "turns": "From line to line",
-    "gatherings": "Gatherings",
-    "people": "People",
-}
-
-
-def write_csv(path: Path, table: Table) -> None:
-    """Write a table with a heading."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(table)
-        rows.writerows(zip(*table.values(), strict=True))
+AnyResult = TypeVar("AnyResult", bound=Result[Any])
+Hide = Callable[[Iterable[Frame]], Iterable[Frame]]
+MOST = 100
+"""Rows of a table on the page, and tracks with crops; the files have all."""
+PERSON = ("person", "people")
+UNITS = {"first": "first seen, s", "last": "last seen, s", "seconds": "in view, s", "path": "path, px",
+         "metres": "path, m", "speed": "speed, m/s"}  # fmt: skip
+INTERVAL = "<p class=note>low and high are the ends of an interval that holds the true number in 9 of 10 cases.</p>"
+BARS = "<p class=note>A bar is the time of a track, pale where no detection supports it.</p>"
 
 
-def write_json(path: Path, answers: Answers) -> None:
-    """Write all tables, each as columns by name."""
-    path.write_text(json.dumps(answers.tables, indent=1) + "\n", encoding="utf-8")
+def with_page(result: AnyResult, **known: Any) -> AnyResult:
+    """A result that also writes ``report.html``; ``known`` is as for `TrackedPage`."""
+    return replace(result, files={**result.files, **TrackedPage(result, **known).files()})
 
 
-def answers_page(answers: Answers, source: str) -> str:
-    """The page as HTML, self-contained.
+class TrackedPage:
+    """The page of a result, and the files beside it.
 
     Args:
-        answers: to show.
-        source: what was counted in, for the heading.
+        result: with boxes, or of animals.
+        nouns: one that is followed, and several.
+        scene: what knows metres, where ``answers`` are not given.
+        settings: how tracks are counted, likewise.
+        hide: hides in frames who must not be recognised.
+        answers: to show and write; by default those without lines and zones, whose files lie in ``report/``.
+        more: HTML of further sections.
     """
-    tables = {name: _shown(answers.tables[name]) for name in HEADINGS}
-    note = "<p class=note>low and high are the ends of an interval that holds the true number in 9 of 10 cases.</p>"
 
-    def shown(name: str) -> str:
-        return scrolling(inline_svg(partial(FIGURES[name], answers), name))
+    def __init__(
+        self,
+        result: Result[Any],
+        nouns: tuple[str, str] = PERSON,
+        scene: Scene | None = None,
+        settings: CountSettings | None = None,
+        hide: Hide | None = None,
+        answers: Answers | None = None,
+        more: Callable[[], Sequence[str]] = tuple,
+    ) -> None:
+        self.result, self.nouns, self.hide, self.more = result, nouns, hide, more
+        self.inside = "report/" if answers is None else ""
+        self._scene, self._settings, self._given = scene or Scene(), settings, answers
 
-    sections = [
-        section(HEADINGS["lines"], tables["lines"] and tables["lines"] + note + shown("crossings")),
-        section(HEADINGS["zones"], tables["zones"] and tables["zones"] + shown("occupancy")),
-        section("Where people were", shown("places")),
-        *(section(HEADINGS[name], tables[name]) for name in ("turns", "gatherings", "people")),
-    ]
-    seconds = answers.length / answers.frame_rate
-    introduction = f"{len(answers.tables['people']['id'])} people in {seconds:.0f} seconds."
-    return html_page(f"Counted in {source}", introduction, sections)
+    @cached_property
+    def answers(self) -> Answers:
+        """What is shown."""
+        rate = self.result.frame_rate or 1.0
+        return self._given or count(self.result, self._scene, self._settings, frame_rate=rate)
+
+    @cached_property
+    def tracks(self) -> list[Track]:
+        """Those that the page shows: the longest, by id."""
+        longest = sorted(boxes_of(self.result), key=lambda track: -len(track))[:MOST]
+        return sorted(longest, key=lambda track: track.id)
+
+    @cached_property
+    def pictures(self) -> Pictures:
+        """Of the video; none where it is not at hand, or people are hidden in the result and nothing hides them."""
+        place, numbers = self.result.source, frames_to_show(self.tracks)
+        clear = self.result.settings.get("hide") and self.hide is None
+        if clear or not numbers or not place or not Path(place).exists():
+            return Pictures()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                source = open_source(place, FrameRange(numbers[0], numbers[-1]))
+                frames = some_frames(source, numbers) if source.has_images else iter(())
+                return pictures_of(self.hide(frames) if self.hide else frames, self.tracks)
+            except (RequestError, RunError):  # it is another video now
+                return Pictures()
+
+    @cached_property
+    def _pixels(self) -> FloatArray:
+        return self.answers.scene.pixels(self.answers.paths.points)
+
+    @cached_property
+    def _drawn(self) -> dict[str, ImageArray]:
+        """The pictures of paths and of places."""
+        answers, view, ids = self.answers, self.pictures.view, self.answers.paths.ids
+        edges = np.flatnonzero(np.diff(ids, prepend=-1))
+        ways = dict(zip(ids[edges].tolist(), np.split(self._pixels, edges[1:]), strict=True)) if len(ids) else {}
+        places = {name: answers.scene.pixels(points) for name, points in answers.scene.places()}
+        return {
+            "paths": paths_picture(view, answers.size, ways, places),
+            "places": heat_picture(view, answers.size, *heat_values(answers, self._pixels), places),
+        }
+
+    def files(self) -> dict[str, Writer]:
+        """What writes each file, as for `Result.files`."""
+        names = self._given.tables if self._given else ("people", "counts", "sides")
+        tables: dict[str, Callable[[], Table]] = {
+            **{self._file(name): partial(self._counted, name) for name in names},
+            "paths": lambda: path_table(self.answers, self._pixels),
+            "places": lambda: heat_table(self.answers, self._pixels),
+        }
+        writers: dict[str, Callable[[Path], object]] = {
+            **{f"{name}.csv": partial(write_csv, table) for name, table in tables.items()},
+            **{f"{name}.png": partial(self._plot, name) for name in FIGURES if name in tables},
+            **{f"{name}.png": partial(self._picture, name) for name in ("paths", "places")},
+            **({} if self._given is None else {"answers.json": self._write_json}),
+        }
+        files: dict[str, Writer] = {f"{self.inside}{name}": partial(_alone, write) for name, write in writers.items()}
+        files["report.html"] = lambda path, folder: path.write_text(self.html(folder), encoding="utf-8")
+        return files
+
+    def _file(self, table: str) -> str:
+        return self.nouns[1] if table == "people" and self._given is None else table
+
+    def _counted(self, name: str) -> Table:
+        return self.answers.tables[name]
+
+    def _plot(self, name: str, path: Path) -> None:
+        FIGURES[name](self.answers, "black").savefig(path, facecolor="white")
+
+    def _picture(self, name: str, path: Path) -> None:
+        path.write_bytes(cv2.imencode(".png", self._drawn[name][..., ::-1])[1].tobytes())
+
+    def _write_json(self, path: Path) -> None:
+        path.write_text(json.dumps(self.answers.tables, indent=1) + "\n", encoding="utf-8")
+
+    def html(self, folder: Path) -> str:
+        """The page, self-contained; it shows the overlay that lies in ``folder``, where one does."""
+        result, several, rate = self.result, self.nouns[1], self.answers.frame_rate
+        numbers = result.frames.get("frame", ()) or range(self.answers.length)
+        first, length = (numbers[0], numbers[-1] - numbers[0] + 1) if len(numbers) else (0, 0)
+        bars = timeline([followed(track, self.nouns[0]) for track in self.tracks], first, length, "timeline")
+        boxes = all(isinstance(getattr(one, "track", one), Track) for one in result)
+        note = BOXES_NOTE.replace("person", self.nouns[0]) if boxes else ""
+        made = {name: str(result.settings[name]) for name in ("method", "source") if name in result.settings}
+        sections = [
+            section("Tracks", embedded_overlay(folder, label="tracks", note=note)),
+            section("Crossings of lines", self._table("lines", INTERVAL, "crossings")),
+            section("Zones", self._table("zones", "", "occupancy")),
+            section(several.capitalize(), self._everybody() or f"<p>No {several} were followed.</p>"),
+            section("How many at a time", self._svg("counts")),
+            section("All paths", self._image("paths", "All paths, each with its number at its end.")),
+            section("Where they were", self._image("places", "The brighter, the more time was spent there.")),
+            section("From line to line", self._ways("turns")),
+            section("From side to side of the picture", self._ways("sides")),
+            section("Gatherings", self._table("gatherings") if self._given else ""),
+            section("Who was followed when", bars and bars + BARS),
+            *self.more(),
+            section("Time", seconds_table(result.seconds, len(numbers))),
+            section("How it was made", listing(made)),
+        ]
+        who = counted(boxes_of(result), self.nouns)
+        introduction = f"{who} in {len(numbers)} frames at {rate:g} a second: {len(numbers) / rate:.1f} seconds."
+        return html_page(f"{several.capitalize()} in {result.name}", introduction, sections)
+
+    def _everybody(self) -> str:
+        """A row for each track that is shown: crops, times, path, and time in zones."""
+        table, stays = self.answers.tables["people"], self.answers.tables["stays"]
+        within = Counter[tuple[int, str]]()
+        for who, zone, seconds in zip(*(stays[name] for name in ("id", "zone", "seconds")), strict=True):
+            within[who, zone] += seconds
+        names = [name for name in table if name not in ("id", "class") or (name == "class" and any(table[name]))]
+        zones, crops = [zone.name for zone in self.answers.scene.zones], self.pictures.crops
+        rows, shown = [], {track.id for track in self.tracks}
+        for number, who in enumerate(table["id"]):
+            if who in shown:
+                images = "".join(embedded_image(crop) for crop in crops.get(who, ()))
+                cells = [*(_cell(table[name][number]) for name in names), *(f"{within[who, z]:.1f}" for z in zones)]
+                cells = [f'<span class="crops">{images}</span>', *cells] if crops else cells
+                rows.append((str(who), cells, [False] * len(cells)))
+        if not rows:
+            return ""
+        head = ["id", *(["pictures"] if crops else []), *(UNITS.get(n, n) for n in names), *(f"{z}, s" for z in zones)]
+        return html_table(head, rows) + self._more_than(len(table["id"]), self._file("people"))
+
+    def _table(self, name: str, note: str = "", plot: str = "") -> str:
+        """A table, with a plot below it; nothing where it has no row."""
+        table = self.answers.tables[name]
+        rows = list(zip(*table.values(), strict=True))
+        if not rows:
+            return ""
+        lines = [(str(row[0]), [_cell(v) for v in row[1:]], [False] * (len(row) - 1)) for row in rows[:MOST]]
+        shown = html_table([one.replace("_", " ") for one in table], lines) + note
+        return shown + self._more_than(len(rows), name) + (self._svg(plot) if plot else "")
+
+    def _ways(self, name: str) -> str:
+        table = self.answers.tables[name]
+        if not table["count"]:
+            return ""
+        origins, destinations, counts = matrix(table)
+        rows = [
+            (origin, [str(count) for count in counts[k].tolist()], [False] * len(destinations))
+            for k, origin in enumerate(origins)
+        ]
+        return html_table(["from, to", *destinations], rows) + self._links(name)
+
+    def _svg(self, name: str) -> str:
+        return scrolling(inline_svg(partial(FIGURES[name], self.answers), name)) + self._links(name)
+
+    def _image(self, name: str, alt: str) -> str:
+        return f"{embedded_image(self._drawn[name], alt)}<p class=note>{escape(alt)}</p>{self._links(name)}"
+
+    def _links(self, name: str) -> str:
+        links = _link(f"{self.inside}{name}.csv", "numbers"), _link(f"{self.inside}{name}.png", "picture")
+        return f"<p class=note>{' '.join(links)}</p>"
+
+    def _more_than(self, count: int, name: str) -> str:
+        more = f"and {count - MOST} more; " if count > MOST else ""
+        return f"<p class=note>{more}{_link(f'{self.inside}{name}.csv', 'numbers')}</p>"
 
 
-def _shown(table: Table) -> str:
-    """A table for the page; nothing where it has no row."""
-    rows = list(zip(*table.values(), strict=True))
-    if not rows:
-        return ""
-    more = f"<p class=note>and {len(rows) - MOST_ROWS} more</p>" if len(rows) > MOST_ROWS else ""
-    lines = [(str(row[0]), [_cell(value) for value in row[1:]], [False] * (len(row) - 1)) for row in rows[:MOST_ROWS]]
-    return html_table([name.replace("_", " ") for name in table], lines) + more
+def _link(place: str, text: str) -> str:
+    return f'<a href="{place}">{text}</a>'
+
+
+def _alone(write: Callable[[Path], object], path: Path, _: Path) -> object:
+    return write(path)
 
 
 def _cell(value: Any) -> str:
     return "" if value is None else escape(f"{value:g}" if isinstance(value, float) else str(value))
 
 
-def files_of(answers: Answers, source: str) -> dict[str, Any]:
-    """What writes each file of a result, as for `Result.files`."""
+def write_csv(table: Callable[[], Table], path: Path) -> None:
+    """Write a table with a heading."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        rows, columns = csv.writer(file, lineterminator="\n"), table()
+        rows.writerow(columns)
+        rows.writerows(zip(*columns.values(), strict=True))
 
-    def figure(draw: Any, path: Path) -> None:
-        draw(answers).savefig(path, facecolor="white")
 
-    files: dict[str, Any] = {"answers.json": lambda path, _: write_json(path, answers)}
-    for name, table in answers.tables.items():
-        files[f"{name}.csv"] = lambda path, _, table=table: write_csv(path, table)
-    for name, draw in FIGURES.items():
-        files[f"{name}.png"] = lambda path, _, draw=draw: figure(draw, path)
-    files["report.html"] = lambda path, _: path.write_text(answers_page(answers, source), encoding="utf-8")
-    return files
+def class_of(track: Track, noun: str = "person") -> str:
+    """Name of a track's class, or class and its number; ``noun`` where neither is known."""
+    return track.class_name or (f"class {track.class_id}" if track.class_id >= 0 else noun)
+
+
+def counted(tracks: Sequence[Track], nouns: tuple[str, str] = PERSON) -> str:
+    """How many there are, by class where classes are told apart, such as ``4 x person, 2 x car``."""
+    classes = Counter(class_of(track, nouns[0]) for track in tracks)
+    if classes.keys() <= {nouns[0]}:
+        return f"{len(tracks)} {nouns[len(tracks) != 1]}"
+    return ", ".join(f"{count} x {name}" for name, count in sorted(classes.items()))
+
+
+def followed(track: Track, noun: str = "person") -> tuple[str, list[Bar]]:
+    """The row of a track: when it was followed, pale where no detection supports it."""
+    name = f"{class_of(track, noun)} {track.id}"
+    return name, [
+        Bar(span.first, span.last, name, track.id, pale=not span.value)
+        for span in spans(track.frames, track.observed.astype(np.int64))
+    ]
 
 
 def summary(answers: Answers) -> Sequence[str]:

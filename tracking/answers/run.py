@@ -24,15 +24,15 @@ def count(result: Path, /, scene: Path, how: CountSettings, output: Output, fps:
         fps: frames a second, where the result does not say.
     """
     from tsuiseki.tracking.answers import counting
-    from tsuiseki.tracking.answers.page import files_of, summary
+    from tsuiseki.tracking.answers.page import TrackedPage, summary
     from tsuiseki.tracking.result import Result
 
     found: Result[Any] = Result.load(result)
     with output.run() as run:
         with run.times.measure("count"):
             answers = counting.count(found, str(scene), how, frame_rate=fps)
-        for name, write in files_of(answers, found.name or result.name).items():
-            run.write(name, write, run.work)
+        for name, write in TrackedPage(found, answers=answers).files().items():
+            run.write(name, write, result if result.is_dir() else run.work)
         run.done("\n".join([*summary(answers), f"answers: {output.out}"]))
     return run.status
 

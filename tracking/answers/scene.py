@@ -108,6 +108,15 @@ class Scene:
         assert self.scale is not None
         return pixels * self.scale
 
+    def pixels(self, points: FloatArray) -> FloatArray:
+        """``(N, 2)`` pixels of ``(N, 2)`` points in the unit of the scene."""
+        if self.unit == "pixels":
+            return points
+        if self.camera is not None:
+            return self.camera.project(np.insert(points, 2, 0.0, axis=1))[0]
+        assert self.scale is not None
+        return points / self.scale
+
     def on_floor(self) -> Scene:
         """The same scene in metres.
 

@@ -53,7 +53,7 @@ def zone_tables(
         cells += [round(float(seconds.max(initial=0)), 2), None if space is None else round(mean / space, 4)]
         add(zones, zone.name, *cells)
         _add_stays(stays, paths, zone, found, within & waits, doubt.rate)
-        _add_times(times, zone, here, waiting, doubt.rate, first)
+        _add_times(times, zone.name, here, waiting, doubt.rate, first)
     return {"zones": zones, "stays": stays, "occupancy": times}, every
 
 
@@ -82,7 +82,14 @@ def _add_stays(table: Columns, paths: Paths, zone: SceneZone, found: Stays, wait
     )
 
 
-def _add_times(table: Columns, zone: SceneZone, here: IntArray, waiting: IntArray, rate: float, first: int) -> None:
+def counts_table(paths: Paths, span: tuple[int, int], rate: float) -> Columns:
+    """The table ``counts``: how many are in view in each second; ``span`` is as for `zone_tables`."""
+    table, here = empty("time", "zone", "people", "most", "waiting"), people_in(paths, paths.ids > 0, span[1])
+    _add_times(table, "", here, here, rate, span[0])
+    return {name: table[name] for name in ("time", "people", "most")}
+
+
+def _add_times(table: Columns, zone: str, here: IntArray, waiting: IntArray, rate: float, first: int) -> None:
     """Rows of a second each, from the ``first`` frame on."""
     here, waiting = here[first:], waiting[first:]
     if not len(here):
@@ -92,7 +99,7 @@ def _add_times(table: Columns, zone: SceneZone, here: IntArray, waiting: IntArra
     add_rows(
         table,
         np.round((first + edges) / rate, 3),
-        np.full(len(edges), zone.name),
+        np.full(len(edges), zone),
         np.round(np.add.reduceat(here, edges) / sizes, 3),
         np.maximum.reduceat(here, edges),
         np.round(np.add.reduceat(waiting, edges) / sizes, 3),
@@ -115,7 +122,7 @@ def people(paths: Paths, rate: float) -> Columns:
         # A box jitters from frame to frame; over half a second it moves.
         way = speeds(paths, points, rate) / rate
         length = np.bincount(whose, np.nan_to_num(way))
-        columns += [np.round(length, 2), *([np.round(length / rows * rate, 3)] if number else [])]
+        columns += [np.round(length, 3 if number else 2), *([np.round(length / rows * rate, 3)] if number else [])]
     add_rows(table, *columns)
     return table
 

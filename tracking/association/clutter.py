@@ -14,9 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import isotonic_regression
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
 from tsuiseki.tracking.geometry import iou_pairs
@@ -58,7 +56,8 @@ def score_floor(frames: IntArray, boxes: FloatArray, scores: FloatArray, frame_r
         return None
     marginal = np.diff(moving[best:]) / np.diff(above[best:])
     weights = np.append(above[best], np.diff(above[best:]))
-    right = isotonic_regression(np.append(trusted, marginal), weights=weights, increasing=False).x / trusted
+    falling = scipy.optimize.isotonic_regression(np.append(trusted, marginal), weights=weights, increasing=False)
+    right = falling.x / trusted
     return float(np.interp(KEPT, right[::-1], levels[best:][::-1]))
 
 
@@ -121,7 +120,8 @@ def _moving(
     best_after[i], best_before[j] = np.arange(len(i)), np.arange(len(j))
     mutual = (best_after[i] == np.arange(len(i))) & (best_before[j] == np.arange(len(j)))
     i, j = i[mutual], j[mutual]
-    _, label = connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(len(frames),) * 2), directed=False)
+    chains = scipy.sparse.coo_array((np.ones(len(i)), (i, j)), shape=(len(frames),) * 2)
+    _, label = scipy.sparse.csgraph.connected_components(chains, directed=False)
     used = np.flatnonzero(scores >= level)
     _, label = np.unique(label[used], return_inverse=True)
     return _on_moving_chains(label, frames[used], boxes[used], frame_rate)

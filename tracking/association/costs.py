@@ -79,7 +79,12 @@ class TransitionCost(Protocol):
 
 
 def pair_features(
-    boxes: FloatArray, features: FloatArray | None, i: IntArray, j: IntArray, gap: IntArray
+    boxes: FloatArray,
+    features: FloatArray | None,
+    i: IntArray,
+    j: IntArray,
+    gap: IntArray,
+    actions: FloatArray | None = None,
 ) -> PairFeatures:
     """Describe the pairs ``(i, j)`` of detections.
 
@@ -89,6 +94,7 @@ def pair_features(
         i: ``(P,)`` indices of the earlier detections.
         j: ``(P,)`` indices of the later detections.
         gap: ``(P,)`` frames between the two.
+        actions: ``(N, A)`` probabilities of actions; None where nothing recognises them.
     """
     size = boxes[:, 2:] - boxes[:, :2]
     centre = (boxes[:, :2] + boxes[:, 2:]) / 2
@@ -103,6 +109,7 @@ def pair_features(
         dy=move[:, 1],
         dw=change[:, 0],
         dh=change[:, 1],
+        action=None if actions is None else action_distances(actions, actions, i, j),
     )
 
 

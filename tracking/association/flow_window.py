@@ -264,6 +264,10 @@ class FlowWindow:
         """``(U,)`` numbers of the detections that are not decided."""
         return self._flow.undecided
 
+    def solved(self) -> FlowGraph:
+        """The network of these, as it was last solved."""
+        return self._flow.graph
+
     def copy(self) -> FlowWindow:
         """A copy that goes on by itself."""
         other = copy(self)

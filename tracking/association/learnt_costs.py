@@ -104,6 +104,11 @@ class Affinity:
                 "fit the affinity again"
             ) from error
 
+    @property
+    def acting(self) -> bool:
+        """Whether it compares actions."""
+        return "action" in FEATURE_SETS[self.features]
+
     def probability(self, pairs: PairFeatures) -> FloatArray:
         """``(P,)`` probability that the two detections of each pair show the same person."""
         rows = feature_rows(pairs, self.features)

@@ -43,6 +43,10 @@ class GateSettings:
             )
 
 
+# Of the thesis's flow as printed, which names no gate: as far as a drone's camera jumps from one frame to the next.
+PRINTED_GATE = GateSettings(window=10, reach=5.0, speed=0.5, size_ratio=2.0)
+
+
 def candidate_pairs(
     frames: IntArray, boxes: FloatArray, settings: GateSettings | None = None
 ) -> tuple[IntArray, IntArray, IntArray]:
@@ -120,7 +124,6 @@ def priced_pairs(
     gate: GateSettings,
     transition: TransitionCost,
     miss: float,
-    first_head: int = 0,
 ) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
     """Tails, heads and costs of all plausible transitions, one gap at a time.
 
@@ -131,12 +134,8 @@ def priced_pairs(
         gate: which pairs are plausible.
         transition: prices them.
         miss: added for every frame in between.
-        first_head: only pairs whose later detection has at least this index.
     """
     for tail, head, gap in pairs_by_gap(frames, boxes, gate):
-        if first_head:
-            wanted = head >= first_head
-            tail, head = tail[wanted], head[wanted]
         if len(tail):
             pairs = pair_features(boxes, features, tail, head, np.full(len(tail), gap))
             yield tail, head, transition(pairs) + miss * (gap - 1)

@@ -89,6 +89,11 @@ class SlidingFlow:
         """``(K,)`` increasing numbers of the detections that are still kept."""
         return self._numbers
 
+    @property
+    def graph(self) -> FlowGraph:
+        """The network of the undecided detections; its indices count them."""
+        return self._graph
+
     def extend(self, frames: IntArray, graph: FlowGraph, inflow: BoolArray | None = None) -> None:
         """Add the detections of the next frames.
 

@@ -85,6 +85,25 @@ class Tracklets:
         if chained.features is not None:
             self._add_features(self._labels[numbers], chained.features)
 
+    def merge(self, numbers: IntArray, joined: IntArray) -> None:
+        """Take detections of ``numbers`` ``(K,)`` for those of one tracklet where they have one number in ``joined``.
+
+        Detections that are not among them belong to none of these tracklets; -1 leaves a detection as it is.
+        """
+        labels = self._labels[numbers]
+        some = (joined >= 0) & (labels >= 0)
+        old, at = np.unique(labels[some], return_index=True)
+        whole = joined[some][at]
+        first = np.full(int(joined.max(initial=-1)) + 1, self._count)
+        np.minimum.at(first, whole, old)
+        new = first[whole]
+        into = np.arange(self._count)
+        into[old] = new
+        self._labels[numbers[some]] = into[labels[some]]
+        for source, target in zip(old[old != new].tolist(), new[old != new].tolist(), strict=True):
+            if source < len(self._sums):
+                self._sums[target] += self._sums[source]
+
     def labels(self, count: int) -> IntArray:
         """``(count,)`` tracklet of each detection, -1 for one that belongs to none."""
         self._grow(count)
@@ -131,6 +150,7 @@ def join(
     changes: CostChanges | None = None,
     started: BoolArray | None = None,
     places: tuple[FloatArray, FloatArray] | None = None,
+    weighed: list[tuple[IntArray, IntArray, FloatArray]] | None = None,
 ) -> IntArray:
     """``(N,)`` track of each detection, -1 for none; tracks are numbered by their first tracklet.
 
@@ -144,6 +164,7 @@ def join(
             none is.
         places: ``(N,)`` changes of the costs of a start at each detection, and of an end, by which a join may cost
             more; by default none.
+        weighed: gets the indices of the detections of all joins that were weighed, and their costs less the most.
     """
     link = replace(link, miss=MISS_OF_JOIN)
     for _ in range(JOIN_PASSES):
@@ -158,6 +179,8 @@ def join(
             cost = np.where(started[j], np.inf, cost)
         if places is not None:
             cost = cost - places[0][parts.j] - places[1][parts.i]
+        if weighed is not None:
+            weighed.append((parts.i, parts.j, cost - MOST_FOR_JOIN))
         before, after = cheapest_matching(i, j, cost - MOST_FOR_JOIN)
         if len(before) == 0:
             break

@@ -27,7 +27,7 @@ from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import Frame, ImageArray
+from tsuiseki.tracking.types import Frame, ImageArray, as_numbers
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import Source, SourceLike, endless, named
 
@@ -104,7 +104,7 @@ def _opened(source: SourceLike, body: str, **keywords: Unpack[BodyKeywords]) -> 
         body,
         None if motion is None else Path(motion),
         keywords.get("preset"),
-        init=None if init is None else np.atleast_2d(np.asarray(init, dtype=np.float64)).tolist(),
+        init=None if init is None else np.atleast_2d(as_numbers(init, "init")).tolist(),
         colour=keywords.get("colour", "any"),
         deformable=keywords.get("settings") or DeformableSettings(),
     )

@@ -2,7 +2,8 @@
 
 In each frame the coloured region is extracted and its edges found, once for all bodies. Then every body's particles
 move, are weighed by the largest distance of their contour to the edges (7), and give the estimate. Where another body
-is expected, the image belongs to that one: see `ContourLikelihood`.
+is expected, the image belongs to that one: see `ContourLikelihood`. The filter is that of the goldfish paper: the
+posterior (1)-(4) by a random walk (5) and particles weighed by (6).
 """
 
 from __future__ import annotations

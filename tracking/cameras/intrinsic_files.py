@@ -32,6 +32,9 @@ MODELS: dict[str, LensModel] = {
     "equidistant": "fisheye",
     "fisheye": "fisheye",
 }
+FISHEYE = re.compile("fish.?eye|equidistant|kannala", re.IGNORECASE)
+# Beyond this p1 and p2 are no lens's. A fisheye's k3 and k4 often are.
+TANGENTIAL = 0.03
 # OpenCV counts pixels from the first one's centre.
 HALF_PIXEL = 0.5
 
@@ -89,6 +92,11 @@ def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> In
             f"{path}: expected 4, 5, 8 or 12 distortion coefficients (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4), "
             f"got {len(coefficients)}; calibrate without the tilted and fisheye models"
         )
+    if given.model is None and np.abs(coefficients[2:]).max() > TANGENTIAL:
+        raise RequestError(
+            f"{path}: expected k1, k2, p1, p2, got {coefficients.tolist()}, whose last look like a fisheye's; add the "
+            "line distortion_model: equidistant, or plumb_bob"
+        )
     if given.model is None:
         warnings.warn(
             f"{path}: its four coefficients are taken as k1, k2, p1, p2; where they are a fisheye's, add the line "
@@ -138,12 +146,14 @@ def _model(path: Path, content: dict[str, Any], count: int) -> LensModel | None:
         raise RequestError(f"{path}: expected a distortion_model of {', '.join(MODELS)}, got {name!r}")
     if name:
         return MODELS[name]
-    if "fisheye_model" in content:
-        return "fisheye" if str(content["fisheye_model"]).lower() in ("1", "1.0", "true") else "pinhole"
+    words = {key: value if isinstance(value, str) else "" for key, value in content.items()}
+    marks = [content[key] for key, word in words.items() if FISHEYE.search(f"{key} {word}")]
+    if marks:
+        return "pinhole" if all(str(mark).lower() in ("0", "0.0", "false", "no") for mark in marks) else "fisheye"
     if count != 4:
         return "pinhole"
     # What OpenCV's fisheye calibration calls its result.
-    return "fisheye" if "K" in content and "D" in content else None
+    return "fisheye" if ("K" in content and "D" in content) or FISHEYE.search(path.stem) else None
 
 
 def _size(path: Path, content: dict[str, Any]) -> tuple[int, int]:

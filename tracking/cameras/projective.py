@@ -95,7 +95,7 @@ class PinholeCamera:
 
     @property
     def matrix(self) -> FloatArray:
-        """``(3, 4)`` projection matrix of the ideal lens: homogeneous world points to homogeneous pixels."""
+        """``(3, 4)`` matrix M of the ideal lens, thesis eq. 4.1: homogeneous world points to homogeneous pixels."""
         intrinsics = np.diag([self.focal[0], self.focal[1], 1.0])
         intrinsics[:2, 2] = self.principal_point
         return np.asarray(intrinsics @ self.rotation @ np.column_stack([np.eye(3), -self.position]))

@@ -27,7 +27,7 @@ class Command:
     @property
     def forwarded(self) -> bool:
         """Whether the function takes the words as they are, for a parser of its own."""
-        return self.place.startswith("trainers.networks.fit:")
+        return self.place.startswith(("trainers.networks.fit:", "tracking.batch.run:"))
 
     def load(self, words: Sequence[str]) -> Callable[..., Any]:
         """The function of the command that is called ``words``, such as track and people."""
@@ -95,6 +95,7 @@ CALIBRATE = {
     "checkerboard": "a camera's focal length and lens, from pictures of a board",
     "convert": "a fisheye calibration in another program's format",
     "pose": "over a floor, from height and tilt or from points",
+    "people": "from the people who walk in them",
 }
 TRACK = {
     "people": (".people.run:people", "everyone in view, each with an id"),
@@ -111,12 +112,19 @@ TRACK = {
 EVALUATE = {
     "people": "tracks: HOTA, MOTA, IDF1 and more",
     "detection": "detections: average precision",
+    "appearance": "appearance networks: ranks and average precision of finding a person again",
     "single": "one target: success and precision",
     "coverage": "tracks of many on one labelled person: coverage and switches",
     "points": "tracked points: OSPA, GOSPA and more",
     "states": "bodies that bend: position, heading, identity",
     "action": "what people do: F1 and average precision",
     "floor": "people on one floor: IDF1, MOTA, HOTA, MODA and more",
+}
+BATCH = {
+    "track": (".run:track", "track what is in each of many videos"),
+    "count": (".run:count", "answers of many results"),
+    "evaluate": (".run:evaluate", "scores of many results"),
+    "status": (".status:status", "how far a batch is"),
 }
 REPRODUCE = {
     "multi-correlation-filter": (".single_target:reproduce", "correlation filters selected by a particle filter"),
@@ -145,10 +153,13 @@ COMMANDS: Tree = {
     "models": Group("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
     "calibrate": Group("find out where cameras are and how they see", "tracking.calibrate.run", CALIBRATE),
     "track": Group("follow something through a video with exported models", "tracking", TRACK),
+    "detect": Command("tracking.people.detect:detect", "write what a network detects in a video, without tracking"),
     "scene": Command("tracking.answers.run:scene", "draw lines and zones to count in, on a page in the browser"),
     "hide": Command("tracking.people.hiding:hide_people", "hide people in a video that was tracked"),
     "count": Command("tracking.answers.run:count", "who crosses lines and stays in zones, from a finished result"),
+    "review": Command("tracking.review.run:review", "look through a result on a page in the browser, and correct it"),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
+    "batch": Group("a command on many videos, on all cores or on Ray", "tracking.batch", BATCH),
     "convert": Command("tracking.cli.convert:convert", "write a result into the file of another program"),
     "reproduce": Group(f"{PAPER} {EXTRA}", "trainers.experiments", REPRODUCE),
 }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from importlib import resources
 from pathlib import Path
 
 import yaml
@@ -12,6 +13,22 @@ from tsuiseki.tracking.cli.sensible import check_regular
 from tsuiseki.tracking.errors import RequestError
 
 MOST_BYTES = 1_000_000
+
+
+def named_config(path: str | Path) -> Path:
+    """A file of options as it is given; a bare word names one that ships, such as ``detector_mot``.
+
+    Raises:
+        RequestError: none of that name ships.
+    """
+    path = Path(path)
+    if path.suffix or len(path.parts) != 1 or path.exists():
+        return path
+    shipped = Path(str(resources.files("tsuiseki.configs")))
+    if (file := shipped / f"{path}.yaml").is_file():
+        return file
+    names = ", ".join(sorted(one.stem for one in shipped.glob("*.yaml")))
+    raise RequestError(f"`config`: expected a YAML file or one of {names}; got {path}")
 
 
 def config_text(path: Path, command: Sequence[str]) -> str:
@@ -24,6 +41,7 @@ def config_text(path: Path, command: Sequence[str]) -> str:
     Raises:
         RequestError: there is no such file, it is no YAML of options, or the record of another command.
     """
+    path = named_config(path)
     check_regular("config", path)
     wrong = f"`config`: expected YAML of options, name: value, in {path}, got"
     try:

@@ -11,14 +11,15 @@ import signal
 import sys
 import threading
 import time
+from _thread import interrupt_main
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from multiprocessing import active_children
 
 from tsuiseki.tracking.output import WORKING
 
-# Seconds from a signal to the end; and where a call goes on although finished steps wait to be written.
-SOON, KEEPING = 0.9, 10.0
+# Seconds from a signal to the end; where a call goes on although finished steps wait to be written; and for `brief`.
+SOON, KEEPING, BRIEF = 0.9, 10.0, 0.3
 
 
 class Deadline:
@@ -26,11 +27,12 @@ class Deadline:
 
     Attributes:
         keeps: a signal lets it write what is finished.
+        brief: soon after a signal it is interrupted in what it makes of that, for it can be made again.
         answered: signals that it has heard: after the first it writes, after the next it ends.
     """
 
     def __init__(self) -> None:
-        self.keeps = self._droppable = False
+        self.keeps = self.brief = self._droppable = False
         self.answered = 0
         self._lock = threading.RLock()
 
@@ -59,7 +61,7 @@ class Deadline:
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        self.keeps, self.answered = False, 0
+        self.keeps, self.brief, self.answered = False, False, 0
         hears, tells = os.pipe()
         os.set_blocking(tells, False)
         before, over = signal.set_wakeup_fd(tells, warn_on_full_buffer=False), threading.Event()
@@ -89,7 +91,11 @@ class Deadline:
                     child.kill()
                 if waited > SOON:
                     _leave(heard[0])
-            if asked == 1 and not over.wait(SOON):
+            if asked > 1 or over.wait(BRIEF):
+                continue
+            if self.brief:
+                interrupt_main(signal.Signals(heard[0]))
+            elif not over.wait(SOON - BRIEF):
                 _say("interrupted; what is finished is being written; once more ends at once")
 
 

@@ -173,7 +173,9 @@ def coverage(given: Comparison, stretch: Stretch, overlap: float = 0.5) -> None:
 def detection(
     given: Comparison, labels: Labels, iou: float = 0.5, score_range: tuple[float, float] = (0.0, 1.0)
 ) -> None:
-    """Score detections against ground truth: average precision, and the threshold of the best F1.
+    """Score detections against ground truth: average precision, recall, and the threshold of the best F1.
+
+    Where labels say how much of each person is visible, they are also scored by that, all others being ignored.
 
     Args:
         truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
@@ -256,6 +258,30 @@ def people(given: PlottedComparison, labels: Labels, classes: list[int | str] | 
             scores[of_class] = evaluate_sequences(match_results(truths, result))
     given.report(people_table(scores), evaluation_values(scores))
     given.draw(lambda path: save_comparison(scores, path))
+
+
+def appearance(given: Comparison, threads: int = 0) -> None:
+    """Score appearance networks: how often a person is found again among others, and mean average precision.
+
+    Args:
+        truth: labelled video with pictures, in a layout that evaluate people takes; or the folder of Market-1501, with
+            query and bounding_box_test.
+        results: appearance networks as ONNX, or the names of shipped or downloaded ones; several are compared.
+        threads: CPU cores; 0 takes all.
+    """
+    from dataclasses import asdict
+
+    from tsuiseki.tracking.evaluation.reidentification import read_views, score_views
+    from tsuiseki.tracking.evaluation.tables import score_table
+    from tsuiseki.tracking.features.exported import open_appearance
+
+    networks = {n: open_appearance(p, threads) for n, p in given.named().items()}
+    views = read_views(given.truth)
+    found = {name: score_views(views, network) for name, network in networks.items()}
+    shown = [[name, *(f"{v:.3f}" for v in (s.rank1, s.rank5, s.rank10, s.mean_average_precision)), str(s.queries)]
+             for name, s in found.items()]  # fmt: skip
+    table = score_table(("Network",), ("Rank 1", "Rank 5", "Rank 10", "mAP", "Queries"), [shown])
+    given.report(table, {name: asdict(scores) for name, scores in found.items()})
 
 
 def points(given: Comparison, stretch: Stretch, cutoff: float = 100.0, window: int = 10) -> None:

@@ -51,13 +51,13 @@ class Drawing(Shared):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Video(Drawing):
+class Footage(Shared):
     """What to look at.
 
     Attributes:
         source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
             webcam (0, 1, …) or the address of a stream.
-        frames: track this stretch only, counted from 1 with both ends, such as 301-400.
+        frames: look at this stretch only, counted from 1 with both ends, such as 301-400.
         fps: frames a second, where the source does not say or is wrong; by default what it says, or 25.
     """
 
@@ -85,7 +85,7 @@ class Video(Drawing):
             timed: the result depends on the frame rate, so say where it is not known.
 
         Raises:
-            RequestError: see `open_source`; or there is nothing to draw the overlay on.
+            RequestError: see `open_source`.
         """
         from tsuiseki.tracking.video.source import open_source
 
@@ -102,6 +102,16 @@ class Video(Drawing):
             raise RequestError(
                 "expected a video that can be played again, got a live source; record it, or give a list of images"
             )
+        return opened
+
+
+@dataclass(frozen=True, kw_only=True)
+class Video(Footage, Drawing):
+    """What to look at, and whether to draw."""
+
+    def open(self, *, images: bool = False, replayable: bool = False, timed: bool = False) -> Source:
+        """See `Footage.open`; raises RequestError, too, where there is nothing to draw the overlay on."""
+        opened = super().open(images=images, replayable=replayable, timed=timed)
         if self.overlay and not opened.has_images:
             raise RequestError(f"{opened.name} has no images to draw on; leave `overlay` out")
         return opened

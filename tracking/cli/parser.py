@@ -43,7 +43,7 @@ def call(prog: str, function: Callable[..., Any], words: Sequence[str]) -> Any:
     return function(*by_place, **arguments)
 
 
-def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict[str, Any]:
+def parse(prog: str, function: Callable[..., Any], words: Sequence[str], config: str = "") -> dict[str, Any]:
     """The arguments of ``function`` from the words of a command line.
 
     Args:
@@ -51,6 +51,7 @@ def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict
         function: typed, with Google-style docstring. Its positional-only parameters and the `BY_PLACE` fields of its
             `Shared` ones are given by place; a list takes all that follow.
         words: the rest of the command line.
+        config: YAML of options, over which ``words`` win.
 
     Raises:
         RequestError: an unknown option, a wrong type, a missing option, a broken YAML file.
@@ -60,7 +61,8 @@ def parse(prog: str, function: Callable[..., Any], words: Sequence[str]) -> dict
     parser = build_parser(prog, function, every_option=not {"-h", "--help"} & set(words))
 
     try:
-        found = parser.parse_args(_normalised(words, parser, prog.split()))
+        given = [f"--config={config}"] if config else []
+        found = parser.parse_args([*given, *_normalised(words, parser, prog.split())])
         for name, kind, *_ in options_of(function):
             if dataclasses.is_dataclass(kind) and not isinstance(found[name], Namespace):
                 raise RequestError(f"{name}: expected options of its own below it, got {found[name]!r}")

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 PARTS = ".parts"
 # Seconds within which a signal that comes again is the same: `timeout` sends it to the process and to its group.
-TWICE = 0.3
+TWICE = 0.25
 
 
 class Run:
@@ -82,6 +82,7 @@ class Run:
         self._first: int | None = None
         self._live = False
         self._recording: Path | None = None
+        self._kept: Path | None = None
         self._stack = ExitStack()
 
     def __enter__(self) -> Run:
@@ -98,7 +99,7 @@ class Run:
         if self.asked == number and time.monotonic() - self._asked_at < TWICE:
             return
         if self.asked or not self._patient:
-            DEADLINE.keeps = self._written or self._live
+            DEADLINE.keeps = self._written or self._live or self._kept is not None
             raise Interrupted(number)
         self.asked, self._asked_at = number, time.monotonic()
         DEADLINE.drop()
@@ -147,6 +148,25 @@ class Run:
                 if self._first is None:
                     raise
                 self._fail(error)
+
+    def kept(
+        self, name: str, items: Iterable[tuple[int, T]], line: Callable[[int, T], str] | None
+    ) -> Iterator[tuple[int, T]]:
+        """Numbered ``items``; where no time is left to make more of them, the file ``name`` of their lines is kept.
+
+        Args:
+            name: of the file.
+            items: of a run that is interrupted again soon after the first interrupt, unless it writes by then.
+            line: of a number and an item; None where nothing is lost with them.
+        """
+        DEADLINE.brief, path = True, self.work / PARTS / name
+        with path.open("w", encoding="utf-8") as file:
+            for number, item in items:
+                if line is not None:
+                    file.write(line(number, item))
+                    file.flush()
+                    self._kept = path
+                yield number, item
 
     def steps(self, items: Iterable[T], what: str = "tracking", total: int | None = None) -> Iterator[T]:
         """``items``, with progress, up to an interrupt or to where they fail.
@@ -217,13 +237,14 @@ class Run:
         """Make the file ``name`` of the result by ``write(path, *more)``; it is kept from then on."""
         part, whole = self.work / PARTS / name, self.work / name
         part.parent.mkdir(parents=True, exist_ok=True)
+        DEADLINE.brief = False
         try:
             write(part, *more)
         except BaseException:
             part.unlink(missing_ok=True)
             raise
         whole.parent.mkdir(parents=True, exist_ok=True)
-        self._written = True
+        self._written, self._kept = True, None
         return part.replace(whole)
 
     def fill(self, write: Callable[[Path], object]) -> None:
@@ -283,6 +304,8 @@ class Run:
     ) -> bool:
         with ExitStack() as stack:
             stack.push(self._stack.pop_all().__exit__)
+            if self._kept is not None and isinstance(error, (KeyboardInterrupt, *LATE)):
+                self._keep(self._kept, error)
             if error is not None and not (self._written and isinstance(error, (KeyboardInterrupt, *LATE))):
                 # The stack clears away.
                 stack.pop_all().__exit__(kind, error, trace)
@@ -302,6 +325,13 @@ class Run:
             self._record()
         self._report()
         return True
+
+    def _keep(self, path: Path, error: BaseException) -> None:
+        """What came of the frames, for a run that made no more of it."""
+        path.replace(self.work / path.name)
+        self._written = True
+        if isinstance(error, KeyboardInterrupt):
+            self._say(f"interrupted; {path.name} can be given to go on from", 128 + signal_of(error))
 
     def _record(self) -> None:
         shutil.rmtree(self.work / PARTS, ignore_errors=True)

@@ -9,14 +9,14 @@ from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 
-TIMES, LARGEST = 1000, 1e6
+TIMES, LARGEST, SMALLEST = 1000, 1e6, 1e-9
 
 
 def check_sensible(name: str, value: Any, default: Any) -> None:
     """Refuse what would run without end or fill the memory.
 
-    A number is to be below `TIMES` times its default; where that is 0, none or no number, at most `LARGEST`. Seeds may
-    be any. What names something in the file system is to name a file or a folder.
+    A number is to be below `TIMES` times its default; where that is 0, none or no number, at most `LARGEST`. It is 0 or
+    from `SMALLEST` on. Seeds may be any. What names something in the file system is to name a file or a folder.
 
     Args:
         name: of the option, with those above it before dots; empty where it is given by place.
@@ -57,5 +57,7 @@ def _check_number(name: str, value: float, default: Any) -> None:
     defaults = default if isinstance(default, list) else [default]
     usual = max((abs(each) for each in defaults if isinstance(each, int | float)), default=0)
     limit, why = (TIMES * usual, f", {TIMES} times the default") if usual else (LARGEST, "")
+    if 0 < abs(value) < SMALLEST:
+        raise RequestError(f"`{name}`: expected 0 or a number from {SMALLEST:g}, got {value:g}")
     if value != default and not abs(value) < limit:
         raise RequestError(f"`{name}`: expected a number below {limit:g}{why}, got {value:g}")

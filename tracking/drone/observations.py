@@ -112,7 +112,7 @@ def observe(
 
 
 CHUNK = 100
-VERSION = 3
+VERSION = 4
 MAGIC = b"tsuiseki observations 1\n"
 
 
@@ -170,11 +170,15 @@ def files_key(paths: Iterator[Path] | tuple[Path, ...]) -> str:
 
 
 def _write(path: Path, observations: list[Observation]) -> None:
+    names = {number: name for o in observations for number, name in o.detections.names.items()}
     arrays: dict[str, np.ndarray[Any, Any]] = {
         "frames": np.array([o.frame for o in observations]),
         "counts": np.array([len(o.detections) for o in observations]),
         "boxes": np.concatenate([np.empty((0, 4)), *(o.detections.boxes for o in observations)]),
         "scores": np.concatenate([np.empty(0), *(o.detections.scores for o in observations)]),
+        "origin": np.concatenate([np.empty((0, 2), np.int64), *(o.detections.origin for o in observations)]),
+        "class_numbers": np.array([*names], dtype=np.int64),
+        "class_names": np.array([*names.values()], dtype=np.str_),
         "has_motion": np.array([o.motion is not None for o in observations]),
         "motion": np.array([np.eye(3)[:2] if o.motion is None else o.motion.similarity for o in observations]),
         "deviation": np.array([0.0 if o.motion is None else o.motion.deviation for o in observations]),
@@ -214,13 +218,22 @@ def _read(path: Path, first: int, last: int) -> list[Observation] | None:
 def _observations(arrays: Mapping[str, np.ndarray[Any, Any]]) -> list[Observation]:
     cuts = np.cumsum(arrays["counts"])[:-1]
     count = len(arrays["frames"])
-    boxes, scores = np.split(arrays["boxes"], cuts), np.split(arrays["scores"], cuts)
+    boxes, scores, origin = (np.split(arrays[name], cuts) for name in ("boxes", "scores", "origin"))
+    names = dict(zip(arrays["class_numbers"].tolist(), arrays["class_names"].tolist(), strict=True))
+    told = bool((arrays["origin"][:, 1] >= 0).any())
     features = np.split(arrays["features"], cuts) if "features" in arrays else [None] * count
     actions = np.split(arrays["actions"], cuts, axis=1) if "actions" in arrays else [None] * count
     return [
         Observation(
             int(arrays["frames"][n]),
-            Detections(boxes[n], scores[n], features[n]),
+            Detections(
+                boxes[n],
+                scores[n],
+                features[n],
+                classes=origin[n][:, 1] if told else None,
+                sources=origin[n][:, 0],
+                names=names,
+            ),
             actions[n],
             CameraStep(arrays["motion"][n], float(arrays["deviation"][n])) if arrays["has_motion"][n] else None,
         )

@@ -1,16 +1,15 @@
-"""What people do, for people to read: captions for the overlay, and a page with a timeline for each person."""
+"""What people do, for people to read: captions for the overlay, and a timeline for each person."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tsuiseki.tracking.answers.page import followed
 from tsuiseki.tracking.evaluation.coverage import spans
-from tsuiseki.tracking.people.page import followed
-from tsuiseki.tracking.report.page import BOXES_NOTE, embedded_overlay, html_page, seconds_table, section
+from tsuiseki.tracking.report.page import section
 from tsuiseki.tracking.report.timeline import Bar, timeline
 from tsuiseki.tracking.types.tracks import ActingTrack
 
@@ -32,16 +31,6 @@ def captions_of(people: Sequence[ActingTrack], names: Sequence[str], threshold: 
             for ranked, said in zip(order, person.multi, strict=True)
         ]
     return captions
-
-
-def action_page(result: DroneResult, folder: Path) -> str:
-    """The page as HTML, self-contained; it shows the overlay that lies in ``folder``, where one does."""
-    frames = result.frames["frame"]
-    video = section("Tracks and actions", embedded_overlay(folder, note=BOXES_NOTE))
-    time = section("Time", seconds_table(result.seconds, len(frames)))
-    people = f"{len(result)} {'person' if len(result) == 1 else 'people'}"
-    introduction = f"{people} in {len(frames)} frames at {result.frame_rate:g} a second."
-    return html_page(f"People in {result.name}", introduction, [video, action_timelines(result), time])
 
 
 def action_timelines(result: DroneResult) -> str:

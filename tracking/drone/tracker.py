@@ -18,6 +18,7 @@ from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.printed_flow import PrintedFlow
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 
@@ -30,6 +31,7 @@ class DroneTracker:
         frame_rate: frames a second.
         size: width and height of the image, so that leaving it is told from being missed; None where not known.
         changes: by how much costs learnt on whole tracks differ from the settings'; by default not at all.
+        printed: the thesis's flow, in place of that of the settings; it leaves the camera's motion in.
     """
 
     def __init__(
@@ -38,10 +40,11 @@ class DroneTracker:
         frame_rate: float = 25.0,
         size: tuple[int, int] | None = None,
         changes: CostChanges | None = None,
+        printed: PrintedFlow | None = None,
     ) -> None:
         self.settings = settings or DroneSettings()
         self._path = CameraPath()
-        self._flow = FlowTracker(
+        self._flow = printed or FlowTracker(
             self.settings.flow, frame_rate=frame_rate, size=size, camera=self._path, changes=changes
         )
         self._frame_rate = frame_rate

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import rows_of
-from tsuiseki.tracking.association.learnt_costs import CostChanges, CostNetwork
+from tsuiseki.tracking.association.learnt_costs import Affinity, CostChanges, CostNetwork
 from tsuiseki.tracking.cli.options import Video
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.drone.models import DroneMethod, DroneModels, as_detections
@@ -28,6 +28,7 @@ from tsuiseki.tracking.features.view_choice import devices_of
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.people.inputs import GivenDetections
+from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.tracker import FrameLog, shifted
 from tsuiseki.tracking.people.whole_flow import long_tracks
@@ -36,10 +37,12 @@ from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.video.source import Source, SourceLike, image_size, named
+from tsuiseki.tracking.weights import shipped
 
 # Probability above which an action is named.
 NAMED = 0.4
 METHODS: tuple[DroneMethod, ...] = ("flow", "flow-saf", "flow-maf")
+DronePreset = Literal["default", "printed"]
 
 
 def track_drone(
@@ -51,6 +54,7 @@ def track_drone(
     appearance: AppearanceLike | None = None,
     actions: Sequence[str | Path] | None = None,
     affinity: str | Path | None = None,
+    preset: DronePreset = "default",
     frames: str | None = None,
     settings: DroneSettings | None = None,
     threads: int = 0,
@@ -70,7 +74,9 @@ def track_drone(
         appearance: an exported network's file, an `Appearance`, or a function from crops to rows; by default the
             shipped one; ``"none"`` does without.
         actions: files of exported action streams; by default the shipped ones. Not used by ``flow``.
-        affinity: file of costs learnt on whole tracks; by default those of the settings.
+        affinity: file of costs learnt on whole tracks; by default those of the settings. With the preset printed, of
+            costs learnt on pairs by the features ``thesis`` or, but for ``flow``, ``thesis_action``.
+        preset: ``printed`` links as the thesis prints it, see `PrintedFlow`: MCF, MHT-SAF, MHT-MAF.
         frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
         settings: of flow, alternation and output.
         threads: CPU threads of the networks; 0 takes all.
@@ -87,12 +93,32 @@ def track_drone(
     given: Any = {"detections": detections, "detector": detector}
     finding = FindingOptions(**given, threads=threads, device=device, view="auto")
     streams = None if actions is None else [a_path(path, "actions") for path in actions]
-    models = DroneModels.choose(opened, method, finding, appearance, streams)
+    moving = preset == "default"
+    models = DroneModels.choose(opened, method, finding, appearance, streams, camera_motion=moving)
     times = StageTimes()
-    changes = None if affinity is None else CostNetwork(affinity, threads)
+    costs = link_costs(affinity, preset, method, threads)
     observations = observe(opened.frames(), models.observers, times)
     made = {"method": method, "source": named(source), "seed": seed}
-    return link(observations, opened, models, method, settings or DroneSettings(), times, made, changes)
+    return link(observations, opened, models, method, settings or DroneSettings(), times, made, costs)
+
+
+def link_costs(
+    affinity: str | Path | None, preset: DronePreset, method: DroneMethod, threads: int
+) -> CostNetwork | PrintedFlow | None:
+    """Costs learnt on whole tracks, or the flow of the preset printed, which learns its costs on pairs."""
+    if preset not in get_args(DronePreset):
+        raise RequestError(f"expected the preset {' or '.join(get_args(DronePreset))}, got {preset!r}")
+    if preset == "printed":
+        chosen = (
+            shipped("affinity_printed_drone" if method == "flow" else "affinity_printed_drone_action")
+            if affinity is None
+            else affinity
+        )
+        pairs = Affinity(chosen, threads)
+        if method != "flow" and pairs.features != "thesis_action":
+            raise RequestError(f"expected costs by the features thesis_action with {method}, got {pairs.features}")
+        return PrintedFlow(pairs, 1 if method == "flow-saf" else ITERATIONS)
+    return None if affinity is None else CostNetwork(affinity, threads)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,7 +145,7 @@ def link(
     settings: DroneSettings,
     times: StageTimes,
     made: Mapping[str, Any],
-    changes: CostChanges | None = None,
+    costs: CostChanges | PrintedFlow | None = None,
     threshold: float = NAMED,
 ) -> DroneResult:
     """The people of a video out of what was observed in its frames.
@@ -132,13 +158,14 @@ def link(
         settings: of the tracker.
         times: of the run; gets the seconds of linking.
         made: settings of the run.
-        changes: by how much learnt costs differ from the settings'; by default not at all.
+        costs: by how much learnt costs differ from the settings', by default not at all; or the flow as printed.
         threshold: an action is named where its probability is above.
 
     Raises:
         RunError: there is no frame.
     """
-    from tsuiseki.tracking.drone.page import action_page, captions_of
+    from tsuiseki.tracking.answers.page import with_page
+    from tsuiseki.tracking.drone.page import action_timelines, captions_of
     from tsuiseki.tracking.report.overlay import Overlay
 
     watching = models.observers
@@ -147,7 +174,9 @@ def link(
     if models.given is not None:
         people = _named(logged, models, models.given, settings, source.frame_rate, log)
     else:
-        tracker = DroneTracker(suited(settings, method), source.frame_rate, image_size(source), changes)
+        printed = costs if isinstance(costs, PrintedFlow) else None
+        changes = None if isinstance(costs, PrintedFlow) else costs
+        tracker = DroneTracker(suited(settings, method), source.frame_rate, image_size(source), changes, printed)
         for one in logged:
             actions = None if one.actions is None or method == "flow" else averaged(one.actions)
             with times.measure("link"):
@@ -166,13 +195,12 @@ def link(
         files={
             "tracks.txt": lambda path, _: write_tracks(path, tracks),
             "tracks.json": lambda path, _: write_acting_tracks(path, people, models.names),
-            "report.html": lambda path, folder: path.write_text(action_page(result, folder), encoding="utf-8"),
         },
         painter=Overlay(tracks, source.frame_rate, captions_of(people, models.names, threshold), 0.0).draw,
         names=models.names,
         threshold=threshold,
     )
-    return result
+    return with_page(result, more=lambda: [action_timelines(result)])
 
 
 def _logged(observations: Iterable[Observation], log: FrameLog) -> Iterator[Observation]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,35 +13,63 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence, restrict
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks
 from tsuiseki.tracking.evaluation.points import evaluate_points as score_points
-from tsuiseki.tracking.evaluation.result_files import match_results
+from tsuiseki.tracking.evaluation.result_files import match_results, of_class
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.evaluation.truths import Truth, read_truths
-from tsuiseki.tracking.types import Estimate, FloatArray, Track
+from tsuiseki.tracking.formats.label_classes import same_class
+from tsuiseki.tracking.types import Estimate, FloatArray, Track, as_numbers
+from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, parse_frames
 from tsuiseki.tracking.types.labels import GroundTruth
 
 TruthLike: TypeAlias = str | Path | GroundTruth | Sequence[Track]
 
 
-def evaluate_people(truth: TruthLike, tracks: str | Path | Sequence[Track], frames: str | None = None) -> PeopleScores:
-    """HOTA, MOTA, IDF1 and more of tracked people.
+@overload
+def evaluate_people(
+    truth: TruthLike, tracks: str | Path | Sequence[Track], frames: str | None = None, classes: None = None
+) -> PeopleScores: ...
+@overload
+def evaluate_people(
+    truth: TruthLike, tracks: str | Path | Sequence[Track], frames: str | None = None, *, classes: Sequence[int | str]
+) -> dict[int | str, PeopleScores]: ...
+def evaluate_people(
+    truth: TruthLike,
+    tracks: str | Path | Sequence[Track],
+    frames: str | None = None,
+    classes: Sequence[int | str] | None = None,
+) -> PeopleScores | dict[int | str, PeopleScores]:
+    """HOTA, MOTA, IDF1 and more of tracked people, or of tracked objects of each class.
 
     Args:
         truth: labels: a sequence folder or file in any layout that `tsuiseki evaluate people` reads, ground truth that
             was read before, or the right tracks themselves.
         tracks: the result: tracks, or their file or folder.
         frames: score this stretch only, counted from 1 with both ends, such as ``"301-400"``.
+        classes: score these, each apart, by the labels' names or numbers, such as ``["person", "car"]``.
+
+    Returns:
+        The scores; with ``classes`` those of each, by its number or its name in small letters.
 
     Raises:
         RequestError: one of them cannot be read, or nothing can be scored; the message says why.
     """
-    label = _truth(truth, frames)
+    if classes is None:
+        return _scores(truth, tracks, frames, None)
+    return {wanted: _scores(truth, tracks, frames, wanted) for wanted in ClassChoice(classes).plain}
+
+
+def _scores(
+    truth: TruthLike, tracks: str | Path | Sequence[Track], frames: str | None, wanted: int | str | None
+) -> PeopleScores:
+    label = _truth(truth, frames, wanted)
     if isinstance(tracks, str | Path):
         (pair,) = match_results([label], Path(tracks))
         return evaluate_sequence(pair.truth, pair.tracks, pair.length)
     if not _are_tracks(tracks):
         raise RequestError("expected the result as tracks, a file or a folder, got nothing of that")
-    return evaluate_sequence(label.labels, restrict(tracks, label.frames), label.length)
+    kept = restrict(tracks, label.frames) if wanted is None else of_class(label, tracks, "the result")
+    return evaluate_sequence(label.labels, kept, label.length)
 
 
 def evaluate_target(truth: ArrayLike, target: ArrayLike | Iterable[Estimate]) -> SequenceScores:
@@ -78,19 +106,26 @@ def evaluate_points(
     return score_points(PointTracks.of(truth), PointTracks.of(tracks), frames, cut_off)
 
 
-def _truth(truth: TruthLike, frames: str | None) -> Truth:
-    wanted = parse_frames(frames)
+def _truth(truth: TruthLike, frames: str | None, kind: int | str | None) -> Truth:
+    wanted, names = parse_frames(frames), dict[int, str]()
     if isinstance(truth, str | Path):
-        found = read_truths(Path(truth), wanted)
+        found = read_truths(Path(truth), wanted, wanted=kind)
         if len(found) != 1:
             raise RequestError(
                 f"expected the labels of one sequence, got {len(found)} in {truth}; score them one by one, or with "
                 "`tsuiseki evaluate people`"
             )
         return found[0]
+    if kind is not None:
+        if isinstance(truth, GroundTruth) or not _are_tracks(truth):
+            raise RequestError("`classes`: expected the truth as a folder, a file or tracks, got labels of one class")
+        names = {track.class_id: track.class_name or str(track.class_id) for track in truth}
+        truth = [track for track in truth if kind == track.class_id or same_class(track.class_name, str(kind))]
+        if not truth:
+            raise RequestError(f"`classes`: expected tracks of {kind} in the truth, got none")
     labels = truth if isinstance(truth, GroundTruth) else ground_truth_of(truth)
     labels = labels if wanted == EVERY_FRAME else labels.between(wanted.first, _last(labels, wanted.last))
-    return Truth("sequence", labels, None, wanted)
+    return Truth("sequence", labels, None, wanted, None, kind, names)
 
 
 def _last(labels: GroundTruth, last: int | None) -> int:
@@ -118,7 +153,7 @@ def _are_tracks(given: object) -> bool:
 
 
 def _boxes(given: ArrayLike, name: str) -> FloatArray:
-    boxes = np.asarray(given, dtype=np.float64)
+    boxes = as_numbers(given, name)
     if boxes.ndim != 2 or boxes.shape[1] != 4:
         raise RequestError(f"expected `{name}` as boxes of shape (T, 4), got {boxes.shape}")
     return boxes

@@ -26,6 +26,8 @@ from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 
 MATCH_OVERLAP = 0.5
+# Share of the boxes outside the labelled frames that is worth a note.
+MANY = 0.2
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class PeopleScores:
         hota: mean over the overlaps of the geometric mean of ``det_a`` and ``ass_a``, in [0, 1].
         det_a: detection accuracy, in [0, 1].
         ass_a: association accuracy, in [0, 1].
-        mota: 1 minus misses, false boxes and switches per labelled box; at most 1, may be negative.
+        mota: 1 minus misses, false boxes and switches per labelled box, thesis eq. 4.5; at most 1, may be negative.
         motp: mean overlap of the matched boxes, in [0, 1].
         idf1: share of the boxes that bear the right identity throughout, in [0, 1].
         id_switches: times that a person's id changed.
@@ -252,6 +254,15 @@ def _check_length(pair: SequencePair, labels: _Rows, result: _Rows) -> None:
         raise RequestError(
             f"{pair.name}: expected frames up to {pair.length}, got a box in frame {last + 1}; "
             "is this the result of another sequence?"
+        )
+    first, end = int(labels.frames[0]), int(labels.frames[-1])
+    outside = int(((result.frames < first) | (result.frames > end)).sum())
+    if pair.length is None and outside > MANY * len(result.frames):
+        warnings.warn(
+            f"{pair.name}: {outside} of {len(result.frames)} boxes lie outside frames {first + 1}-{end + 1}, the "
+            f"labelled ones, and count as false; `frames` {first + 1}-{end + 1} leaves them out",
+            InputWarning,
+            stacklevel=2,
         )
 
 

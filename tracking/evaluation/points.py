@@ -247,7 +247,7 @@ def _on_grid(tracks: PointTracks, frames: IntArray) -> FloatArray:
 
 def _check(truth: FloatArray, found: FloatArray, c: float, p: float) -> None:
     if not (np.isfinite(c) and c > 0 and np.isfinite(p) and p >= 1):
-        raise ValueError(f"expected a cut-off above 0 and an order of at least 1, got c={c}, p={p}")
+        raise RequestError(f"expected a cut-off above 0 and an order of at least 1, got c={c}, p={p}")
     if not (np.isfinite(truth).all() and np.isfinite(found).all()):
         raise ValueError("expected finite points, got NaN or infinity")
 

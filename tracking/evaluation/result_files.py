@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,6 @@ import numpy as np
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.detection import (
     DetectionScores,
-    LabelledBoxes,
     evaluate_detections,
     labelled_boxes,
 )
@@ -26,8 +25,11 @@ from tsuiseki.tracking.formats.mot import read_detections, read_tracks
 from tsuiseki.tracking.output import RUN_FILE, is_partial
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.types.labels import GroundTruth
 
 # What results of different runs are called alike tells nothing apart.
+# Shares of a person that are visible, from and below.
+VISIBLE = ((0.75, 1.01), (0.5, 0.75), (0.25, 0.5), (0.0, 0.25))
 USUAL_NAMES = ("tracks.txt", "tracks.json", "det.txt", "gt.txt", "states.csv")
 
 
@@ -99,10 +101,17 @@ SINGLE_DETECTION_PLACES = ("detections.txt", "det/det.txt")
 
 @dataclass(frozen=True)
 class DetectionEvaluation:
-    """Scores of detections on every sequence, and on the images of all of them."""
+    """Scores of detections.
+
+    Attributes:
+        sequences: on every sequence.
+        combined: on the images of all of them.
+        visible: on people visible to a share, all others ignored, such as ``visible 50-75 %``; where labels tell.
+    """
 
     sequences: Mapping[str, DetectionScores]
     combined: DetectionScores
+    visible: Mapping[str, DetectionScores] = field(default_factory=dict)
 
 
 def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
@@ -123,12 +132,12 @@ def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
         tracks = read_exported(file).in_pixels(file, truth.size).tracks if format_at(file) else read_tracks(file)
         compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)]), truth.size)
         warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
-        tracks = restrict(tracks, truth.frames) if truth.wanted is None else _of_class(truth, tracks, file)
+        tracks = restrict(tracks, truth.frames) if truth.wanted is None else of_class(truth, tracks, file)
         pairs.append(SequencePair(truth.name, truth.labels, tracks, truth.length))
     return pairs
 
 
-def _of_class(truth: Truth, tracks: Sequence[Track], file: Path) -> list[Track]:
+def of_class(truth: Truth, tracks: Sequence[Track], file: object) -> list[Track]:
     """The tracks of the class that the labels are of, in the frames that count; all where none has a class.
 
     Names that a run keeps decide, else the numbers of the labels' own layout.
@@ -172,7 +181,7 @@ def evaluate_detection_files(
     Raises:
         RequestError: a sequence has no detections, or they are broken.
     """
-    images: dict[str, tuple[list[LabelledBoxes], list[Detections]]] = {}
+    every: dict[str, tuple[GroundTruth, list[int], list[Detections]]] = {}
     for truth in truths:
         file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
         found = read_detections(file, truth.length, score_range)
@@ -185,18 +194,26 @@ def evaluate_detection_files(
         filled = {*truth.labels.frames.tolist(), *(n for n, one in enumerate(found) if len(one))}
         numbers = sorted(number for number in filled if wanted.first <= number <= wanted.last)
         none = Detections.empty()
-        images[truth.name] = (
-            labelled_boxes(truth.labels, numbers),
-            [found[n] if n < len(found) else none for n in numbers],
-        )
-    return DetectionEvaluation(
-        {name: evaluate_detections(boxes, found, iou) for name, (boxes, found) in images.items()},
-        evaluate_detections(
-            [image for boxes, _ in images.values() for image in boxes],
-            [image for _, found in images.values() for image in found],
-            iou,
-        ),
-    )
+        every[truth.name] = (truth.labels, numbers, [found[n] if n < len(found) else none for n in numbers])
+
+    def scored(given: Iterable[tuple[GroundTruth, list[int], list[Detections]]]) -> DetectionScores:
+        parts = list(given)
+        boxes = [image for labels, numbers, _ in parts for image in labelled_boxes(labels, numbers)]
+        return evaluate_detections(boxes, [image for _, _, found in parts for image in found], iou)
+
+    visible: dict[str, DetectionScores] = {}
+    shares = np.concatenate([labels.visibility[labels.evaluated] for labels, _, _ in every.values()])
+    for low, high in VISIBLE if (shares < 1).any() else ():
+        if ((shares >= low) & (shares < high)).any():
+            name = f"visible {100 * low:.0f}-{100 * min(high, 1):.0f} %"
+            visible[name] = scored((_visible(labels, low, high), n, d) for labels, n, d in every.values())
+    return DetectionEvaluation({name: scored([one]) for name, one in every.items()}, scored(every.values()), visible)
+
+
+def _visible(labels: GroundTruth, low: float, high: float) -> GroundTruth:
+    """The labels of people of whom such a share is visible; all others are ignored."""
+    here = (labels.visibility >= low) & (labels.visibility < high)
+    return replace(labels, evaluated=labels.evaluated & here, ignored=labels.ignored | (labels.evaluated & ~here))
 
 
 def result_file(name: str, result: Path, single: bool, places: Sequence[str], single_places: Sequence[str]) -> Path:

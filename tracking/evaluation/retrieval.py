@@ -1,4 +1,4 @@
-"""How well appearance features find the same person again: rank-1, mean average precision, area under the ROC."""
+"""How well appearance features find the same person again: ranks, mean average precision, area under the ROC."""
 
 from __future__ import annotations
 
@@ -15,11 +15,15 @@ class Retrieval:
 
     Attributes:
         rank1: share of the queries whose closest gallery entry is the same person.
+        rank5: share of those of which one of the five closest is.
+        rank10: likewise, of ten.
         mean_average_precision: mean over the queries of the area under their precision-recall steps.
         queries: number of queries that have an answer in the gallery; the others do not count.
     """
 
     rank1: float
+    rank5: float
+    rank10: float
     mean_average_precision: float
     queries: int
 
@@ -51,7 +55,8 @@ def evaluate_retrieval(
     hits = np.take_along_axis(right, order, axis=1)
     precision = np.cumsum(hits, axis=1) / np.arange(1, hits.shape[1] + 1)
     average = (precision * hits).sum(axis=1) / hits.sum(axis=1)
-    return Retrieval(float(hits[:, 0].mean()), float(average.mean()), int(answered.sum()))
+    ranks = [float(hits[:, :k].any(axis=1).mean()) for k in (1, 5, 10)]
+    return Retrieval(ranks[0], ranks[1], ranks[2], float(average.mean()), int(answered.sum()))
 
 
 def area_under_roc(positive: FloatArray, negative: FloatArray) -> float:

@@ -105,16 +105,16 @@ def cells(scores: PeopleScores) -> list[str]:
 
 def detection_table(results: Mapping[str, DetectionEvaluation], iou: float) -> Table:
     """The average precision of several results by sequence and combined."""
-    headings = (f"AP{100 * iou:.0f}", "Best F1", "at score", "Boxes")
-    found = {name: _with_combined(one) for name, one in results.items()}
-    rows = {
-        name: {
-            sequence: [*(f"{v:.3f}" for v in (s.average_precision, s.best_f1, s.best_threshold)), str(s.boxes)]
-            for sequence, s in one.items()
-        }
-        for name, one in found.items()
-    }
+    headings = (f"AP{100 * iou:.0f}", "Recall", "Best F1", "at score", "Boxes")
+    found = {name: {**_with_combined(one), **one.visible} for name, one in results.items()}
+    rows = {name: {sequence: _detection_cells(s) for sequence, s in one.items()} for name, one in found.items()}
     return score_table(("Sequence", "Result"), headings, by_sequence(next(iter(rows.values())), rows))
+
+
+def _detection_cells(scores: DetectionScores) -> list[str]:
+    recall = float(scores.recall[-1]) if len(scores.recall) else 0.0
+    values = scores.average_precision, recall, scores.best_f1, scores.best_threshold
+    return [*(f"{value:.3f}" for value in values), str(scores.boxes)]
 
 
 def evaluation_values(results: Mapping[str, PeopleEvaluation | DetectionEvaluation]) -> dict[str, Any]:
@@ -123,6 +123,7 @@ def evaluation_values(results: Mapping[str, PeopleEvaluation | DetectionEvaluati
         name: {
             "sequences": {sequence: _plain(scores) for sequence, scores in evaluation.sequences.items()},
             COMBINED: _plain(evaluation.combined),
+            **{share: _plain(scores) for share, scores in getattr(evaluation, "visible", {}).items()},
         }
         for name, evaluation in results.items()
     }

@@ -107,7 +107,7 @@ class ForeignDetector:
         self.across, self._told = classes is None or classes.across, classes is not None
         self.wanted = self._choose_classes(list(trial.values()), options, classes)
         self.people_only = classes is None or only_people(self.wanted)
-        self._gave: set[bool] = set()
+        self.gave: set[bool] = set()
         self.check = BoxCheck(f"{self.path}, read as layout {self.layout}")
 
     def __str__(self) -> str:
@@ -133,7 +133,7 @@ class ForeignDetector:
     @property
     def blank(self) -> bool:
         """Whether it has looked at pictures, and none gave anything but zeros or no rows."""
-        return self._gave == {False}
+        return self.gave == {False}
 
     @property
     def input_size(self) -> Size | None:
@@ -390,7 +390,7 @@ class ForeignDetector:
         filled_up = LAYOUTS[self.layout].suppressed and self.layout != "torchvision"
         if blank and not filled_up and all(x.size for x in floats):
             raise RunError(f"{self.path}: the network gives nothing but zeros; export it again")
-        self._gave.add(not blank)
+        self.gave.add(not blank)
 
 
 def _changed(path: Path, usual: ImageInput, options: DetectorOptions, *, whole: bool) -> ImageInput:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.preprocessing import letterbox, stretched
+from tsuiseki.tracking.preprocessing import letterbox, standardised, stretched
 from tsuiseki.tracking.types import ImageArray
 
 LayoutName = Literal[
@@ -156,14 +155,8 @@ class ImageInput:
             return np.ascontiguousarray(images)
         if dtype == np.uint8:
             return np.ascontiguousarray(images.transpose(0, 3, 1, 2))
-        values = np.arange(256, dtype=np.float64)[:, None] / (255 if self.pixels == "unit" else 1)
-        tables = ((values - np.asarray(self.mean)) / np.asarray(self.std)).astype(np.float32)
-        count, height, width, _ = images.shape
-        planes = np.empty((count, 3, height, width), dtype=np.float32)
-        for image, target in zip(images, planes, strict=True):
-            for channel in range(3):
-                cv2.LUT(np.ascontiguousarray(image[..., channel]), tables[:, channel], dst=target[channel])
-        return planes.astype(dtype, copy=False)
+        most = 255.0 if self.pixels == "unit" else 1.0
+        return standardised(np.ascontiguousarray(images), most, self.mean, self.std).astype(dtype, copy=False)
 
 
 IMAGENET = ImageInput("stretch", mean=IMAGENET_MEAN, std=IMAGENET_STD)

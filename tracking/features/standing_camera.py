@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.features.camera_path import FrameRuns
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # Pixels across of the copies.
 _WIDTH = 160
@@ -49,66 +49,88 @@ class StandingCamera:
         patience: frames after which another frame is what the next ones are compared with.
         settled: see above; more than a frame, and no more than the patience.
         moved: frames, the first among them, for which nothing says that the camera stood still.
+        known: ``(F,)`` by frame, what comparing it told before, so that pictures need not; None compares them.
+        compared: frame that the next one is compared with.
     """
 
     patience: int = 10
     settled: int = 5
     moved: FrameRuns = field(default_factory=FrameRuns)
+    known: BoolArray | None = None
+    compared: int = 0
     _count: int = 0
-    _compared: int = 0
     _moving: bool = False
-    _reference: FloatArray | None = None
+    _reference: _Compared | None = None
 
     def __len__(self) -> int:
         """Frames so far."""
         return self._count
 
-    def add(self, image: ImageArray) -> None:
-        """Take the next frame ``(H, W, 3)`` uint8."""
-        copy = _small(image)
-        reference = self._reference
-        same = reference is not None and reference.shape == copy.shape and stands_still(reference, copy)
-        since = self._count - self._compared
-        self._moving = (reference is not None and not same) or (self._moving and since < self.settled)
+    def add(self, image: ImageArray) -> bool:
+        """Take the next frame ``(H, W, 3)`` uint8; whether it shows what the frame ``compared`` does."""
+        if self.known is not None:
+            same = bool(self.known[self._count])
+            self.take(same)
+            return same
+        copy, reference = _small(image), self._reference
+        same = reference is not None and reference.shape == copy.shape and reference.stands_still_in(copy)
+        if self.take(same):
+            self._reference = _Compared(copy)
+        return same
+
+    def take(self, same: bool) -> bool:
+        """Go on by whether the next frame shows what ``compared`` does; whether it is compared with from now on."""
+        since = self._count - self.compared
+        self._moving = (self._count > 0 and not same) or (self._moving and since < self.settled)
         if not same or self._moving:
             self.moved.append(self._count)
-        if not same or since >= self.patience:
-            self._reference, self._compared = copy, self._count
+        anew = not same or since >= self.patience
+        if anew:
+            self.compared = self._count
         self._count += 1
+        return anew
 
     def stands_still(self, frame: int) -> bool:
         """Whether pictures say so of the step into a frame; False for frames that did not come."""
         return 0 <= frame < self._count and frame not in self.moved
 
 
-def stands_still(first: FloatArray, second: FloatArray) -> bool:
-    """Whether two grey pictures ``(H, W)`` of one size show most of what they show at the same place."""
-    down, across = np.gradient(first)
-    length = np.hypot(across, down)
-    places = length > _GRADIENT
-    if places.sum() < _PLACES:
-        return False
-    y, x = np.nonzero(places)
-    every = -(-len(y) // _MOST_PLACES)
-    y, x = y[::every], x[::every]
-    length, reference, wanted, g_x, g_y = np.stack([length, first, second, across, down])[:, y, x]
-    high, wide = first.shape
-    v, u = y - (high - 1) / 2, x - (wide - 1) / 2
-    design = np.stack([reference, np.ones(len(y)), -g_x, -g_y, -(g_x * u + g_y * v), g_x * v - g_y * u])
-    weight = np.ones(len(wanted))
-    for _ in range(_ROUNDS):
-        weighted = design * weight
-        found = np.linalg.lstsq(weighted @ design.T, weighted @ wanted, rcond=None)[0]
-        off = wanted - found @ design
-        scale = max(1.5 * float(np.median(np.abs(off))), _NOISE)
-        weight = 1 / (1 + np.square(off / scale))
-    differs = np.abs(wanted - found[:2] @ design[:2])
-    alike = differs < np.maximum(_DIFFERENCE * length, 2 * _NOISE)
-    part = y * _PARTS[0] // high * _PARTS[1] + x * _PARTS[1] // wide
-    seen, agreeing = (np.bincount(part, values, _PARTS[0] * _PARTS[1]) for values in (np.ones(len(y)), alike))
-    enough = seen >= _PLACES_OF_PART
-    most = 2 * np.count_nonzero(2 * agreeing[enough] > seen[enough]) > np.count_nonzero(enough) >= _PARTS_SEEN
-    return bool(most and _at_corners(found[2:], high, wide) < _STILL)
+class _Compared:
+    """A grey picture ``(H, W)`` that others are compared with: its places and the equation at them."""
+
+    def __init__(self, picture: FloatArray) -> None:
+        self.shape = picture.shape
+        down, across = np.gradient(picture)
+        length = np.hypot(across, down)
+        y, x = np.nonzero(length > _GRADIENT)
+        self.enough = len(y) >= _PLACES
+        every = max(-(-len(y) // _MOST_PLACES), 1)
+        self.y, self.x = y, x = y[::every], x[::every]
+        g_y, g_x, length = np.stack([down, across, length])[:, y, x]
+        high, wide = picture.shape
+        v, u = y - (high - 1) / 2, x - (wide - 1) / 2
+        self.design = np.stack([picture[y, x], np.ones(len(y)), -g_x, -g_y, -(g_x * u + g_y * v), g_x * v - g_y * u])
+        self.least = np.maximum(_DIFFERENCE * length, 2 * _NOISE)
+        self.part = y * _PARTS[0] // high * _PARTS[1] + x * _PARTS[1] // wide
+        self.seen = np.bincount(self.part, minlength=_PARTS[0] * _PARTS[1])
+
+    def stands_still_in(self, picture: FloatArray) -> bool:
+        """Whether a picture of the same size shows most of what this one shows at the same place."""
+        if not self.enough:
+            return False
+        wanted, design = picture[self.y, self.x], self.design
+        weight, middle = np.ones(len(wanted)), [(len(wanted) - 1) // 2, len(wanted) // 2]
+        for _ in range(_ROUNDS):
+            weighted = design * weight
+            found = np.linalg.lstsq(weighted @ design.T, weighted @ wanted, rcond=None)[0]
+            off = wanted - found @ design
+            scale = max(1.5 * float(np.partition(np.abs(off), middle)[middle].mean()), _NOISE)
+            weight = 1 / (1 + np.square(off / scale))
+        differs = np.abs(wanted - found[:2] @ design[:2])
+        agreeing = np.bincount(self.part, differs < self.least, len(self.seen))
+        enough = self.seen >= _PLACES_OF_PART
+        most = 2 * np.count_nonzero(2 * agreeing[enough] > self.seen[enough]) > np.count_nonzero(enough) >= _PARTS_SEEN
+        return bool(most and _at_corners(found[2:], *self.shape) < _STILL)
 
 
 def _at_corners(motion: FloatArray, high: int, wide: int) -> float:
@@ -121,5 +143,5 @@ def _at_corners(motion: FloatArray, high: int, wide: int) -> float:
 def _small(image: ImageArray) -> FloatArray:
     """A grey copy, `_WIDTH` pixels across."""
     height = max(round(image.shape[0] * _WIDTH / image.shape[1]), 2)
-    small = cv2.resize(image, (_WIDTH, height), interpolation=cv2.INTER_AREA)
-    return cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float64)
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    return cv2.resize(grey, (_WIDTH, height), interpolation=cv2.INTER_AREA).astype(np.float64)

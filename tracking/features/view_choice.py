@@ -1,18 +1,32 @@
 """Which tiles a video needs, from looks at its frames at several scales.
 
 One look may mislead, and a street may be empty when the video begins. So frames some seconds apart are looked at, until
-three of the looks have shown somebody; the median of what these ask for is taken from then on.
+three of the looks have shown somebody; the median of what these ask for is taken from then on. Of its tiles, those are
+looked at that show nearly all the people of late; once a second all of them are.
 """
 
 from __future__ import annotations
 
 import time
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from tsuiseki.tracking.features.exported import Detector, SizedDetect
-from tsuiseki.tracking.features.views import EVERY_TILE, LARGEST_SCALE, MOST_COLUMNS, TiledDetector, TileView, view_of
-from tsuiseki.tracking.types import Detections, ImageArray
+from tsuiseki.tracking.features.views import (
+    EVERY_TILE,
+    LARGEST_SCALE,
+    MOST_COLUMNS,
+    TiledDetector,
+    TileView,
+    busy_tiles,
+    merge,
+    shown_in,
+    view_of,
+)
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray
 
 # Up to `LARGEST_SCALE` more tiles are worth their time where they find this many times the people.
 WORTH = 1.1
@@ -28,6 +42,9 @@ _SOMEBODY = 0.5
 # Seconds from one look to the next, twice as many each time: at first while nobody was seen, at least once somebody
 # was, and at most.
 _FIRST_WAIT, _SPREAD, _LONGEST_WAIT = 0.15, 1.0, 60.0
+# Seconds from one look at all tiles to the next, and from how many on and of how many of the last ones the busy tiles
+# follow.
+_ALL_TILES, _ENOUGH, _LATELY = 1.0, 3, 30
 
 
 @dataclass(frozen=True)
@@ -128,6 +145,9 @@ class ViewLooks:
     due: float | None = 0.0
     enlarge: bool = True
     _wait: float = _FIRST_WAIT
+    _shown: deque[tuple[BoolArray, FloatArray]] = field(default_factory=lambda: deque(maxlen=_LATELY))
+    _of: TileView | None = None
+    _all_due: float = 0.0
 
     def take(
         self, images: Sequence[ImageArray], detector: SizedDetect, batch_size: int, workers: int = 1
@@ -140,6 +160,28 @@ class ViewLooks:
         assert self.choice is not None
         self.frames += len(images)
         return self.choice
+
+    def busy(self, images: Sequence[ImageArray], every: TiledDetector) -> TiledDetector:
+        """What looks at the tiles that show nearly all the people of late.
+
+        Args:
+            images: those that were taken last.
+            every: looks at all tiles of the choice.
+        """
+        view, now = every.view, self.frames - len(images)
+        if view is not self._of:
+            self._shown.clear()
+            self._of, self._all_due = view, now
+        known = None
+        if now >= self._all_due:
+            (found,) = every.in_tiles(images[:1])
+            known = merge(found, view.tiles, every.iou_threshold, every.across)
+            self._shown.append((shown_in(found, known, view.tiles), known.scores))
+            self._all_due = now + _ALL_TILES * self.frame_rate
+        if len(self._shown) >= _ENOUGH:
+            shown, scores = (np.concatenate(part) for part in zip(*self._shown, strict=True))
+            view = TileView(view.columns, view.tiles[busy_tiles(shown, scores)])
+        return TiledDetector(every.detector, view, every.iou_threshold, every.batch_size, known=known)
 
     def _add(self, look: ViewChoice) -> None:
         if look.sees_somebody:
@@ -171,6 +213,7 @@ class ViewedDetector:
         frame_rate: frames a second, by which the looks are spread.
         enlarge: see `choose_view`. One that has learnt its camera knows people as large as they are there, and never
             sees them larger.
+        sparing: pass over tiles that show nobody whom others do not; for consecutive frames of a video.
 
     Attributes:
         enlarge: as given, but never for such a one.
@@ -184,8 +227,9 @@ class ViewedDetector:
         batch_size: int = 4,
         frame_rate: float = 25.0,
         enlarge: bool = True,
+        sparing: bool = False,
     ) -> None:
-        self.enlarge = enlarge and not scores_are_probabilities(detector)
+        self.enlarge, self.sparing = enlarge and not scores_are_probabilities(detector), sparing
         self.detector, self.wanted, self.batch_size, self.frame_rate = detector, wanted, batch_size, frame_rate
         self.looks: dict[tuple[int, ...], ViewLooks] = {}
 
@@ -221,7 +265,12 @@ class ViewedDetector:
 
     def prepared(self, images: Sequence[ImageArray], workers: int = 1) -> TiledDetector:
         """See `ChoosingDetect.prepared`."""
-        return TiledDetector(self.detector, self.prepare(images, workers).view, batch_size=self.batch_size)
+        view = self.prepare(images, workers).view
+        every = TiledDetector(self.detector, view, batch_size=self.batch_size, workers=workers)
+        if self.sparing and len(view) > 1:
+            return self.looks[images[0].shape[:2]].busy(images, every)
+        every.workers = 1
+        return every
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, the next ones of a video, each ``(H, W, 3)`` uint8 RGB, all of one size."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import SizedDetect
-from tsuiseki.tracking.geometry import areas, intersections, set_apart, suppress
+from tsuiseki.tracking.geometry import areas, intersections, iou_matrix, set_apart, suppress
 from tsuiseki.tracking.preprocessing import enlarged
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray, IntArray
 
@@ -36,6 +36,9 @@ EVERY_TILE = (0, None)
 _NEAR_SEAM = 0.01
 # A cut-off box goes where another box covers this much of it.
 _COVERED = 0.6
+# A tile may be left out where others find its people with boxes that overlap so much, with this share of the score, in
+# the whole frame and in tiles, but for a share of the sum of all scores.
+_ALIKE, _SCORED, _LOST = 0.7, (0.8, 0.5), 0.05
 
 
 @dataclass(frozen=True)
@@ -106,6 +109,7 @@ class TiledDetector:
         iou_threshold: of two boxes of different tiles that are taken for one person.
         batch_size: most pictures of one call of ``detector``.
         workers: calls of ``detector`` at a time; the result is the same with any number.
+        known: who is in the first of the images, where that was found before.
 
     Attributes:
         sizes: ``(T, 2)`` height and width at which ``detector`` gets the tiles: that of its input where this shows them
@@ -114,15 +118,30 @@ class TiledDetector:
     """
 
     def __init__(
-        self, detector: SizedDetect, view: TileView, iou_threshold: float = 0.5, batch_size: int = 4, workers: int = 1
+        self,
+        detector: SizedDetect,
+        view: TileView,
+        iou_threshold: float = 0.5,
+        batch_size: int = 4,
+        workers: int = 1,
+        known: Detections | None = None,
     ) -> None:
-        self.detector, self.view = detector, view
+        self.detector, self.view, self.known = detector, view, known
         self.sizes = _shown_sizes(view, detector.input_size)
         self.iou_threshold, self.batch_size, self.workers = iou_threshold, batch_size, workers
         self.across = getattr(detector, "across", True)
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB of the view's size, without doubles at the seams."""
+        if self.known is not None:
+            return [self.known, *self._merged(self.in_tiles(images[1:]))]
+        return self._merged(self.in_tiles(images))
+
+    def _merged(self, found: Sequence[Sequence[Detections]]) -> list[Detections]:
+        return [merge(tiles, self.view.tiles, self.iou_threshold, self.across) for tiles in found]
+
+    def in_tiles(self, images: Sequence[ImageArray]) -> list[list[Detections]]:
+        """People in each tile of each of ``images``, in pixels of the tile."""
         count = len(self.view)
         tiles = [(image, n) for image in images for n in range(count)]
         batches = [tiles[start : start + self.batch_size] for start in range(0, len(tiles), self.batch_size)]
@@ -132,10 +151,7 @@ class TiledDetector:
             with ThreadPoolExecutor(self.workers, "tsuiseki") as pool:
                 parts = list(pool.map(self._detect, batches))
         found = list(itertools.chain.from_iterable(parts))
-        return [
-            merge(found[n * count : (n + 1) * count], self.view.tiles, self.iou_threshold, self.across)
-            for n in range(len(images))
-        ]
+        return [found[n : n + count] for n in range(0, len(found), count)]
 
     def _detect(self, tiles: Sequence[tuple[ImageArray, int]]) -> list[Detections]:
         """People in each of the numbered tiles of images, in pixels of the tile."""
@@ -181,6 +197,39 @@ def merge(found: Sequence[Detections], tiles: IntArray, iou_threshold: float = 0
     kept = kept[suppress(compared[kept], scores[kept], iou_threshold)]
     told = None if all(d.classes is None for d in found) else classes[kept]
     return Detections(boxes[kept], scores[kept], classes=told, names=found[0].names)
+
+
+def shown_in(found: Sequence[Detections], merged: Detections, tiles: IntArray) -> BoolArray:
+    """``(N, T)`` whether each tile shows each person: with much the same box, and no much lower a score.
+
+    Args:
+        found: in each tile, in its pixels.
+        merged: the N people of the frame, as `merge` gives them.
+        tiles: ``(T, 4)``, the whole frame first.
+    """
+    shown = np.zeros((len(merged), len(tiles)), dtype=np.bool_)
+    for tile, inside in enumerate(found):
+        alike = iou_matrix(merged.boxes, inside.boxes + np.tile(tiles[tile, :2], 2)) >= _ALIKE
+        scored = inside.scores[None] >= _SCORED[tile > 0] * merged.scores[:, None]
+        shown[:, tile] = (alike & scored).any(axis=1)
+    return shown
+
+
+def busy_tiles(shown: BoolArray, scores: FloatArray) -> IntArray:
+    """Numbers of the fewest tiles, by the greedy rule, that show all but `_LOST` of the people; all where none are.
+
+    Args:
+        shown: ``(N, T)``, see `shown_in`; the first tile, the whole frame, is always kept.
+        scores: ``(N,)`` what each counts.
+    """
+    kept = np.arange(shown.shape[1])
+    while len(scores) and len(kept) > 1:
+        alone = shown[:, kept[1:]] & (shown[:, kept].sum(axis=1) == 1)[:, None]
+        missed = scores @ ~shown[:, kept].any(axis=1) + scores @ alone
+        if missed.min() > _LOST * scores.sum():
+            break
+        kept = np.delete(kept, 1 + int(missed.argmin()))
+    return kept
 
 
 def _cut_off(boxes: FloatArray, tiles: IntArray, frame: IntArray) -> BoolArray:

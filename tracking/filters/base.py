@@ -7,8 +7,11 @@ A filter is a frozen dataclass of settings with two functions:
 * ``step(state, observation, rng) -> (State, Info)``: one observation further. The state is what the next step needs;
   the info is what came out: estimates and diagnostics.
 
-Neither changes what it is given. All randomness is ``rng``: the same seed gives the same result. What a filter is made
-of is an argument:
+A filter computes the posterior of the state given all observations so far: (5)-(10) of the finite-sets paper, thesis
+eq. 2.5 and its estimate, eq. 2.6. Motion and likelihood are its models of state and observation, (1)-(4).
+
+Neither function changes what it is given. All randomness is ``rng``: the same seed gives the same result. What a filter
+is made of is an argument:
 
 * a motion ``f(states, seconds, rng)`` draws the next states, `Motion`; all are in `tsuiseki.tracking.filters.motion`.
   One that is linear with Gaussian noise may also say so in matrices, `LinearMotion`;

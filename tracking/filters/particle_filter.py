@@ -1,4 +1,4 @@
-"""Particle filters: bootstrap and guided.
+"""Particle filters: bootstrap and guided; thesis eq. 2.9, and the likelihood of a model (11) by (23).
 
 See `tsuiseki.tracking.filters.base` for the contract. ``ParticleFilter.step`` is (14)-(20) of the finite-sets paper:
 resample when the effective sample size is low, propose, weigh. Resampling stands at the start of the step (it is the

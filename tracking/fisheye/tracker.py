@@ -82,6 +82,7 @@ class FisheyeTracker:
         self._live: _Live | None = None
         self._frame = -1
         self._record = Record()
+        self._names: dict[int, str] = {}
 
     def update(self, found: FloorDetections) -> None:
         """Take the detections of the next frame."""
@@ -96,8 +97,13 @@ class FisheyeTracker:
 
     def tracks(self) -> list[FloorTrack]:
         """The confirmed tracks of all frames so far, or since `forget`, by id."""
+        seen, names = np.empty(0, np.bool_), self._names
         return [
-            FloorTrack(Track(number, frames, rows[:, :4], scores), rows[:, 4:9], rows[:, 9:])
+            FloorTrack(
+                Track(number, frames, rows[:, :4], scores, seen, rows[:, 11:].astype(np.int64), names),
+                rows[:, 4:9],
+                rows[:, 9:11],
+            )
             for number, frames, rows, scores in self._record.parts()
         ]
 
@@ -170,8 +176,10 @@ class FisheyeTracker:
     def _note(self, numbers: IntArray, found: FloorDetections, which: IntArray) -> None:
         """Record the tracks with these numbers at the detections ``which``."""
         if len(numbers):
-            rows = np.concatenate([found.detections.boxes[which], found.rotated[which], found.places[which]], axis=1)
-            self._record.append(self._frame, numbers, rows, found.detections.scores[which])
+            given = found.detections
+            self._names |= given.names
+            rows = np.concatenate([given.boxes, found.rotated, found.places, given.origin], axis=1)[which]
+            self._record.append(self._frame, numbers, rows, given.scores[which])
 
     def _mean(self, before: FloatArray, now: FloatArray) -> FloatArray:
         """``(N, D)`` unit-length running mean of the appearance."""
@@ -185,8 +193,10 @@ def _joined(number: int, rows: Sequence[tuple[int, FloorDetections, int]]) -> Fl
     frames = np.array([frame for frame, _, _ in rows], dtype=np.int64)
     boxes = np.array([found.detections.boxes[k] for _, found, k in rows])
     scores = np.nan_to_num([found.detections.scores[k] for _, found, k in rows])
+    origin = np.array([found.detections.origin[k] for _, found, k in rows])
+    names = {kind: name for _, found, _ in rows for kind, name in found.detections.names.items()}
     return FloorTrack(
-        Track(number, frames, boxes, scores),
+        Track(number, frames, boxes, scores, np.ones(len(frames), np.bool_), origin, names),
         np.array([found.rotated[k] for _, found, k in rows]),
         np.array([found.places[k] for _, found, k in rows]),
     )

@@ -1,6 +1,7 @@
 """COCO's JSON with tracks: ``videos``, ``images`` with ``frame_id`` from 0, and ``annotations`` with ``track_id``.
 
 A ``bbox`` is x, y, width, height in pixels from 0. ``instance_id``, as other tools call it, is read like ``track_id``.
+``detection`` is the row of the box in what the detector or the user gave for the frame, where that is known.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ def write_coco(path: Path, video: TrackedVideo) -> None:
     rows, kinds = video.boxes, {kind: number + max(1 - first, 0) for kind, number in video.kinds.items()}
     columns = zip(
         rows.frames.tolist(), rows.ids.tolist(), xywh_from_corners(rows.boxes).round(3).tolist(),
-        rows.scores.round(4).tolist(), rows.observed.tolist(), strict=True,
+        rows.scores.round(4).tolist(), rows.observed.tolist(), rows.detection.tolist(), strict=True,
     )  # fmt: skip
     content = {
         "info": {"description": video.name, "frame_rate": video.frame_rate},
@@ -39,8 +40,9 @@ def write_coco(path: Path, video: TrackedVideo) -> None:
         "annotations": [
             {"id": k, "image_id": frame + 1, "video_id": 1, "track_id": number,
              "category_id": kinds[video.kind[number]], "bbox": box, "area": round(box[2] * box[3], 3),
-             "iscrowd": 0, "segmentation": [], "score": score, "filled": not observed}
-            for k, (frame, number, box, score, observed) in enumerate(columns, start=1)
+             "iscrowd": 0, "segmentation": [], "score": score, "filled": not observed,
+             **({"detection": row} if row >= 0 else {})}
+            for k, (frame, number, box, score, observed, row) in enumerate(columns, start=1)
         ],
     }  # fmt: skip
     path.write_text(json.dumps(content) + "\n", encoding="utf-8")
@@ -67,7 +69,8 @@ def read_coco(path: Path) -> TrackedVideo:
             x, y, width, height = map(float, entry["bbox"])
             box = (x, y, x + width, y + height)
             observed = not entry.get("filled", False)
-            rows.append((frames[entry["image_id"]], number, box, float(entry.get("score", 1)), observed))
+            score, row = float(entry.get("score", 1)), int(entry.get("detection", -1))
+            rows.append((frames[entry["image_id"]], number, box, score, observed, row))
             classes[number] = int(entry["category_id"]), categories[entry["category_id"]]
         names = tuple(inside(images[k].get("file_name", "")) or "" for k in order)
         sizes = {(int(image["width"]), int(image["height"])) for image in images if image.get("width")}

@@ -1,7 +1,8 @@
 """CVAT for video 1.1: an XML file with a ``track`` for each object and a ``box`` for each key frame, counted from 0.
 
 A box holds on a straight line to the next one; one with ``outside="1"`` ends the track, or begins a gap. What is filled
-in is ``occluded``. Scores stand in the attribute ``score``, which CVAT leaves out unless the task has it.
+in is ``occluded``. Scores stand in the attribute ``score``, the row of the detection among those of the frame in
+``detection``; CVAT leaves out what the task does not have.
 """
 
 from __future__ import annotations
@@ -36,9 +37,11 @@ def write_cvat(path: Path, video: TrackedVideo) -> None:
     for kind in video.kinds:
         label = ElementTree.SubElement(labels, "label")
         _text(label, "name", kind)
-        attribute = ElementTree.SubElement(ElementTree.SubElement(label, "attributes"), "attribute")
-        for name, value in {"name": "score", "mutable": "True", "input_type": "text"}.items():
-            _text(attribute, name, value)
+        attributes = ElementTree.SubElement(label, "attributes")
+        for told in ("score", "detection"):
+            attribute = ElementTree.SubElement(attributes, "attribute")
+            for name, value in {"name": told, "mutable": "True", "input_type": "text"}.items():
+                _text(attribute, name, value)
     original = ElementTree.SubElement(task, "original_size")
     _text(original, "width", width)
     _text(original, "height", height)
@@ -68,6 +71,8 @@ def _write_box(parent: ElementTree.Element, track: Track, row: int, frame: int, 
     hidden = {"occluded": str(int(not track.observed[row])), "z_order": "0"}
     box = ElementTree.SubElement(parent, "box", state | hidden | corners)
     ElementTree.SubElement(box, "attribute", {"name": "score"}).text = f"{track.scores[row]:.4f}"
+    if track.detection[row] >= 0:
+        ElementTree.SubElement(box, "attribute", {"name": "detection"}).text = str(track.detection[row])
 
 
 def read_cvat(path: Path) -> TrackedVideo:
@@ -103,12 +108,13 @@ def _whole(root: ElementTree.Element, place: str) -> int:
     return min(int(text), LAST_FRAME) if text.isdecimal() and len(text) < 10 else 0
 
 
-def _rows(path: Path, track: ElementTree.Element) -> Iterator[tuple[int, int, Any, float, bool]]:
+def _rows(path: Path, track: ElementTree.Element) -> Iterator[tuple[Any, ...]]:
     try:
         number = int(track.attrib["id"])
         boxes = sorted(track.findall("box"), key=lambda box: int(box.attrib["frame"]))
         corners = np.array([[float(box.attrib[name]) for name in CORNERS] for box in boxes])
         scores = [float(box.findtext("attribute[@name='score']") or 1) for box in boxes]
+        sources = [int(box.findtext("attribute[@name='detection']") or -1) for box in boxes]
     except (KeyError, ValueError) as error:
         raise RequestError(
             f"{path}: expected id, frame, {', '.join(CORNERS)} of each box in numbers, got {error} in a track "
@@ -125,4 +131,5 @@ def _rows(path: Path, track: ElementTree.Element) -> Iterator[tuple[int, int, An
     every, values, key = between_keys(path, frames, corners)
     seen = (frames[key] == every) & ~hidden[key]
     for row in np.flatnonzero(~outside[key]).tolist():
-        yield int(every[row]), number, values[row], scores[key[row]], bool(seen[row])
+        source = sources[key[row]] if seen[row] else -1
+        yield int(every[row]), number, values[row], scores[key[row]], bool(seen[row]), source

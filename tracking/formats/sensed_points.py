@@ -13,7 +13,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import LARGEST_ID, finite_number, read_named_rows, whole_number
-from tsuiseki.tracking.types import FloatArray, IntArray, Track
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
 
@@ -38,6 +38,18 @@ def read_points(path: Path, length: int | None = None) -> list[FloatArray]:
     if length is not None and last > length:
         raise RequestError(f"{path}: expected frames up to {length}, got {last}; are these points of another video?")
     return [rows[frames == frame] for frame in range(last if length is None else length)]
+
+
+def write_points(path: Path, detections: Iterable[Detections]) -> None:
+    """Centres of the boxes of each frame, as `read_points` reads them."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["frame", "x", "y", "score"])
+        for frame, found in enumerate(detections, start=1):
+            centres = (found.boxes[:, :2] + found.boxes[:, 2:]) / 2
+            scores = np.nan_to_num(found.scores)
+            rows = zip(centres.tolist(), scores.tolist(), strict=True)
+            writer.writerows([frame, f"{x:.3f}", f"{y:.3f}", f"{score:.4f}"] for (x, y), score in rows)
 
 
 def read_point_tracks(path: Path) -> tuple[np.ndarray, np.ndarray, FloatArray]:

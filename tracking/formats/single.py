@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.box_places import compare_with_picture
@@ -259,6 +258,8 @@ def _paired(
 def _size(path: Path) -> tuple[int, int] | None:
     """Width and height of a picture; None where it is broken, which reading it tells."""
     try:
+        from PIL import Image  # Here, since few runs need it.
+
         with Image.open(path) as picture:
             return picture.size
     except OSError:

@@ -40,6 +40,7 @@ class TrackedBoxes(NamedTuple):
     boxes: FloatArray
     scores: FloatArray
     observed: BoolArray
+    detection: IntArray
 
 
 @dataclass(frozen=True)
@@ -74,15 +75,13 @@ class TrackedVideo:
     def boxes(self) -> TrackedBoxes:
         """All boxes."""
         if not self.tracks:
-            return TrackedBoxes(NONE, NONE, np.empty((0, 4)), np.empty(0), np.empty(0, np.bool_))
+            return TrackedBoxes(NONE, NONE, np.empty((0, 4)), np.empty(0), np.empty(0, np.bool_), NONE)
         frames = np.concatenate([track.frames for track in self.tracks])
         ids = np.concatenate([np.full(len(track), track.id) for track in self.tracks])
         order = np.lexsort([ids, frames])
-        boxes, scores, observed = (
-            np.concatenate([getattr(track, name) for track in self.tracks])[order]
-            for name in ("boxes", "scores", "observed")
-        )
-        return TrackedBoxes(frames[order], ids[order], boxes, scores, observed)
+        rest = ("boxes", "scores", "observed", "detection")
+        columns = (np.concatenate([getattr(track, name) for track in self.tracks])[order] for name in rest)
+        return TrackedBoxes(frames[order], ids[order], *columns)
 
     @property
     def pixels(self) -> tuple[int, int]:
@@ -120,7 +119,7 @@ class TrackedVideo:
         table, ends = self.table, np.zeros(1)
         names: tuple[str, ...] = ("centre",)
         if "x1" in table or not table:
-            frames, ids, _, scores, _ = self.boxes
+            frames, ids, _, scores, *_ = self.boxes
             middle = along = centres(self.boxes.boxes)
         elif {"a", "b"} <= table.keys():
             frames, ids, scores = (table[name] for name in ("frame", "id", "score"))
@@ -222,14 +221,14 @@ def between_keys(
 
 def tracks_of_rows(
     path: Path,
-    rows: Iterable[tuple[int, int, Sequence[float], float, bool]],
+    rows: Iterable[tuple[Any, ...]],
     classes: Mapping[int, tuple[int, str]],
 ) -> list[Track]:
     """Tracks of rows; ids from 0 become ids from 1.
 
     Args:
         path: of the file, for messages.
-        rows: 0-based frame, id, box, score, and whether it was observed.
+        rows: 0-based frame, id, box, score, whether it was observed, and where it is known the row of its detection.
         classes: by id, number and name; a negative number stands for the place among the names.
 
     Raises:
@@ -242,6 +241,7 @@ def tracks_of_rows(
         frames, ids = (np.array([row[k] for row in given], dtype=np.int64) for k in (0, 1))
         boxes = np.array([row[2] for row in given], dtype=np.float64).reshape(-1, 4)
         scores = np.array([row[3] for row in given], dtype=np.float64)
+        sources = np.array([row[5] if len(row) > 5 else -1 for row in given], dtype=np.int64)
     except (ValueError, TypeError, OverflowError) as error:
         raise RequestError(f"{path}: expected numbers of frames, ids and boxes: {error}") from error
     if frames.min() < 0 or frames.max() >= LAST_FRAME or ids.min() < 0:
@@ -268,7 +268,7 @@ def tracks_of_rows(
     for p in parts:
         kind, name = classes[int(ids[p[0]])]
         kind = names.index(name) if kind < 0 and name else kind
-        origin = np.column_stack([np.full(len(p), -1), np.full(len(p), kind)])
+        origin = np.column_stack([sources[p], np.full(len(p), kind)])
         number = int(ids[p[0]]) + shift
         found.append(Track(number, frames[p], boxes[p], scores[p], observed[p], origin, {kind: name} if name else {}))
     return found

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from PIL import Image
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import list_images
@@ -104,6 +103,8 @@ def _size(about: Mapping[str, Any]) -> Size:
 
 def _size_of(image: Path) -> Size:
     try:
+        from PIL import Image  # Here, since few runs need it.
+
         with Image.open(image) as opened:
             return opened.size
     except OSError as error:

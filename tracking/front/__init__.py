@@ -26,9 +26,13 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.answers.scene import Scene as Scene
     from tsuiseki.tracking.answers.scene import read_scene as read_scene
     from tsuiseki.tracking.answers.settings import CountSettings as CountSettings
+    from tsuiseki.tracking.batch.run import batch as batch
     from tsuiseki.tracking.bodies.run import follow_deformable as follow_deformable
     from tsuiseki.tracking.bodies.run import track_deformable as track_deformable
     from tsuiseki.tracking.bodies.settings import DeformableSettings as DeformableSettings
+    from tsuiseki.tracking.calibrate.checking import check_cameras as check_cameras
+    from tsuiseki.tracking.calibrate.people import PeopleCalibration as PeopleCalibration
+    from tsuiseki.tracking.calibrate.people import calibrate_people as calibrate_people
     from tsuiseki.tracking.drone.settings import DroneSettings as DroneSettings
     from tsuiseki.tracking.drone.tracking import track_drone as track_drone
     from tsuiseki.tracking.errors import RequestError as RequestError
@@ -114,7 +118,9 @@ def __getattr__(name: str) -> Any:
 
         value: Any = metadata.version("tsuiseki")
     elif name in _HOMES:
-        value = getattr(_imported(_HOMES[name]), name)
+        from tsuiseki.tracking.arguments import guarded
+
+        value = guarded(getattr(_imported(_HOMES[name]), name))
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value

@@ -108,6 +108,11 @@ class DelayedFlow:
         self._reported = asked + 1
         return self._answers[asked - self._answers[0].frame].targets(self.input.names)
 
+    @property
+    def finished_early(self) -> int:
+        """None beyond the others: all are."""
+        return 0
+
     def ended(self) -> DelayedFlow:
         """A copy for which the video ends here, so that asking changes nothing: all its frames are answered."""
         rest = copy(self)

@@ -12,11 +12,11 @@ from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.learnt_costs import CostChanges, ProjectsAppearance
 from tsuiseki.tracking.association.looks import Looks
 from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
+from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
-from tsuiseki.tracking.options import refuse_nan
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, refuse_heaps
 from tsuiseki.tracking.people.lifecycle import adjusted
@@ -95,7 +95,6 @@ class FlowTracker:
             fill=fill,
             smoothing=smoothing,
         )
-        refuse_nan(settings)
         if delay is not None or changes is not None:
             settings = settings.alike()
         self.settings = settings
@@ -114,6 +113,7 @@ class FlowTracker:
             self._flow = DelayedFlow(settings, given, window, round(delay * frame_rate))
         self._ended = self._flow
         self._given = self._used = 0
+        self._reported: list[Track] = []
         self.bad = BadBoxes()
 
     @property
@@ -166,6 +166,7 @@ class FlowTracker:
             "detections_rejected": self._given - self._used,
             "typical_speed": round(self._ended.input.evidence.speed(), 3),
             "clutter_tracks": self._ended.clutter,
+            "tracks_finished_early": self._ended.finished_early,
         }
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
@@ -196,6 +197,7 @@ class FlowTracker:
         self._ended = self._flow.ended()
         tracks = self._ended.tracks()
         self._used = sum(int(track.observed.sum()) for track in tracks)
+        self._reported = tracks
         return [self._in_frames(track) for track in tracks]
 
     def _in_frames(self, track: Track) -> Track:
@@ -206,6 +208,13 @@ class FlowTracker:
         found = replace(track, frames=looks.frames(track.frames))
         steps = np.diff(found.frames)[np.diff(track.frames) == 1]
         return fill_gaps(found, GapSettings(int(steps.max(initial=1)) - 1, np.inf, np.inf))
+
+    def network(self) -> SolvedNetwork | None:
+        """What the tracks were chosen from when they were last asked for; None where it is forgotten on the way."""
+        if not isinstance(self._ended, WholeFlow) or self._ended is self._flow or self._ended.finished_early:
+            return None
+        looks, network = self._flow.input.looks, self._ended.network(self._reported)
+        return network if looks.all else replace(network, frames=looks.frames(network.frames))
 
     def forget(self) -> None:
         """With a delay: drop what was answered from ``tracks()``; see `OnlineTracker`.

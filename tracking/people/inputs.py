@@ -119,23 +119,30 @@ class PeopleInputs:
         self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
     ) -> Iterator[tuple[Frame, Detections]]:
         """The frames themselves with who was found there; see `found`."""
-        times, last = times or StageTimes(), -1
-        images, check = self.source.frames() if frames is None else frames, self._box_check()
-        for frame, found in self._streamed(images, times):
+        times = times or StageTimes()
+        images = self.source.frames() if frames is None else frames
+        yield from self.in_order(self._streamed(images, times), times)
+
+    def in_order(
+        self, found: Iterable[tuple[Frame, Detections]], times: StageTimes
+    ) -> Iterator[tuple[Frame, Detections]]:
+        """What networks found in each frame, with what only the frames before tell: the ground, and the camera."""
+        last, check = -1, self._box_check()
+        for frame, here in found:
             if last < 0 and self.workers > 1:
                 # Trackers use it late; loaded while networks look at the next frames it takes no time.
                 Thread(target=_load_parts, name="tsuiseki-load").start()
             last = frame.index
             if check is not None and check.what == DETECTOR:
                 check.size = frame.image.shape[1], frame.image.shape[0]
-                check.add(found.boxes)
+                check.add(here.boxes)
             if self.ground is not None:
                 with times.measure("ground"):
-                    found = self.ground.weighed(found, frame.image.shape[0])
+                    here = self.ground.weighed(here, frame.image.shape[0])
             if self.camera is not None:
                 with times.measure("camera"):
-                    self._show_camera(frame.image, found.boxes)
-            yield frame, found
+                    self._show_camera(frame.image, here.boxes)
+            yield frame, here
         if check is not None:
             check.tell()
         self._check_all_used(last)
@@ -323,7 +330,7 @@ def people_detect(
     found = as_detector(detector, finding.threshold, threads, options, finding.device, classes=chosen)
     if wanted == (1, None) or not isinstance(found, Detector | ForeignDetector):
         return found
-    return ViewedDetector(found, wanted, frame_rate=source.frame_rate)
+    return ViewedDetector(found, wanted, frame_rate=source.frame_rate, sparing=True)
 
 
 def ground_of(detect: Detect | Sequence[Detections], wanted: Ground, source: Source) -> GroundPlane | None:

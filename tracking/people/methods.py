@@ -120,7 +120,12 @@ def straddles(detect: object) -> bool:
 
 
 def people_affinity(
-    method: str, affinity: str | Path | LearntCosts | None, threads: int = 0, *, known_scores: bool
+    method: str,
+    affinity: str | Path | LearntCosts | None,
+    threads: int = 0,
+    *,
+    known_scores: bool,
+    printed: bool = False,
 ) -> LearntCosts | None:
     """Learnt link costs, where the method uses them.
 
@@ -130,6 +135,7 @@ def people_affinity(
             they know the scores.
         threads: CPU threads of the network.
         known_scores: the detections come from a detector of this toolkit, whose scores the shipped costs take.
+        printed: those of the thesis's flow, see `PrintedFlow`.
 
     Raises:
         RequestError: another method; or they ask for actions, which nothing recognises here.
@@ -138,6 +144,8 @@ def people_affinity(
         if affinity is not None:
             raise RequestError(f"expected `affinity` with the method flow only, which alone uses it, got {method}")
         return None
+    if affinity is None and printed:
+        affinity = shipped("affinity_printed_people")
     if affinity is None:
         affinity = shipped("affinity_people") if known_scores else NONE
     if isinstance(affinity, str | Path):
@@ -146,9 +154,10 @@ def people_affinity(
         learnt_on_tracks = kind_of(affinity) == "association"
         affinity = CostNetwork(affinity, threads) if learnt_on_tracks else Affinity(affinity, threads)
     if "action" in affinity.card.class_names:
-        remedy = "use track drone" if isinstance(affinity, CostNetwork) else "fit them without actions"
+        preset = "" if isinstance(affinity, CostNetwork) else " --preset printed"
         raise RequestError(
-            f"expected `affinity` without actions, which nothing recognises here, got costs that ask for them; {remedy}"
+            f"expected `affinity` without actions, which nothing recognises here, got costs that ask for them; use "
+            f"track drone{preset}"
         )
     return affinity
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.people.hidden_places import Wanted
+    from tsuiseki.tracking.people.hiding import Hiding
+    from tsuiseki.tracking.people.tracking import OpenedPeople
     from tsuiseki.tracking.result import Result
-    from tsuiseki.tracking.types import Frame, Track
+    from tsuiseki.tracking.types import Detections, Track
     from tsuiseki.tracking.video.source import Source
 
 
@@ -25,45 +26,72 @@ def people(
     """Track the people in a video: each gets a number that stays.
 
     Without further options the people are found, described and linked by the models that ship with the toolkit.
-    DIR gets tracks.txt (MOTChallenge text), report.html, run.json and, with --overlay, overlay.webm.
+    DIR gets tracks.txt (MOTChallenge text), report.html with its plots and numbers in report/, run.json, with --method
+    flow flow.npz (what tsuiseki review asks about) and, with --overlay, overlay.webm.
 
     Args:
         seed: of random numbers; kept in run.json, for the methods here draw none.
-        hide: in the overlay hide people, heads, or all-but the tracks with these ids, such as all-but 3,5; see
-            tsuiseki hide.
+        hide: in the overlay and in the pictures of the report hide people, heads, or all-but the tracks with these
+            ids, such as all-but 3,5; see tsuiseki hide.
     """
+    return track(video, output, finding, linking, hide)
+
+
+def track(
+    video: Video,
+    output: SeededOutput,
+    finding: PeopleFinding,
+    linking: Linking,
+    hide: str | None = None,
+    look: Callable[[Run, OpenedPeople], Iterator[tuple[int, Detections]]] | None = None,
+) -> int:
+    """`people`, with detections that may come from elsewhere: ``look`` gives each frame's number and what is there."""
+    from tsuiseki.tracking.answers.page import counted, with_page
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.cli.run import count, frames_expected
+    from tsuiseki.tracking.formats.mot import detection_lines
     from tsuiseki.tracking.people.hidden_places import Wanted
-    from tsuiseki.tracking.people.page import counted
     from tsuiseki.tracking.people.tracking import open_people, people_result
 
     wanted = None if hide is None else Wanted.parse(hide)
-    if wanted is not None and not video.overlay:
-        raise RequestError("expected `hide` with `overlay`, got it without a picture to hide people in")
-    source = video.open(timed=True)
+    source = video.open(images=wanted is not None, timed=True)
     opened = open_people(source, finding, linking, output.seed)
     with output.run() as run:
         tell_models(run, opened.inputs.detect, opened.inputs.describe)
-        found = opened.inputs.found(run.frames(source, record=video.overlay), run.times)
-        steps = run.steps(found, total=frames_expected(source))
-        result, lines = people_result(opened, steps, run.times, {"method": linking.method, "source": video.source})
+        if look is None:
+            found = opened.inputs.found(run.frames(source, record=video.overlay or wanted is not None), run.times)
+        else:
+            found = look(run, opened)
+        kept = run.kept("detections.txt", found, None if finding.detections else detection_lines)
+        steps = run.steps(kept, total=frames_expected(source))
+        settings = {"method": linking.method, "source": video.source, "hide": hide}
+        result, lines = people_result(opened, steps, run.times, settings)
         for line in lines:
             print(line)
         tell_blank(opened.inputs.detect)
-        frames = None if wanted is None else partial(_hidden, run, source, result, wanted, finding)
-        run.save(result, lambda: video.draw(run, source, result, frames=frames))
-        run.done(f"{counted(result)} in {count(run.count, 'frame', 'frames')}: {output.out / 'tracks.txt'}")
+        hiding = None if wanted is None else _hiding(run, source, result, wanted, finding)
+        again = None if hiding is None else lambda: hiding.hidden(run.replay(source))
+        run.save(
+            with_page(result, hide=hiding and hiding.hidden),
+            lambda: video.draw(run, source, result, frames=again) if wanted is None or hiding else None,
+        )
+        run.done(f"{counted(result.tracks)} in {count(run.count, 'frame', 'frames')}: {output.out / 'tracks.txt'}")
     return run.status
 
 
-def _hidden(run: Run, source: Source, result: Result[Track], wanted: Wanted, finding: PeopleFinding) -> Iterator[Frame]:
-    """The finished frames with people hidden; the places in doubt are listed in ``doubtful.csv``."""
-    from tsuiseki.tracking.people.hiding import SENSITIVE, look_again
+def _hiding(run: Run, source: Source, result: Result[Track], wanted: Wanted, finding: PeopleFinding) -> Hiding | None:
+    """What to hide, whose places in doubt are listed in ``doubtful.csv``; None where that was not finished."""
+    from tsuiseki.tracking.people.hiding import SENSITIVE, Hiding, look_again
 
-    score = min(finding.threshold, SENSITIVE)
+    score, found = min(finding.threshold, SENSITIVE), list[Hiding]()
     second = replace(finding, detections=None, classes=None, score_range=None, score_threshold=score)
-    hiding = look_again(source, run.replay(source), list(result), wanted, second)
-    run.write("doubtful.csv", hiding.write_doubts)
-    print(hiding.summary(run.output.out / "doubtful.csv"))
-    yield from hiding.hidden(run.replay(source))
+
+    def write(path: Path) -> None:
+        hiding = look_again(source, run.replay(source), list(result), wanted, second)
+        hiding.write_doubts(path)
+        found.append(hiding)
+
+    run.draw("doubtful.csv", write)
+    for hiding in found:
+        print(hiding.summary(run.output.out / "doubtful.csv"))
+    return found[0] if found else None

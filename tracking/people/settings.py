@@ -140,6 +140,9 @@ class PeopleFinding(FindingOptions):
         return None if self.classes is None else ClassChoice(self.classes, self.across_classes)
 
 
+PeoplePreset = Literal["default", "printed"]
+
+
 @dataclass(frozen=True)
 class MethodSettings(Shared):
     """The settings of every method.
@@ -169,6 +172,8 @@ class Linking(MethodSettings):
             end, or with --delay a fixed time after each frame.
         affinity: exported link costs for flow; by default the shipped affinity_people.onnx after a detector, and
             hand-set costs after --detections, whose scores it does not know; none takes hand-set costs always.
+        preset: printed makes of flow the thesis's MCF as printed, by the overlap and appearance of pairs; for
+            comparison. Its costs come from train affinity --features thesis.
         moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
             the flow sees in them where the camera stands still, and takes the motion of the boxes elsewhere.
         delay: seconds after which --method flow decides on a frame for good, such as 1.0, with memory that does not
@@ -177,8 +182,17 @@ class Linking(MethodSettings):
 
     method: PeopleMethod = "flow"
     affinity: Path | None = None
+    preset: PeoplePreset = "default"
     moving_camera: bool = False
     delay: float | None = None
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        super().check()
+        if self.preset not in get_args(PeoplePreset):
+            raise RequestError(f"expected the preset {' or '.join(get_args(PeoplePreset))}, got {self.preset!r}")
+        if self.preset == "printed" and (self.method != "flow" or self.delay is not None):
+            raise RequestError("expected the preset printed with the method flow and without a `delay`")
 
 
 def check_score_range(score_range: tuple[float, float] | None) -> None:

@@ -17,7 +17,9 @@ from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
+from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.association.looks import stride_of
+from tsuiseki.tracking.association.solved_network import NETWORK_FILE
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.cli.run import frames_expected
 from tsuiseki.tracking.devices import Device
@@ -50,11 +52,12 @@ from tsuiseki.tracking.people.methods import (
     people_tracker,
     straddles,
 )
+from tsuiseki.tracking.people.printed_flow import PrintedFlow
 from tsuiseki.tracking.people.score_choice import above_floor, score_choice
-from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod
+from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod, PeoplePreset
 from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers, skipped
 from tsuiseki.tracking.people.unused import FirstDetections
-from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.types.class_choice import called
@@ -93,6 +96,7 @@ class PeopleKeywords(TypedDict, total=False):
         seed: of the tracker's random numbers.
         delay: seconds after which ``flow`` decides on a frame for good; by default it decides at the end. With
             `follow_people` each frame comes so much later.
+        preset: ``printed`` makes of ``flow`` the MCF that the thesis prints, see `PrintedFlow`.
         ground: ``auto`` lowers the scores of a network's boxes that are not as high as people on one ground are in
             their row, see `GroundPlane`; ``off`` leaves them as they are, like those of ``detections`` and functions.
         classes: track these, numbers or names, such as ``["person", "car"]``; by default people, and all that
@@ -115,6 +119,7 @@ class PeopleKeywords(TypedDict, total=False):
     device: Device
     seed: int
     delay: float | None
+    preset: PeoplePreset
     ground: Ground
     classes: Sequence[int | str] | None
     across_classes: bool
@@ -243,7 +248,8 @@ def open_people(
     if isinstance(linking.method, str):
         # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
         known = knows_scores(detect)
-        learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=known)
+        printed = linking.preset == "printed"
+        learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=known, printed=printed)
         fresh = partial(_fresh_tracker, inputs, linking, learnt, seed)
     else:
         fresh = partial(_own_tracker, inputs, linking, apart)
@@ -265,6 +271,11 @@ def _own_tracker(inputs: PeopleInputs, linking: Linking, copied: bool) -> People
 
 def _fresh_tracker(inputs: PeopleInputs, linking: Linking, learnt: LearntCosts | None, seed: int) -> PeopleTracker:
     """A tracker by the method's name, for the detections of ``inputs``."""
+    if linking.preset == "printed":
+        if not isinstance(learnt, Affinity):
+            raise RequestError("expected costs of pairs with the preset printed: `affinity` of train affinity")
+        flow = PrintedFlow(learnt)
+        return MotionCompensated(flow, inputs.camera) if isinstance(inputs.camera, CameraPath) else flow
     scores, drop = cost_of_scores(inputs.detect), straddles(inputs.detect)
     stride = 1.0 if inputs.looked is None else stride_of(inputs.looked)
     return people_tracker(
@@ -283,10 +294,12 @@ def _opened(
     moving_camera: bool = False,
     seed: int = 0,
     delay: float | None = None,
+    preset: PeoplePreset = "default",
     **finding: Any,
 ) -> OpenedPeople:
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
-    linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay)
+    linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay, preset=preset)
+    linking.check()
     Seed(seed).check()
     video = open_source(source, parse_frames(frames), frame_rate)
     known = [one.name for one in fields(PeopleFinding)]
@@ -308,7 +321,7 @@ def people_result(
         times: of the run.
         settings: of the run; those named ``method`` and ``source`` are shown on its page.
     """
-    from tsuiseki.tracking.people.page import people_page
+    from tsuiseki.tracking.answers.page import with_page
     from tsuiseki.tracking.report.overlay import Overlay
 
     video, name = opened.inputs.source, settings["method"]
@@ -329,11 +342,25 @@ def people_result(
         frames=log.columns(tracks),
         files={
             "tracks.txt": lambda path, _: write_tracks(path, tracks),
-            "report.html": lambda path, folder: path.write_text(people_page(result, folder), encoding="utf-8"),
+            **network_files(opened.tracker, log.frames[0] if log.frames else 0),
         },
         painter=Overlay(tracks, video.frame_rate).draw,
     )
-    return result, [*lines, *unused]
+    return with_page(result), [*lines, *unused]
+
+
+def network_files(tracker: object, first: int) -> dict[str, Writer]:
+    """The network of a flow that was solved whole, as a file of the result, so that the tracks can be corrected.
+
+    Args:
+        tracker: that was asked for its tracks.
+        first: number of its first frame.
+    """
+    network = tracker.network() if isinstance(tracker, FlowTracker) else None
+    if network is None:
+        return {}
+    moved = replace(network, frames=network.frames + first)
+    return {NETWORK_FILE: lambda path, _: moved.write(path)}
 
 
 def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any], list[str]]:

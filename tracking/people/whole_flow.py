@@ -1,10 +1,15 @@
 """The flow over a whole video: tracks come at its end, though most of it is solved while it comes.
 
 They are reported with gaps filled and boxes smoothed, in pixels of their own frames (`reported`).
+
+Of a video of many hours, tracks that nothing to come can reach are finished every `RELEASE` seconds, and their
+detections are let go of. Which detections follow each other is decided as without that. Only what the whole video says
+of scores, places and smoothing is by then what all of it up to there has said.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -15,9 +20,20 @@ from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.sliding_flow import Decision
 from tsuiseki.tracking.association.smoothing import GapSettings, SmoothingSettings, fill_gaps, smooth
-from tsuiseki.tracking.association.tracklets import Chained, Tracklets, join, straddling_tracks
+from tsuiseki.tracking.association.solved_network import NetworkRecord, SolvedNetwork
+from tsuiseki.tracking.association.tracklets import (
+    APPEARANCE_WINDOW,
+    JOIN_WINDOW,
+    Chained,
+    Tracklets,
+    join,
+    straddling_tracks,
+)
 from tsuiseki.tracking.people.flow_input import SETTLE, FlowInput, FlowSettings, solve_window
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
+
+# Seconds from one time that finished tracks are let go of to the next; the first is when as many more have come.
+RELEASE = 3600.0
 
 
 class WholeFlow:
@@ -38,11 +54,20 @@ class WholeFlow:
         self.clutter = 0
         self.actions: list[FloatArray | None] = []
         self._tracklets = Tracklets()
+        self._record = NetworkRecord()
+        self._joins: list[tuple[IntArray, IntArray, FloatArray]] = []
         self._frame = 0
         self._waiting: list[Detections] = []
         self._every = DetectionTable.empty(given.frame_rate, given.size)
         self._parts: list[DetectionTable] = []
         self._scores, self._origin = np.empty(0), np.empty((0, 2), dtype=np.int64)
+        self._released: list[tuple[int, Track]] = []
+        self._release_at = round(2 * RELEASE * given.frame_rate)
+
+    @property
+    def finished_early(self) -> int:
+        """Tracks that were finished before the end; see the head of this file."""
+        return len(self._released)
 
     def update(self, found: Detections) -> None:
         """Take the next frame."""
@@ -58,7 +83,8 @@ class WholeFlow:
         """A copy for which the video ends here, so that asking changes nothing."""
         other = copy(self)
         other.input, other.window, other._tracklets = self.input.copy(), self.window.copy(), self._tracklets.copy()
-        other._parts, other.actions = [*self._parts], []
+        other._parts, other.actions, other._released = [*self._parts], [], [*self._released]
+        other._record, other._joins = self._record.copy(), []
         return other
 
     def tracks(self) -> list[Track]:
@@ -67,26 +93,85 @@ class WholeFlow:
         window, tracklets = self.window, self._tracklets
         solve_window(window, self.input, self._scores[window.table.numbers])
         rest = window.remainder()
+        self._record.add(rest, window.undecided(), window.solved())
         tracklets.add(self._chained(rest, window.table))
         every = self._table()
-        labels = tracklets.labels(len(every))
-        if len(every):
-            appearance = tracklets.appearance()
-            link, places = window.costs.link, None
-            if window.costs.places is not None:
-                places = window.place_costs(every.image)
-            labels = join(every, labels, appearance, link, window.changes, None, places)
-        return self._finished(every, labels)
+        found = self._finished(every, self._joined(every))
+        if not self._released:
+            return found
+        whole = sorted([*self._released, *zip(self._firsts, found, strict=True)], key=lambda pair: pair[0])
+        return [replace(track, id=number) for number, (_, track) in enumerate(whole, 1)]
+
+    def _joined(self, every: DetectionTable) -> IntArray:
+        """``(N,)`` track of each row, tracklets joined; -1 for none."""
+        labels = self._tracklets.labels(len(self._scores))[every.numbers]
+        if not len(every):
+            return labels
+        window, appearance, places = self.window, self._tracklets.appearance(), None
+        if window.costs.places is not None:
+            places = window.place_costs(every.image)
+        if self._released:
+            # Those of tracklets that were let go of do not count.
+            kept, compact = np.unique(labels[labels >= 0], return_inverse=True)
+            appearance = None if appearance is None else appearance[kept]
+            labels[labels >= 0] = compact
+        return join(every, labels, appearance, window.costs.link, window.changes, None, places, self._joins)
+
+    def _release(self) -> None:
+        """Finish the tracks that nothing to come can reach, and let go of their detections."""
+        every, rate = self._table(), self.input.frame_rate
+        joined, undecided = self._joined(every), np.isin(every.numbers, self.window.table.numbers)
+        frontier = int(every.frames[undecided].min(initial=self._frame))
+        reach = round(max(JOIN_WINDOW, APPEARANCE_WINDOW, self.settings.fill) * rate)
+        # By the track, and at last for detections of none: the last frame that it has.
+        last = np.full(int(joined.max(initial=-1)) + 2, -1)
+        np.maximum.at(last, joined, np.where(undecided, self._frame, every.frames))
+        closed = np.where(joined >= 0, last[joined], every.frames) < frontier - reach
+        self._tracklets.merge(every.numbers[~closed], joined[~closed])
+        done = self._finished(every.select(closed), joined[closed])
+        self._released += zip(self._firsts, done, strict=True)
+        self._every = every.select(~closed)
+        # Nobody corrects so long a result by its network.
+        self._record, self._joins = NetworkRecord(), []
+        self.input.camera.forget(int(self._every.frames.min(initial=frontier)))
+        self._release_at = self._frame + round(RELEASE * rate)
 
     def _decide(self) -> None:
         """Solve the window and let go of what is decided."""
         self._absorb()
         window, settings = self.window, self.settings
         solve_window(window, self.input, self._scores[window.table.numbers])
-        table = window.table
+        table, numbers, solved = window.table, window.undecided(), window.solved()
         margin = round((settings.costs.rounds.window + SETTLE) * self.input.frame_rate)
         decision = window.decide(self._frame - 1, self._frame - margin)
+        self._record.add(decision, numbers, solved)
         self._tracklets.add(self._chained(decision, table))
+        if self._frame >= self._release_at and table.actions is None and self.input.looks.even:
+            self._release()
+
+    def network(self, tracks: Sequence[Track]) -> SolvedNetwork:
+        """What the tracks were chosen from, once they were asked for.
+
+        Args:
+            tracks: those that are reported, in the frames of the detections.
+        """
+        every, rate = self._table(), self.input.frame_rate
+        row = {
+            key: track.id
+            for track in tracks
+            for key in zip(track.frames[track.observed].tolist(), track.detection[track.observed].tolist(), strict=True)
+        }
+        keys = zip(every.frames.tolist(), self._origin[:, 0].tolist(), strict=True)
+        return SolvedNetwork(
+            every.frames,
+            every.image,
+            self._scores,
+            self._origin,
+            self._record.graph(len(every), self._joins),
+            np.array([row.get(key, 0) for key in keys], dtype=np.int64),
+            max(min(self.settings.fewest(rate), self._frame), 1),
+            round(self.settings.fill * rate),
+        )
 
     def _absorb(self) -> None:
         """Take in the waiting frames."""
@@ -119,6 +204,7 @@ class WholeFlow:
         longest = round(settings.fill * rate)
         tracks: list[Track] = []
         images: list[FloatArray] = []
+        self._firsts: list[int] = []
         # A video of fast targets bears nothing out, so its own calibration judges no track.
         least = settings.least_logit(self.input.observation)
         logit = self.input.logits(self._scores[every.numbers])
@@ -128,11 +214,12 @@ class WholeFlow:
                 self.clutter += 1
                 continue
             frames, boxes, scores = every.frames[piece], every.boxes[piece], np.nan_to_num(self._scores[piece])
-            origin, names = self._origin[piece], self.input.names
+            origin, names = self._origin[every.numbers[piece]], self.input.names
             track = Track(len(tracks) + 1, frames, boxes, scores, origin=origin, names=names)
             self.actions.append(None if every.actions is None else every.actions[piece])
             tracks.append(track)
             images.append(every.image[piece])
+            self._firsts.append(int(every.numbers[piece[0]]))
         if self.input.observation is None:
             tracks, images = self._without(standing_clutter(tracks, images, rate), tracks, images)
         smoothing = self.input.smoothing(tracks) if settings.smoothing else None
@@ -146,6 +233,7 @@ class WholeFlow:
         kept = np.delete(np.arange(len(tracks)), dropped).tolist()
         self.clutter += len(dropped)
         self.actions = [self.actions[n] for n in kept]
+        self._firsts = [self._firsts[n] for n in kept]
         return [replace(tracks[n], id=number) for number, n in enumerate(kept, 1)], [images[n] for n in kept]
 
     def _without_straddling(self, tracks: list[Track]) -> list[Track]:

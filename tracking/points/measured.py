@@ -9,15 +9,20 @@ from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.cli.options import SeededOutput
-from tsuiseki.tracking.cli.run import count
+from tsuiseki.tracking.cli.progress import progress
+from tsuiseki.tracking.cli.run import count, frames_expected
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_model, sensing_model, write_sensed_tracks
+from tsuiseki.tracking.people.detect import network_detections
+from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.points.observed import positions_of, region_of
+from tsuiseki.tracking.points.run import extent_of
 from tsuiseki.tracking.points.settings import Lag, SetMethod
 from tsuiseki.tracking.points.tracker import MeasurementTracker
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
+from tsuiseki.tracking.video.source import open_source
 
 
 def track_measurements(
@@ -133,6 +138,21 @@ def sensed_result(
     )
 
 
+def detected_scans(video: Path, model: SensingModel, detector: Path) -> tuple[SensingModel, list[Scan]]:
+    """The centres of what a network detects in each frame of a video, in pixels; the picture is the model's region.
+
+    Raises:
+        RequestError: the sensor measures no x and y; or the video or the network cannot be used.
+    """
+    if tuple(model.sensor.columns) != ("x", "y"):
+        raise RequestError(f"expected a sensor of x,y with `detector`, got one of {','.join(model.sensor.columns)}")
+    source = open_source(str(video))
+    found = network_detections(source, FindingOptions(detector=detector))
+    seen = progress(found, "detecting", frames_expected(source))
+    scans = [Scan(n / source.frame_rate, (here.boxes[:, :2] + here.boxes[:, 2:]) / 2) for n, here in seen]
+    return model if model.region else replace(model, region=tuple((0.0, side) for side in extent_of(source))), scans
+
+
 def points(
     file: Path,
     /,
@@ -143,6 +163,7 @@ def points(
     period: float = 1.0,
     shortest: int = 3,
     lag: Lag = 0,
+    detector: Path | None = None,
 ) -> int:
     """Track an unknown number of targets from a sensor's measurements, such as a radar's or a lidar's.
 
@@ -159,12 +180,17 @@ def points(
         shortest: tracks of fewer scans are left out.
         lag: 1 judges each scan with the next one, too, which places targets better and ends them in time (labelled
             only).
+        detector: network whose boxes in the video FILE are measured, by their centres in pixels; ONNX, or the name of a
+            shipped or downloaded one.
         seed: of the particles.
     """
     if not period > 0 or shortest < 1:
         raise RequestError(f"expected a `period` above 0 and `shortest` from 1, got {period:g} and {shortest}")
     chosen = read_sensing_model(model)
-    scans = read_scans(file, chosen.sensor.columns, period)
+    if detector is None:
+        scans = read_scans(file, chosen.sensor.columns, period)
+    else:
+        chosen, scans = detected_scans(file, chosen, detector)
     tracker = MeasurementTracker(with_region(chosen, scans), method, particles, output.seed, lag)
     with output.run() as run:
         steps = run.steps(scans, total=len(scans))

@@ -306,7 +306,7 @@ def region_of(scans: Sequence[Scan]) -> tuple[tuple[float, float], ...]:
     Raises:
         RequestError: they do not spread along every axis.
     """
-    every = np.concatenate([scan.measurements for scan in scans])
+    every = np.concatenate([scan.measurements for scan in scans]) if scans else np.empty(0)
     if len(every) == 0:
         raise RequestError("expected at least one measurement, got none")
     low, high = every.min(axis=0), every.max(axis=0)

@@ -9,14 +9,17 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import count, frames_expected
-from tsuiseki.tracking.errors import RequestError, an_instance
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box, parse_colour
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.sensed_points import is_point_file, read_points, write_point_tracks
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.people.detect import network_detections
 from tsuiseki.tracking.people.inputs import given_detections
+from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.points.observed import points_as_boxes
 from tsuiseki.tracking.points.settings import (
@@ -150,7 +153,7 @@ def _prepared(
     source: SourceLike, colour: ColourLike, settings: BlobSettings | None, frames: str | None, seed: int
 ) -> tuple[Source, BlobTracker | SingleBlobTracker]:
     opened = Video.given(source, frames).open(images=True)
-    settings = an_instance(settings or BlobSettings(), BlobSettings, "settings")
+    settings = settings or BlobSettings()
     return opened, colour_tracker(chosen_colour(opened, colour), settings, seed)
 
 
@@ -203,6 +206,7 @@ def blob_result(
         times: of the run.
         settings: of the run.
     """
+    from tsuiseki.tracking.answers.page import with_page
     from tsuiseki.tracking.report.overlay import Overlay
 
     update: Callable[[Any], object] = tracker.update
@@ -226,7 +230,8 @@ def blob_result(
     known: dict[str, Any] = {"settings": settings, "seconds": times.seconds, "frames": columns, "files": files}
     if source is None:
         return Result(tracks, **known)
-    return Result.of(source, tracks, **known, painter=Overlay(tracks, source.frame_rate).draw)
+    result: Result[Track] = Result.of(source, tracks, **known, painter=Overlay(tracks, source.frame_rate).draw)
+    return with_page(result, nouns=("object", "objects"), settings=CountSettings(anchor="centre"))
 
 
 def said_of_counts(counts: Sequence[float] | None, preset: BlobPreset) -> list[str]:
@@ -251,7 +256,7 @@ def opened_blobs(choice: BlobChoice, source: Source, seed: int) -> tuple[AnyBlob
     if not (0 < choice.size[0] <= max(width, SIZE[0]) and 0 < choice.size[1] <= max(height, SIZE[1])):
         shown = f"{choice.size[0]:g},{choice.size[1]:g}"
         raise RequestError(f"`size`: expected at most the {width:g}x{height:g} pixels of a frame, got {shown}")
-    if choice.detections is not None:
+    if choice.detections is not None or choice.detector is not None:
         points = PointSettings(
             method=choice.method,
             particles=choice.particles,
@@ -259,8 +264,10 @@ def opened_blobs(choice: BlobChoice, source: Source, seed: int) -> tuple[AnyBlob
             clutter=choice.clutter,
             box=choice.size,
         )
-        measured = read_measurements(source, choice.detections, choice.size, choice.score_range)
-        return PointTracker(points, extent, seed), measured
+        tracker = PointTracker(points, extent, seed)
+        if choice.detections is None:
+            return tracker, None
+        return tracker, read_measurements(source, choice.detections, choice.size, choice.score_range)
     settings = BlobSettings(
         preset=choice.preset,
         particles=choice.particles,
@@ -279,8 +286,8 @@ def opened_blobs(choice: BlobChoice, source: Source, seed: int) -> tuple[AnyBlob
 def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
     """Track every object of a colour, or every measured point or box, each with an id.
 
-    Give one of --colour, --colour-box and --detections. DIR gets tracks.txt (MOTChallenge text), points.csv, run.json
-    and, with --overlay, overlay.webm.
+    Give one of --colour, --colour-box, --detections and --detector. DIR gets tracks.txt (MOTChallenge text),
+    points.csv, report.html with its plots and numbers in report/, run.json and, with --overlay, overlay.webm.
 
     Args:
         seed: of the particles.
@@ -289,6 +296,9 @@ def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
     tracker, measured = opened_blobs(choice, source, output.seed)
     with output.run() as run:
         seen: Iterable[Any] = run.frames(source, record=video.overlay) if measured is None else measured
+        if choice.detector is not None:
+            found = network_detections(source, FindingOptions(detector=choice.detector), seen)
+            seen = (here for _, here in found)
         steps = run.steps(seen, total=frames_expected(source) if measured is None else len(measured))
         result = blob_result(source, tracker, steps, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))

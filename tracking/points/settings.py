@@ -134,6 +134,7 @@ class BlobChoice(Shared):
             degrees.
         colour_box: X,Y,W,H in 0-based pixels of an object in the first frame, whose colour is taken.
         detections: measurements: MOTChallenge boxes (det.txt), or points as CSV with the columns frame,x,y.
+        detector: network whose boxes are measurements, as ONNX or the name of a shipped or downloaded one.
         preset: for colours: calibrated follows any number; paper uses the likelihood as printed, whose expected count
             means nothing; single follows one.
         method: for measurements: labelled multi-Bernoulli filter, or phd.
@@ -150,6 +151,7 @@ class BlobChoice(Shared):
     colour: str | None = None
     colour_box: tuple[float, float, float, float] | None = None
     detections: Path | None = None
+    detector: Path | None = None
     preset: BlobPreset = "calibrated"
     method: SetMethod = "labelled"
     particles: int = 500
@@ -162,8 +164,9 @@ class BlobChoice(Shared):
 
     def check(self) -> None:
         """See `Shared.check`."""
-        if sum(choice is not None for choice in (self.colour, self.colour_box, self.detections)) != 1:
-            raise RequestError("expected one of `colour`, `colour_box` and `detections`")
+        choices = self.colour, self.colour_box, self.detections, self.detector
+        if sum(choice is not None for choice in choices) != 1:
+            raise RequestError("expected one of `colour`, `colour_box`, `detections` and `detector`")
         if self.colour_box is not None and min(self.colour_box[2:]) <= 0:
             raise RequestError(f"`colour_box`: expected X,Y,W,H with a width and height above 0, got {self.colour_box}")
         check_score_range(self.score_range)

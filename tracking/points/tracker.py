@@ -7,13 +7,14 @@ A `BlobTracker` filters the image itself with particles (finite-sets paper, sect
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Generic
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError, an_instance
+from tsuiseki.tracking.association.assignment import assign
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourImage, ColourRange, region_contrast
 from tsuiseki.tracking.filters.base import ObservationIn, SetInfo, TargetEstimates, bootstrap
 from tsuiseki.tracking.filters.finite_sets.clusters import PhdState
@@ -36,6 +37,7 @@ from tsuiseki.tracking.filters.finite_sets.region_phd import RegionInfo
 from tsuiseki.tracking.filters.motion.points import SteppingBox
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.resampling import weighted_mean
+from tsuiseki.tracking.geometry import centres as box_centres
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.points.observed import ObservedBoxes, ObservedColours, ObservedScans, PointObservations
 from tsuiseki.tracking.points.settings import (
@@ -95,7 +97,8 @@ class EstimatedTracks:
         # In how many frames each label without an id was, in the order in which they first appeared.
         self._counts: dict[int, int] = {}
         self._ids: dict[int, int] = {}
-        self._rows: list[tuple[IntArray, IntArray, FloatArray, FloatArray, BoolArray]] = []
+        self._names: dict[int, str] = {}
+        self._rows: list[tuple[IntArray, IntArray, FloatArray, FloatArray, BoolArray, IntArray]] = []
 
     def add(
         self,
@@ -104,6 +107,8 @@ class EstimatedTracks:
         scores: FloatArray,
         observed: BoolArray | None = None,
         trusted: BoolArray | None = None,
+        origin: IntArray | None = None,
+        names: Mapping[int, str] | None = None,
     ) -> Targets:
         """Take the next frame; the targets of it that have an id.
 
@@ -113,14 +118,19 @@ class EstimatedTracks:
             scores: ``(N,)``.
             observed: ``(N,)`` False where nothing in the frame supports the box; by default all are supported.
             trusted: ``(N,)`` False where a label is to get no id yet; by default all may.
+            origin: ``(N, 2)`` row and class of the detection of each; -1, by default, where none is known.
+            names: of the classes.
         """
+        origin = np.full((len(labels), 2), -1) if origin is None else origin
+        self._names |= names or {}
         supported = np.ones(len(labels), dtype=np.bool_) if observed is None else observed
-        self._rows.append((np.full(len(labels), self.frames), labels, boxes, scores, supported))
+        self._rows.append((np.full(len(labels), self.frames), labels, boxes, scores, supported, origin))
         self.frames += 1
         self._number(labels.tolist(), (labels if trusted is None else labels[trusted]).tolist())
         ids = np.array([self._ids.get(label, 0) for label in labels.tolist()], dtype=np.int64)
         status = np.where(supported, "tracking", "searching")
-        return Targets(self.frames - 1, ids, boxes, np.where(supported, scores, 0.0), status).select(ids > 0)
+        scores = np.where(supported, scores, 0.0)
+        return Targets(self.frames - 1, ids, boxes, scores, status, origin, self._names).select(ids > 0)
 
     def _number(self, labels: list[int], trusted: list[int]) -> None:
         """Give ids to the trusted ones of ``labels`` that were now in enough frames."""
@@ -140,12 +150,16 @@ class EstimatedTracks:
         """The tracks so far, by id."""
         if not self._rows:
             return []
-        frames, labels, boxes, scores, observed = (np.concatenate(part) for part in zip(*self._rows, strict=True))
+        columns = (np.concatenate(part) for part in zip(*self._rows, strict=True))
+        frames, labels, boxes, scores, observed, origin = columns
         order = np.argsort(labels, kind="stable")
         parts = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
         rows = {int(labels[part[0]]): part for part in parts if len(part)}
         named = [(number, rows[label]) for label, number in self._ids.items() if label in rows]
-        return [Track(number, frames[row], boxes[row], scores[row], observed[row]) for number, row in named]
+        return [
+            Track(number, frames[row], boxes[row], scores[row], observed[row], origin[row], self._names)
+            for number, row in named
+        ]
 
 
 class PointTracker(FiniteSetTracker[Any]):
@@ -161,19 +175,25 @@ class PointTracker(FiniteSetTracker[Any]):
         sides = np.asarray(extent)
         if sides.shape != (2,) or sides.dtype.kind not in "iuf" or not ((sides > 0) & np.isfinite(sides)).all():
             raise RequestError(f"`extent`: expected width and height of the image in pixels, got {extent}")
-        super().__init__(ObservedBoxes(an_instance(settings, PointSettings, "settings"), extent), seed)
+        super().__init__(ObservedBoxes(settings, extent), seed)
         self.settings = settings
         self.record = EstimatedTracks(SHORTEST)
 
     def update(self, detections: DetectionsLike) -> Targets:
         """Take the detections of the next frame; its targets."""
-        info = self.step(as_detections(detections))
+        given = as_detections(detections)
+        info = self.step(given)
         if info is None:
             return self.record.add(np.empty(0, dtype=np.int64), np.empty((0, 4)), np.empty(0))
         found = info.estimates
         size, centres = np.maximum(found.states[:, 4:6], 1.0), found.states[:, [0, 2]]
         boxes = np.concatenate([centres - size / 2, centres + size / 2], axis=1)
-        return self.record.add(found.ids, boxes, found.weights)
+        # The nearest detection supports a target that is no farther from it than the target is large.
+        away = np.linalg.norm(centres[:, None] - box_centres(given.boxes)[None], axis=2)
+        rows, columns = assign(away / size.max(axis=1, keepdims=True), 1.0)
+        origin = np.full((len(boxes), 2), -1)
+        origin[rows] = given.origin[columns]
+        return self.record.add(found.ids, boxes, found.weights, origin=origin, names=given.names)
 
     def forget(self) -> None:
         """See `OnlineTracker`."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -12,7 +11,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.geometry import clip_boxes, grown, iou_matrix
-from tsuiseki.tracking.report.page import html_page, html_table, section
+from tsuiseki.tracking.report.page import embedded_image, html_page, html_table, section
 from tsuiseki.tracking.types import Detections, ImageArray, IntArray
 
 HEADINGS = {
@@ -132,17 +131,11 @@ def _picture(image: ImageArray, found: Detections, in_both: IntArray) -> str:
     drawn = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     for row, (x1, y1, x2, y2) in enumerate((found.boxes * scale).round().astype(int).tolist()):
         cv2.rectangle(drawn, (x1, y1), (x2, y2), _COLOUR if row in in_both else _ONLY_HERE, 2)
-    return _image(np.asarray(drawn, dtype=np.uint8))
+    return embedded_image(np.asarray(drawn, dtype=np.uint8))
 
 
 def _crops(name: str, crops: Sequence[ImageArray]) -> str:
-    return f'<h3>{escape(name)}</h3><div class="crops">{"".join(map(_image, crops))}</div>'
-
-
-def _image(image: ImageArray) -> str:
-    done, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])
-    assert done
-    return f'<img alt="" src="data:image/jpeg;base64,{base64.b64encode(data.tobytes()).decode("ascii")}">'
+    return f'<h3>{escape(name)}</h3><div class="crops">{"".join(map(embedded_image, crops))}</div>'
 
 
 def example_crop(image: ImageArray, box: np.ndarray) -> ImageArray:

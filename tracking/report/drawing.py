@@ -47,9 +47,7 @@ def drawn_on(image: ImageArray, page: str, take: Callable[[Any], T], asked: str,
         raise RequestError(f"expected a free port for a page, got {error}; {instead}") from error
     thread = threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True)
     thread.start()
-    print(f"{asked} at {server.address}", file=sys.stderr, flush=True)
-    if _has_display():
-        webbrowser.open(server.address)
+    show_page(server.address, asked)
     try:
         while not server.answered.wait(0.2):  # an endless wait would not hear an interrupt on every system
             pass
@@ -57,6 +55,13 @@ def drawn_on(image: ImageArray, page: str, take: Callable[[Any], T], asked: str,
         server.shutdown()
         server.server_close()
     return server.answers[0]
+
+
+def show_page(address: str, asked: str) -> None:
+    """Say in a line what to do at an address; where there is a display it opens by itself."""
+    print(f"{asked} at {address}", file=sys.stderr, flush=True)
+    if _has_display():
+        webbrowser.open(address)
 
 
 def _has_display() -> bool:
@@ -85,6 +90,7 @@ class _Server(ThreadingHTTPServer, Generic[T]):
         self.files = {
             self.path: ("text/html; charset=utf-8", page.encode()),
             f"{self.path}image.png": ("image/png", png),
+            "/favicon.ico": ("image/png", b""),  # browsers ask for it
         }
         self._take = take
         self.answers: list[T] = []

@@ -13,12 +13,14 @@ from html import escape
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
+import cv2
+
 from tsuiseki.tracking.evaluation.coverage import Coverage, coverage, spans
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
 from tsuiseki.tracking.evaluation.tables import COLUMNS, cells
 from tsuiseki.tracking.report.plots import comparison_figure, count_figure, inline_svg
-from tsuiseki.tracking.report.timeline import Bar, timeline
-from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.report.timeline import WIDE, Bar, timeline
+from tsuiseki.tracking.types import ImageArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.webm import video_type
 
@@ -115,7 +117,7 @@ def html_page(title: str, introduction: str, sections: Iterable[str]) -> str:
 
 def scrolling(html: str) -> str:
     """A table or plot that scrolls sideways where the screen is too narrow for it."""
-    return f'<div class="wide">{html}</div>'
+    return f"{WIDE}{html}</div>"
 
 
 def section(heading: str, body: str) -> str:
@@ -172,6 +174,12 @@ def _overlay(report: Report) -> str:
         return ""
     heading = f"Tracks by {report.methods[-1].name}"
     return section(heading, embedded_video(report.overlay, heading, report.overlay_note))
+
+
+def embedded_image(image: ImageArray, alt: str = "") -> str:
+    """HTML of an image ``(H, W, 3)`` uint8 RGB, which is in the page as JPEG; ``alt`` says what it shows."""
+    data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+    return f'<img alt="{escape(alt)}" src="data:image/jpeg;base64,{base64.b64encode(data).decode("ascii")}">'
 
 
 def embedded_video(path: Path, label: str = "", note: str = "", inside: str = "") -> str:
@@ -254,13 +262,18 @@ th, td { padding: .35rem .5rem; text-align: right; border-bottom: 1px solid var(
 th:first-child { text-align: left; } thead th { color: var(--soft); font-weight: 600; }
 tbody tr:last-child > * { border-bottom: 0; } .best { color: var(--best); font-weight: 700; }
 .meter { width: 40%; } .meter span { display: block; height: .7rem; background: var(--accent); border-radius: 2px; }
-video, svg.plot { display: block; width: 100%; height: auto; } video { border-radius: 4px; background: #000; }
+video, svg.plot, section > img { display: block; width: 100%; height: auto; }
+video { border-radius: 4px; background: #000; }
 svg.plot text { font-family: system-ui, sans-serif; }
 @media (max-width: 44rem) { .wide svg.plot { min-width: 38rem; } }
 .plans { display: flex; flex-wrap: wrap; gap: 1rem; margin: .8rem 0; }
 .plans svg.plot { flex: 1 1 16rem; max-height: 32rem; }
 dl { display: grid; grid-template-columns: max-content 1fr; gap: .2rem 1rem; margin: 0; font-size: .92rem; }
 dt { color: var(--soft); } dd { margin: 0; overflow-wrap: anywhere; }
+h1 { overflow-wrap: anywhere; } a { color: var(--accent); } :focus-visible { outline: 3px solid var(--accent); }
+.crops { display: flex; gap: 3px; justify-content: flex-end; } .crops img { height: 56px; border-radius: 3px; }
+@media print { video, .wide::-webkit-scrollbar { display: none; } section { break-inside: avoid; border: 0; }
+  body { background: #fff; } .wide { overflow: visible; } }
 """
 
 PAGE = """<!doctype html>

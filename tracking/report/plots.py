@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import io
 from collections.abc import Callable, Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,7 +52,7 @@ def comparison_figure(results: Mapping[str, PeopleEvaluation], ink: str = "black
     most = max(dataclasses.asdict(r.combined)[field] for r in results.values() for _, field in COUNTS)
     counts.set_ylim(0, max(10.0, 1.8 * most))
     for axes in (shares, counts):
-        _dress(axes, ink)
+        dress(axes, ink)
         axes.axhline(0, color=ink, linewidth=0.8)
     handles, names = shares.get_legend_handles_labels()
     figure.legend(handles, names, loc="outside lower center", ncols=min(4, len(results)), frameon=False, labelcolor=ink)
@@ -84,12 +85,12 @@ def count_figure(truth: GroundTruth, results: Mapping[str, Sequence[Track]], len
     for n, (name, tracks) in enumerate(results.items()):
         frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
         counts = np.bincount(frames, minlength=length)[:length]
-        axes.step(numbers, counts, where="mid", color=COLOURS[n % len(COLOURS)], linewidth=1.2, label=_literal(name))
+        axes.step(numbers, counts, where="mid", color=COLOURS[n % len(COLOURS)], linewidth=1.2, label=literal(name))
     axes.set_xlabel("frame", color=ink)
     axes.set_xlim(1, max(length, 2))
     axes.set_ylim(bottom=0)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    _dress(axes, ink)
+    dress(axes, ink)
     figure.legend(loc="outside lower center", ncols=min(4, len(results) + 1), frameon=False, labelcolor=ink)
     return figure
 
@@ -110,10 +111,11 @@ def inline_svg(draw: Callable[[str], Figure], name: str) -> str:
         draw(stand_in).savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     svg = buffer.getvalue()
     svg = svg[svg.index("<svg") :].replace(stand_in, "currentColor")
-    return svg.replace("<svg", '<svg class="plot" role="img"', 1)
+    return svg.replace("<svg", f'<svg class="plot" role="img" aria-label="{escape(name)}"', 1)
 
 
-def _dress(axes: Axes, ink: str) -> None:
+def dress(axes: Axes, ink: str) -> None:
+    """Axes in the colour ``ink``, open above and on the right."""
     axes.set_facecolor("none")
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(ink)
@@ -130,14 +132,14 @@ def _grouped_bars(
         heights = [values[field] for _, field in fields]
         offset = (number - (len(results) - 1) / 2) * width
         bars = axes.bar(
-            places + offset, heights, 0.92 * width, color=COLOURS[number % len(COLOURS)], label=_literal(name)
+            places + offset, heights, 0.92 * width, color=COLOURS[number % len(COLOURS)], label=literal(name)
         )
         if len(results) <= 4:
             axes.bar_label(bars, [label.format(h) for h in heights], padding=2, fontsize=8, color="gray")
     axes.set_xticks(places, [heading for heading, _ in fields])
 
 
-def _literal(name: str) -> str:
+def literal(name: str) -> str:
     """``name`` for a label in which a dollar sign would start a formula."""
     return name.replace("$", r"\$")
 
@@ -162,9 +164,9 @@ def curves_figure(results: Mapping[str, Mapping[str, MeanCurves]]) -> Figure:
     for number, (name, curves) in enumerate(ranked):
         colour, line = COLOURS[number % len(COLOURS)], STYLES[number // len(COLOURS) % len(STYLES)]
         whole = curves["ALL"]
-        label = f"{_plain(name)} [{100 * whole.auc:.1f}]"
+        label = f"{literal(name)} [{100 * whole.auc:.1f}]"
         axes["success"].plot(OVERLAPS, 100 * whole.success, label=label, color=colour, ls=line)
-        label = f"{_plain(name)} [{100 * whole.precision[PRECISION_AT]:.1f}]"
+        label = f"{literal(name)} [{100 * whole.precision[PRECISION_AT]:.1f}]"
         axes["precision"].plot(DISTANCES, 100 * whole.precision, label=label, color=colour, ls=line)
     _label(axes["success"], "Overlap threshold", "Frames above it [%]", "Success [area under the curve]")
     _label(axes["precision"], "Distance of the centres [pixels]", "Frames within it [%]", "Precision [at 20 pixels]")
@@ -198,10 +200,6 @@ def _label(axes: Axes, x: str, y: str, title: str) -> None:
     axes.grid(alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
-
-
-def _plain(name: str) -> str:
-    return name.replace("$", r"\$")
 
 
 def peaks_figure(estimates: Sequence[Estimate]) -> Figure:

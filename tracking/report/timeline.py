@@ -10,6 +10,8 @@ from tsuiseki.tracking.report.overlay import track_colour
 
 ROW, WIDTH, RIGHT, FOOT = 16, 800, 20, 20
 PALE = 0.35
+WIDE = '<div class="wide" tabindex="0">'
+"""Begins what scrolls sideways by itself, by the keyboard, too."""
 TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)
 
 
@@ -62,7 +64,7 @@ def timeline(rows: Sequence[tuple[str, Sequence[Bar]]], first: int, length: int,
         marks.append(f'<text x="{x:.1f}" y="{height + 12}" text-anchor="middle">{frame}</text>')
     box = f"0 0 {left + WIDTH + RIGHT} {height + FOOT}"
     return (
-        f'<div class="wide"><svg class="plot" viewBox="{box}" role="img" aria-label="{escape(name)}" font-size="11" '
+        f'{WIDE}<svg class="plot" viewBox="{box}" role="img" aria-label="{escape(name)}" font-size="11" '
         f'fill="currentColor">{"".join(marks)}</svg></div>'
     )
 

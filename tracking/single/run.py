@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tsuiseki.tracking.answers.page import with_page
+from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import Run, frames_expected
 from tsuiseki.tracking.errors import RequestError
@@ -205,7 +207,7 @@ def single_result(
         from tsuiseki.tracking.report.plots import save_peaks
 
         files["peaks.png"] = lambda path, _: save_peaks(estimates, path)
-    return Result.of(
+    result: Result[Track] = Result.of(
         source,
         [track],
         settings=settings,
@@ -219,6 +221,7 @@ def single_result(
         files=files,
         painter=Overlay([track], 1.0, trail_seconds=TRAIL).draw,
     )
+    return with_page(result, nouns=("target", "targets"), settings=CountSettings(anchor="centre"))
 
 
 def summary_of(statuses: Sequence[Status]) -> str:
@@ -237,8 +240,9 @@ def single(
 ) -> int:
     """Follow one target through a video, and say in every frame how sure the box is.
 
-    DIR gets boxes.txt (x,y,width,height a line, counted from 1), run.json with the score and status of every frame and,
-    with --overlay and --plot, overlay.webm (a dashed box is searched for or lost) and peaks.png.
+    DIR gets boxes.txt (x,y,width,height a line, counted from 1), report.html with its plots and numbers in report/,
+    run.json with the score and status of every frame and, with --overlay and --plot, overlay.webm (a dashed box is
+    searched for or lost) and peaks.png.
 
     Args:
         box: the target in the first frame, X,Y,W,H in pixels counted from 0; a labelled sequence folder has its own.

@@ -11,7 +11,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from tsuiseki.tracking.errors import RequestError
 
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
@@ -92,6 +94,8 @@ class Detections(ComparedByValue):
         object.__setattr__(self, "scores", np.asarray(self.scores, dtype=np.float64))
         if self.scores.shape != (len(self.boxes),) or np.isinf(self.scores).any():
             raise ValueError(f"expected {len(self.boxes)} finite scores, got shape {self.scores.shape}")
+        if not isinstance(self.names, Mapping):
+            raise RequestError(f"expected names of classes by number, got {type(self.names).__name__}")
         for name in ("features", "actions"):
             self._check_rows(name)
         if self.angles is not None:
@@ -310,18 +314,26 @@ class Estimate(ComparedByValue):
             raise ValueError(f"expected a status of {STATUSES}, got {self.status!r}")
 
 
+def as_numbers(value: ArrayLike, name: str) -> FloatArray:
+    """``value`` as an array; raises RequestError where the argument ``name`` is none of numbers."""
+    try:
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise RequestError(f"`{name}`: expected numbers, got {type(value).__name__}") from error
+
+
 def check_boxes(boxes: FloatArray) -> FloatArray:
     """``boxes`` as a ``(N, 4)`` float64 array.
 
     Raises:
-        ValueError: the shape is another, a value is not finite, or a box has no area.
+        RequestError: the shape is another, a value is not finite, or a box has no area.
     """
     boxes = np.asarray(boxes, dtype=np.float64)
     if boxes.ndim != 2 or boxes.shape[1] != 4:
-        raise ValueError(f"expected boxes of shape (N, 4), got {boxes.shape}")
+        raise RequestError(f"expected boxes of shape (N, 4), got {boxes.shape}")
     bad = ~np.isfinite(boxes).all(axis=1) | (boxes[:, 2] <= boxes[:, 0]) | (boxes[:, 3] <= boxes[:, 1])
     if bad.any():
-        raise ValueError(f"expected finite boxes with x1 < x2 and y1 < y2, got {boxes[bad][0].tolist()}")
+        raise RequestError(f"expected finite boxes with x1 < x2 and y1 < y2, got {boxes[bad][0].tolist()}")
     return boxes
 
 

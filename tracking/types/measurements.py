@@ -25,6 +25,16 @@ class Scan:
     measurements: FloatArray
     covariances: FloatArray | None = None
 
+    def __post_init__(self) -> None:
+        measured, covariances = np.asarray(self.measurements, dtype=np.float64), self.covariances
+        if measured.ndim != 2 or not (np.isfinite(measured).all() and np.isfinite(self.time)):
+            raise RequestError(
+                f"expected a finite time and finite measurements (M, Z), got {self.time}, {measured.shape}"
+            )
+        if covariances is not None and np.shape(covariances) != (*measured.shape, measured.shape[1]):
+            raise RequestError(f"expected covariances (M, Z, Z), got {np.shape(covariances)}")
+        object.__setattr__(self, "measurements", measured)
+
 
 @dataclass(frozen=True)
 class SensedTargets:

@@ -21,7 +21,7 @@ from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.coded_size import CodedSizes, Size
 from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, container_time, stated_rate, uneven
 from tsuiseki.tracking.video.given_frames import GivenFrames
-from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder, one_image
+from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder, one_image, read_image
 from tsuiseki.tracking.video.live import LiveSource
 
 SourceLike: TypeAlias = str | Path | int | Iterable[ImageArray | Frame]
@@ -131,6 +131,16 @@ def named(source: SourceLike) -> str:
     return str(source) if isinstance(source, str | Path | int) else "images"
 
 
+def some_frames(source: Source, numbers: Sequence[int]) -> Iterator[Frame]:
+    """The frames of these 0-based numbers, in order, as far as there are such; of a folder no other is read."""
+    if isinstance(source, ImageFolder):
+        for number in (one for one in numbers if one < len(source.images)):
+            yield Frame(number, number / source.frame_rate, read_image(source.images[number], source.size))
+    else:
+        wanted = set(numbers)
+        yield from (frame for frame in source.frames() if frame.index in wanted)
+
+
 def endless(source: Source) -> bool:
     """Whether a source does not end by itself."""
     return source.live and source.frames_wanted.last is None and not getattr(source, "ends", False)
@@ -197,33 +207,37 @@ class VideoFile:
             while self.frames_wanted.last is None or len(times) <= self.frames_wanted.last:
                 index = len(times)
                 if not capture.grab():
-                    self._refuse_early_end(index, stamp)
+                    self.refuse_early_end(index, stamp)
                     break
-                size = self._same_size(index, size, sizes.read())
+                size = self.same_size(index, size, sizes.read())
                 stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
                 first = first if times else stamp
-                times.append(self._time(stamp - first, times))
+                times.append(self.time_of(stamp - first, times))
                 if index in self.frames_wanted:
-                    image = _retrieve(capture, f"{self.path}: frame {index + 1}")
+                    image = retrieved(capture, f"{self.path}: frame {index + 1}")
                     yield self.times.note(Frame(index, times[-1], image))
         finally:
             capture.release()
             sizes.close()
+        self.tell_uneven(times)
+
+    def tell_uneven(self, times: Sequence[float]) -> None:
+        """Say that frames at ``times``, seconds, lie unevenly, where they do."""
         if found := uneven(times) if self.timed_by == "container" else {}:
             warnings.warn(
                 f"{self.name}: its frames are {found['shortest_step']:g} to {found['longest_step']:g} s apart, about "
                 f"{found['missing']} are missing; their times are the container's",
                 InputWarning,
-                stacklevel=2,
+                stacklevel=3,
             )
 
-    def _time(self, stated: float, before: Sequence[float]) -> float:
+    def time_of(self, stated: float, before: Sequence[float]) -> float:
         """Of the frame after those ``before``."""
         if self.timed_by == "frame rate":
             return len(before) / self.frame_rate
         return container_time(stated, before, self.frame_rate)
 
-    def _same_size(self, index: int, size: Size | None, stated: Size | None) -> Size | None:
+    def same_size(self, index: int, size: Size | None, stated: Size | None) -> Size | None:
         """The size of the pictures so far; raises RunError where a coded frame states another one."""
         if size is not None and stated is not None and stated != size:
             raise RunError(
@@ -232,7 +246,7 @@ class VideoFile:
             )
         return stated or size
 
-    def _refuse_early_end(self, frames: int, seconds: float) -> None:
+    def refuse_early_end(self, frames: int, seconds: float) -> None:
         """Tell a truncated file from one whose header only estimates its length.
 
         Both the number of frames and the time of the last one have to fall short, since the first is an estimate where
@@ -252,7 +266,8 @@ def _slack(promised: int) -> float:
     return max(3.0, 0.02 * promised)
 
 
-def _retrieve(capture: cv2.VideoCapture, what: str) -> ImageArray:
+def retrieved(capture: cv2.VideoCapture, what: str) -> ImageArray:
+    """The frame that was grabbed, RGB; raises RunError where it cannot be decoded."""
     decoded, image = capture.retrieve()
     if not decoded:
         raise RunError(f"{what} cannot be decoded")

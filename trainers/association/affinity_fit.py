@@ -21,13 +21,15 @@ from threadpoolctl import threadpool_limits
 from tsuiseki.datamodules.simulated_detections import DetectorFaults
 from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, FeatureSet
-from tsuiseki.tracking.association.pairwise_flow import GateSettings
+from tsuiseki.tracking.association.pairwise_flow import PRINTED_GATE, GateSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import area_under_roc
+from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.options import OutputFile, Seed, Shared
 from tsuiseki.tracking.types import BoolArray
+from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.pair_samples import (
     LabelledDetections,
     PairSamples,
@@ -65,6 +67,7 @@ class AffinityVideo(Shared):
         appearance: exported appearance network; without one the appearance counts as unknown.
         cross_fit: exported appearance networks, one for each of as many equal parts, in place of ``appearance``.
         cross_fit_detectors: exported detectors, likewise, in place of ``detector``.
+        actions: exported action streams, for features with actions; by default the shipped ones.
         seen: take networks also where they were trained.
         skips: also learn from every n-th frame only, for other frame rates; 1 is the video itself.
         faults: of simulated detections.
@@ -77,12 +80,17 @@ class AffinityVideo(Shared):
     appearance: Path | None = None
     cross_fit: list[Path] | None = None
     cross_fit_detectors: list[Path] | None = None
+    actions: list[Path] | None = None
     seen: bool = False
     skips: list[int] | None = None
     faults: DetectorFaults | None = None
 
-    def parts(self, rng: np.random.Generator) -> list[LabelledDetections]:
+    def parts(self, rng: np.random.Generator, *, acting: bool = False) -> list[LabelledDetections]:
         """The detections of every part, described, with who they are.
+
+        Args:
+            rng: of simulated detections.
+            acting: with what people do.
 
         Raises:
             RequestError: unusable folders or models, or a network that was trained on what it shall look at.
@@ -100,10 +108,12 @@ class AffinityVideo(Shared):
             cut = [(video.name, spans(video, self.frames, count)) for video in videos]
             check_unseen([use for name, parts in cut for use in network_uses(name, parts, models, detectors)])
         find, faults = [*detectors.values()] or self.detections, self.faults or DetectorFaults()
+        streams = self.actions or [shipped(f"action_drone_{name}") for name in STREAMS]
+        recognise = ActionRecogniser(streams) if acting else None
         return [
             part
             for video in videos
-            for part in labelled_parts(video, self.frames, find, [*models.values()], faults, rng)
+            for part in labelled_parts(video, self.frames, find, [*models.values()], faults, rng, recognise)
         ]
 
 
@@ -137,11 +147,12 @@ class AffinitySettings(Shared):
     """What is learnt.
 
     Attributes:
-        features: ``thesis``: overlap and appearance distance; ``extended``: also gap, size and motion.
+        features: ``thesis``: overlap and appearance distance, for --preset printed; ``extended``: also gap, size and
+            motion. ``thesis_action`` and ``extended_action``: also the distance of action features.
         trees: number of boosting rounds.
     """
 
-    features: Literal["thesis", "extended"] = "extended"
+    features: FeatureSet = "extended"
     trees: int = 120
 
 
@@ -168,9 +179,10 @@ def fit_affinity(
             kinds, or the file exists.
     """
     output.check()
-    out, features, gate = output.out, settings.features, GateSettings(window=WINDOW)
+    out, features = output.out, settings.features
+    gate = PRINTED_GATE if features.startswith("thesis") else GateSettings(window=WINDOW)
     rng = np.random.default_rng(chance.seed)
-    found = video.parts(rng)
+    found = video.parts(rng, acting="action" in FEATURE_SETS[features])
     samples = join_samples(
         [
             pair_samples(every_nth(part, skip), features, gate, groups=max(1, -(-GROUPS // len(found))))

@@ -16,12 +16,13 @@ from tsuiseki.tracking.association.learnt_costs import FeatureSet, feature_rows
 from tsuiseki.tracking.association.pairwise_flow import GateSettings, candidate_pairs
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import NOBODY
+from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.exported import Describe, Detector
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.graphs import DetectedVideo
-from tsuiseki.trainers.association.videos import described, detected
+from tsuiseki.trainers.association.videos import acting, described, detected
 
 RIGHT_OVERLAP = 0.5
 # A badly placed box still shows its person: links through it are right, though the box itself counts as wrong.
@@ -39,6 +40,7 @@ class LabelledDetections:
         features: ``(N, D)`` appearance, or None.
         ids: ``(N,)`` identities, `NOBODY` where a detection shows no labelled person.
         right: ``(N,)`` whether the box lies right, with an IoU of at least 0.5.
+        actions: ``(N, A)`` probabilities of actions, or None.
     """
 
     frames: IntArray
@@ -47,6 +49,7 @@ class LabelledDetections:
     features: FloatArray | None
     ids: IntArray
     right: BoolArray
+    actions: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -74,6 +77,7 @@ def labelled_parts(
     networks: Sequence[Describe],
     faults: DetectorFaults,
     rng: np.random.Generator,
+    recognise: ActionRecogniser | None = None,
 ) -> Iterator[LabelledDetections]:
     """The labelled detections of a sequence, in as many equal spans as there are networks of a kind.
 
@@ -84,6 +88,7 @@ def labelled_parts(
         networks: of appearance, likewise; one describes all spans, none describes nothing.
         faults: of simulated detections.
         rng: of those.
+        recognise: tells what people do; None leaves it unknown.
     """
     detectors: Sequence[Detector] = () if isinstance(find, str) else find
     found = detected(video, find, rng, faults) if isinstance(find, str) else video
@@ -91,6 +96,7 @@ def labelled_parts(
         if detectors:
             found = detected(video, detectors[k % len(detectors)], rng, frames=(start + 1, stop))
         here = described(found, networks[k % len(networks)] if networks else None, (start, stop))
+        here = acting(here, recognise)
         yield label_detections(here.detections[start:stop], video.truth, start)
 
 
@@ -130,6 +136,7 @@ def label_detections(detections: Sequence[Detections], truth: GroundTruth, first
         right.append(lies_right[~hidden])
         kept.append(found.select(~hidden))
     features = [d.features for d in kept if d.features is not None]
+    actions = [d.actions for d in kept if d.actions is not None]
     return LabelledDetections(
         np.repeat(np.arange(first, first + len(kept)), [len(d) for d in kept]),
         np.concatenate([np.empty((0, 4)), *(d.boxes for d in kept)]),
@@ -137,6 +144,7 @@ def label_detections(detections: Sequence[Detections], truth: GroundTruth, first
         np.concatenate(features) if features else None,
         np.concatenate(ids),
         np.concatenate(right),
+        np.concatenate(actions) if actions else None,
     )
 
 
@@ -169,6 +177,7 @@ def every_nth(found: LabelledDetections, skip: int) -> LabelledDetections:
         None if found.features is None else found.features[kept],
         found.ids[kept],
         found.right[kept],
+        None if found.actions is None else found.actions[kept],
     )
 
 
@@ -181,7 +190,7 @@ def pair_samples(found: LabelledDetections, features: FeatureSet, gate: GateSett
     i, j, gap = candidate_pairs(found.frames, found.boxes, gate)
     kept = (found.ids[i] != NOBODY) | (found.ids[j] != NOBODY)
     i, j, gap = i[kept], j[kept], gap[kept]
-    pairs = pair_features(found.boxes, found.features, i, j, gap)
+    pairs = pair_features(found.boxes, found.features, i, j, gap, found.actions)
     start, stop = (int(found.frames.min()), int(found.frames.max()) + 1) if len(found) else (0, 1)
     return PairSamples(
         feature_rows(pairs, features).astype(np.float64),

@@ -8,6 +8,7 @@ threshold for any detector. The order of detections, and so the average precisio
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,11 @@ from scipy.optimize import brentq
 from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
-from tsuiseki.datamodules.labelled_images import labelled_images
-from tsuiseki.models.anchors import propose_anchors
+from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images
+from tsuiseki.models.anchors import propose_anchors, size_iou
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Detect, Detector
-from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.video.image_folder import read_image
@@ -28,6 +28,8 @@ from tsuiseki.trainers.networks.detector_network import Resize
 
 LOWEST_SCORE = 0.05
 MATCH_OVERLAP = 0.5
+# Mean IoU of labels with the best anchor below which a training takes others than those that it starts from.
+FITTING = 0.6
 
 
 def matched_scores(
@@ -114,7 +116,7 @@ def anchors_for(
     if not 3 <= len(per_level) <= 4 or min(per_level) < 1:
         raise RequestError(f"expected 3 or 4 numbers of anchors, each at least 1; got {list(per_level)}")
     rng = np.random.default_rng(seed)
-    sizes = _sizes_in_input(folder, frames, (height, width), resize)
+    sizes = _sizes_in_input(labelled_images(folder, frames), (height, width), resize)
     spread = sizes * np.exp(rng.uniform(np.log(scale[0]), np.log(scale[1]), len(sizes)))[:, None]
     try:
         levels, fit = propose_anchors(np.concatenate([np.zeros_like(spread), spread], axis=1), per_level, rng)
@@ -125,11 +127,34 @@ def anchors_for(
     return "\n".join(lines)
 
 
-def _sizes_in_input(folder: Path, frames: tuple[int, int] | None, size: tuple[int, int], resize: Resize) -> FloatArray:
+def anchor_choice(
+    labels: Sequence[LabelledFrame], anchors: list[list[tuple[float, float]]], size: tuple[int, int]
+) -> tuple[list[list[tuple[float, float]]], str]:
+    """Anchors for the labelled people, and a line about it: those of the start, or others that fit far better.
+
+    Args:
+        labels: of pictures.
+        anchors: of the detector that a training starts from; as many of each level are proposed.
+        size: height and width of the input.
+    """
+    sizes = _sizes_in_input(labels, size, "letterbox")
+    old = float(size_iou(sizes, np.concatenate([np.array(level, dtype=float) for level in anchors])).max(axis=1).mean())
+    try:
+        boxes = np.concatenate([np.zeros_like(sizes), sizes], axis=1)
+        proposed, new = propose_anchors(boxes, [len(level) for level in anchors], np.random.default_rng(0))
+    except ValueError:
+        return anchors, f"anchors of the start: mean IoU {old:.2f} with {len(sizes)} labels, too few for others"
+    if old >= FITTING:
+        return anchors, f"anchors of the start: mean IoU {old:.2f} with {len(sizes)} labels"
+    return proposed, f"anchors of the labels: mean IoU {new:.2f} with {len(sizes)} labels, those of the start {old:.2f}"
+
+
+def _sizes_in_input(labels: Sequence[LabelledFrame], size: tuple[int, int], resize: Resize) -> FloatArray:
     """``(N, 2)`` widths and heights of the labelled people in input pixels."""
-    image_sizes = {s.name: read_image(s.images[0]).shape[:2] for s in find_sequences(folder) if s.images}
+    firsts = {label.sequence: label.path for label in reversed(labels)}
+    image_sizes = {name: read_image(path).shape[:2] for name, path in firsts.items()}
     sizes = [np.empty((0, 2))]
-    for label in labelled_images(folder, frames):
+    for label in labels:
         boxes = label.boxes[~label.ignored]
         factors = np.array([size[1], size[0]]) / image_sizes[label.sequence][::-1]
         if resize == "letterbox":

@@ -11,6 +11,7 @@ import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from lightning.pytorch.callbacks import Callback, LearningRateMonitor, ModelChec
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
+from tsuiseki.tracking.cli.config import named_config
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.output import RunRecord
 
@@ -72,17 +74,23 @@ ASSOCIATION = Task(
     "trainers.association.windows:AssociationData",
     "val/agreement",
 )
-PROPOSE = "--propose-anchors"
+PROPOSE, CONFIG = "--propose-anchors", ("--config", "-c")
 
 
 def fit_detector(arguments: Sequence[str]) -> Path | None:
-    """Train a detector as the command line ``arguments`` say; with --propose-anchors only print anchors that fit.
+    """Train a detector as the command line ``arguments`` say.
+
+    With --data FOLDER a shipped detector learns from labelled video; see `fine_tune`. With --propose-anchors only
+    anchors that fit are printed.
 
     Returns:
         The best checkpoint; None for anchors, and where `fit` gives none.
     """
     if PROPOSE not in arguments:
-        return fit(DETECTOR, arguments)
+        from tsuiseki.trainers.networks.fine_tune import fine_tune, folder_of
+
+        folder = folder_of(arguments)
+        return fit(DETECTOR, arguments) if folder is None else fine_tune(arguments, folder, partial(fit, DETECTOR))
     from tsuiseki.tracking.cli.parser import call
     from tsuiseki.trainers.networks.detector_labels import anchors_for
 
@@ -196,7 +204,7 @@ class TaskCLI(LightningCLI):
             seed_everything_default=0,
             parser_kwargs={"exit_on_error": False, "prog": f"tsuiseki train {task.name}", "description": None},
             save_config_kwargs={"overwrite": True},
-            args=list(arguments),
+            args=_with_named_configs(arguments),
             run=False,
             auto_configure_optimizers=False,
         )
@@ -289,6 +297,17 @@ class EpochLines(Callback):
         values = "  ".join(f"{k} {float(v):.4g}" for k, v in sorted(trainer.callback_metrics.items()))
         pace = f"{trainer.num_training_batches / max(self._trained, 1e-9):.2f} batches/s"
         print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {values}  {pace}", flush=True)
+
+
+def _with_named_configs(arguments: Sequence[str]) -> list[str]:
+    """The arguments with the paths of configurations that are given by name."""
+    words = list(arguments)
+    for number, word in enumerate(words):
+        if number and words[number - 1] in CONFIG:
+            words[number] = str(named_config(word))
+        elif word.startswith("--config="):
+            words[number] = f"--config={named_config(word.partition('=')[2])}"
+    return words
 
 
 def _class(place: str) -> Any:

@@ -38,7 +38,7 @@ def test_a_film_is_tracked_in_millimetres_and_evaluated(film, tmp_path, capsys):
     out = tmp_path / "out"
     words = ["track", "animals", str(film), "--fps", "10", "--scale", "0.5", "--overlay", "--out", str(out)]
     assert main(words) == 0
-    assert {path.name for path in out.iterdir()} == {"states.csv", "run.json", "overlay.webm"}
+    assert {path.name for path in out.iterdir()} == {"states.csv", "report", "report.html", "run.json", "overlay.webm"}
     rows = states(out)
     assert len(rows) == FRAMES
     assert {row["id"] for row in rows} == {"1"}

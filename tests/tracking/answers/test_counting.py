@@ -1,6 +1,7 @@
 """Answers in closed form."""
 
-import json
+import inspect
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,11 +9,11 @@ import pytest
 import tsuiseki
 from tests.tracking.answers.walkers import down, walker
 from tsuiseki.tracking.answers.counting import count
-from tsuiseki.tracking.answers.page import answers_page, files_of
 from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.types.tracks import exact_track
 
 ENTRANCE = SceneLine("entrance", np.array([[0.0, 100.0], [200.0, 100.0]]))
 EXIT = SceneLine("exit", np.array([[0.0, 300.0], [200.0, 300.0]]), ("out", "back"))
@@ -109,7 +110,6 @@ def test_nobody_gives_zeros_and_tables_without_rows():
     assert found.count("entrance", "in") == (0, 0, 0)
     assert found.occupancy["shop"].tolist() == [0] * 20
     assert not found.tables["people"]["id"]
-    assert "Counted in" in answers_page(found, "v")
 
 
 def test_bad_requests_are_refused():
@@ -125,21 +125,24 @@ def test_bad_requests_are_refused():
         count([object()], SCENE, frame_rate=10)
 
 
-def test_all_files_can_be_read(tmp_path):
-    found = answers(*(walker(down(50 + k, range(50, 400, 10)), k + 1) for k in range(4)))
-    for name, write in files_of(found, "<b>").items():
-        write(tmp_path / name, tmp_path)
-    assert json.loads((tmp_path / "answers.json").read_text())["lines"]["count"] == [4, 0, 4, 0]
-    assert (tmp_path / "lines.csv").read_text().splitlines()[:2] == [
-        "line,direction,count,low,high",
-        "entrance,in,4,4,4",
-    ]
-    page = (tmp_path / "report.html").read_text()
-    assert "&lt;b&gt;" in page
-    assert "<b>" not in page
-    assert {"occupancy.png", "crossings.png", "places.png"} <= {path.name for path in tmp_path.iterdir()}
+def test_animals_are_counted_by_their_middle():
+    ys = np.arange(50.0, 150, 10)
+    states = np.column_stack([0 * ys + 60, ys, 0 * ys, 0 * ys + 30, 0 * ys + 10])
+    one = exact_track(1, np.arange(len(ys)), states)
+    result = Result([one], "v", 10.0, (640, 480), names=("a", "b", "theta", "length", "width"))
+    found = count(result, SCENE)
+    assert found.count("entrance", "in")[0] == 1
+    assert found.tables["crossings"]["y"] == [110]
+    with pytest.raises(RequestError, match="got BodyTrack; track people, animals or blobs"):
+        count(replace(result, names=("a", "b", "bend", "x", "y")), SCENE)
+
+
+def test_origins_and_destinations_are_the_sides_of_the_picture():
+    found = answers(walker([(10, 240), (300, 240)]), walker([(320, 300), (320, 479)], 2), walker([(5, 9)], 3))
+    assert rows(found.tables["sides"]) == [("left", "left", 1), ("left", "within", 1), ("within", "bottom", 1)]
+    assert rows(found.tables["counts"]) == [(0.0, 2.5, 3)]
 
 
 def test_the_names_are_public():
-    assert tsuiseki.count is count
+    assert inspect.unwrap(tsuiseki.count) is count
     assert tsuiseki.Scene is Scene

@@ -12,6 +12,7 @@ from tsuiseki.tracking.cameras.calibration import locate_camera
 from tsuiseki.tracking.cameras.intrinsic_files import HALF_PIXEL, read_intrinsics, read_lens_file
 from tsuiseki.tracking.cameras.lens_files import read_lens, read_lens_fitted
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, UnifiedLens
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning, RequestError
 
 POINTS = np.array([[0.1, -0.2, 1.0], [0.9, 0.3, 0.4], [-1.0, 0.5, 0.1], [0.8, -0.9, -0.3]])
@@ -109,6 +110,7 @@ def test_ros_messages_are_read_too(tmp_path: Path) -> None:
 
 
 FISHEYE = OPENCV.format(first="K", second="D").replace("0.8", "0.0")
+NAMELESS = OPENCV.format(first="camera_matrix", second="distortion_coefficients").replace("0.8", "0.0")
 PINHOLE = ros("plumb_bob", [0.1, 0, 0, 0, 0])
 
 
@@ -117,7 +119,11 @@ PINHOLE = ros("plumb_bob", [0.1, 0, 0, 0, 0])
     [
         (OMNIDIR, "omnidirectional"),
         (FISHEYE, "fisheye"),
-        (OPENCV.format(first="camera_matrix", second="distortion_coefficients") + "fisheye_model: 1\n", "fisheye"),
+        (NAMELESS + "fisheye_model: 1\n", "fisheye"),
+        (NAMELESS + "fisheye: 1\n", "fisheye"),
+        (NAMELESS + "camera_model: fish-eye\n", "fisheye"),
+        (NAMELESS + "model_type: KANNALA_BRANDT\n", "fisheye"),
+        (NAMELESS.replace("0.001", "-0.08"), "whose last look like a fisheye's; add the line distortion_model"),
         (ros("equidistant", [0.01, 0, 0, 0]), "fisheye"),
         (ros("fov", [0.9]), "expected a distortion_model of plumb_bob, .* got 'fov'"),
     ],
@@ -125,6 +131,14 @@ PINHOLE = ros("plumb_bob", [0.1, 0, 0, 0, 0])
 def test_no_other_lens_is_taken_for_a_pinhole(tmp_path: Path, text: str, model: str) -> None:
     with pytest.raises(RequestError, match=model):
         read_intrinsics(write(tmp_path, text))
+
+
+def test_no_lens_is_written_that_is_far_from_what_was_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of this lens the corners of the image see nothing."""
+    words = ["calibrate", "convert", str(write(tmp_path, OMNIDIR.replace("0.8", "0.0"))), "--to", "kalibr-omni"]
+    assert main([*words, "--out", str(tmp_path / "out.yaml")]) == 1
+    assert "px rms away; choose another format with --to" in capsys.readouterr().err
+    assert not (tmp_path / "out.yaml").exists()
 
 
 def test_a_pinhole_is_not_taken_for_a_fisheye(tmp_path: Path) -> None:
@@ -135,9 +149,12 @@ def test_a_pinhole_is_not_taken_for_a_fisheye(tmp_path: Path) -> None:
 
 
 def test_four_coefficients_of_no_name_are_told(tmp_path: Path) -> None:
-    text = OPENCV.format(first="camera_matrix", second="distortion_coefficients").replace("0.8", "0.0")
     with pytest.warns(InputWarning, match="four coefficients are taken as k1, k2, p1, p2; .* distortion_model"):
-        assert read_intrinsics(write(tmp_path, text)).distortion.tolist() == [-0.2, 0.05, 0.001, -0.0002, 0]
+        assert read_intrinsics(write(tmp_path, NAMELESS)).distortion.tolist() == [-0.2, 0.05, 0.001, -0.0002, 0]
+    assert read_lens_file(write(tmp_path, NAMELESS + "fisheye_model: 0\n")).model == "pinhole"
+    named = tmp_path / "my_fisheye.yaml"
+    named.write_text(NAMELESS)
+    assert read_lens_file(named).model == "fisheye"
 
 
 def test_a_mark_before_the_first_character_is_passed_over(tmp_path: Path) -> None:

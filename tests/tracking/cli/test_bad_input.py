@@ -274,4 +274,4 @@ def test_an_output_folder_full_of_results(inputs: Any, tmp_path: Path, complaint
     out = tmp_path / "o"
     assert main([*inputs.words(), "--out", str(out)]) == 0
     line = complaint([*inputs.words(), "--out", str(out)], 2)
-    assert "already holds report.html, run.json, tracks.txt; choose another folder or add --overwrite" in line
+    assert "already holds flow.npz, report, report.html and 2 more; choose another folder or add --overwrite" in line

@@ -19,8 +19,10 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.onnx import CALLS
-from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.types import ImageArray, Track
 from tsuiseki.tracking.video import image_folder
 
 # A lock that is taken twice: the call never returns, no signal interrupts it, and no Python runs in its thread.
@@ -133,3 +135,35 @@ def test_a_signal_drops_the_networks_under_way_and_keeps_what_is_finished(
     assert record["partial"] is True
     assert record["frames"]["frame"] == list(range(1, 9))
     assert CALLS.terminate is False
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_detections_are_kept_where_linking_them_takes_long(
+    number: signal.Signals, inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begin = list[float]()
+
+    def link(_: FlowTracker) -> list[Track]:
+        begin.append(time.monotonic())
+        os.kill(os.getpid(), number)
+        while time.monotonic() < begin[0] + 30:
+            time.sleep(0.01)
+        return []
+
+    words = ["track", "people", str(inputs.images), "--appearance", "none"]
+    with monkeypatch.context() as patch:
+        patch.setattr(FlowTracker, "tracks", link)
+        one = [*words, "--detector", str(inputs.detector), "--view", "1", "--out", str(tmp_path / "one")]
+        assert main(one) == 128 + number
+    # A second where the machine has nothing else to do.
+    assert time.monotonic() - begin[0] < 4
+    assert sorted(path.name for path in (tmp_path / "one").iterdir()) == ["detections.txt", "run.json"]
+    record = json.loads((tmp_path / "one/run.json").read_text())
+    assert (record["partial"], record["files"]) == (True, ["detections.txt"])
+    given = ["--detections", str(tmp_path / "one/detections.txt")]
+    assert main([*words, *given, "--out", str(tmp_path / "two")]) == 0
+    assert len(read_tracks(tmp_path / "two/tracks.txt")) > 0
+    monkeypatch.setattr(FlowTracker, "tracks", link)
+    begin.clear()
+    assert main([*words, *given, "--out", str(tmp_path / "three")]) == 128 + number
+    assert not (tmp_path / "three").exists()

@@ -179,7 +179,7 @@ def test_what_a_dead_run_left_behind_is_cleared_and_a_living_one_is_let_be(
     assert left.is_dir()
     os.close(lock)
     assert main([*words, "--out", str(out)]) == 0
-    assert sorted(p.name for p in out.iterdir()) == ["points.csv", "run.json", "tracks.txt"]
+    assert sorted(p.name for p in out.iterdir()) == ["points.csv", "report", "report.html", "run.json", "tracks.txt"]
 
 
 def test_a_file_beside_which_a_dead_run_left_something(tmp_path: Path) -> None:

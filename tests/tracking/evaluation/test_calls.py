@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.calls import evaluate_people, evaluate_points, evaluate_target
+from tsuiseki.tracking.evaluation.calls import evaluate_people, evaluate_points, evaluate_target, ground_truth_of
 from tsuiseki.tracking.formats.mot import read_ground_truth, write_tracks
 from tsuiseki.tracking.types import Estimate, Track
 
@@ -78,3 +79,18 @@ def test_what_cannot_be_scored_says_so(truth: Any, tracks: Any, message: str) ->
 def test_boxes_of_another_shape_say_so() -> None:
     with pytest.raises(RequestError, match="expected `target` as boxes"):
         evaluate_target(RIGHT[0].boxes, np.zeros((20, 3)))
+
+
+def of_kind(track: Track, number: int, name: str) -> Track:
+    return replace(track, origin=np.full((len(track), 2), number), names={number: name})
+
+
+def test_classes_are_scored_apart() -> None:
+    truth = [of_kind(RIGHT[0], 0, "person"), of_kind(RIGHT[1], 2, "car")]
+    result = [of_kind(RIGHT[0], 0, "pedestrian"), of_kind(walk(5, range(10), 100), 2, "car")]
+    scores = evaluate_people(truth, result, classes=["Person", 2])
+    assert {kind: one.recall for kind, one in scores.items()} == {"person": 1.0, 2: 0.5}
+    with pytest.raises(RequestError, match="expected tracks of bus in the truth"):
+        evaluate_people(truth, result, classes=["bus"])
+    with pytest.raises(RequestError, match="labels of one class"):
+        evaluate_people(ground_truth_of(RIGHT), result, classes=["car"])

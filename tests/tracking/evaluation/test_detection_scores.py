@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import (
     LabelledBoxes,
@@ -126,3 +128,16 @@ def test_given_detections_of_pets(data_folder: Path) -> None:
     # The issue gives recall 0.793 for these detections on these frames.
     assert scores.boxes == 522
     assert scores.recall[-1] == pytest.approx(0.793, abs=5e-4)
+
+
+def test_people_are_scored_by_how_much_of_them_is_visible(tmp_path: Path, capsys) -> None:
+    shares = {1: 1.0, 2: 0.6, 3: 0.6, 4: 0.1}
+    truth, found, scores = tmp_path / "gt.txt", tmp_path / "det.txt", tmp_path / "scores.json"
+    truth.write_text("".join(f"1,{k},{100 * k},50,40,80,1,1,{share}\n" for k, share in shares.items()))
+    found.write_text("".join(f"1,-1,{100 * k},50,40,80,0.{9 - k}\n" for k in (1, 2)))
+    assert main(["evaluate", "detection", str(truth), str(found), "--json", str(scores)]) == 0
+    (rows,) = json.loads(scores.read_text()).values()
+    recalls = {name: one["recall"][-1] for name, one in rows.items() if name.startswith("visible") and one["recall"]}
+    assert recalls == {"visible 75-100 %": 1.0, "visible 50-75 %": 0.5}
+    assert rows["visible 0-25 %"]["boxes"] == 1
+    assert "visible 50-75 %" in capsys.readouterr().out

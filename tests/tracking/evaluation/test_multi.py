@@ -201,3 +201,9 @@ def test_what_cannot_be_scored_is_refused() -> None:
         evaluate_sequences([])
     with pytest.raises(RequestError, match="twice"):
         evaluate_sequences([SequencePair("a", truth, [person], 10)] * 2)
+
+
+def test_results_long_after_the_labels_are_told() -> None:
+    with pytest.warns(InputWarning, match="290 of 300 boxes lie outside frames 1-10, .* `frames` 1-10 leaves"):
+        scores = evaluate_sequence(labels(walk(1, range(10), 0.0)), [walk(1, range(300), 0.0)])
+    assert scores.false_positives == 290

@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.view_choice import ViewedDetector, choose_view
-from tsuiseki.tracking.features.views import TiledDetector, parse_view, view_of
+from tsuiseki.tracking.features.views import TiledDetector, busy_tiles, parse_view, view_of
 from tsuiseki.tracking.types import Detections, Frame
 
 INPUT = (60, 80)
@@ -280,3 +280,45 @@ def test_a_view_is_chosen_once_for_each_size():
     assert wanted.prepare([small]).view.tiles.shape == (7, 4)
     assert re.fullmatch(r"7 tiles a frame, about \d+ ms a frame", wanted.summary)
     assert viewed.detect([]) == []
+
+
+def test_tiles_that_show_nobody_else_are_passed_over_and_looked_at_again_every_second():
+    here, elsewhere = frame_with([(30, 30, 36, 50)]), frame_with([(300, 200, 306, 222)])
+    marks = MarkDetector()
+    viewed = ViewedDetector(marks, (2, None), frame_rate=4.0, sparing=True)
+
+    def pictures(image):
+        before = sum(marks.calls)
+        found = viewed.detect([image])[0]
+        return sum(marks.calls) - before, len(found)
+
+    assert pictures(here)[1] == 1
+    early = [pictures(here) for _ in range(7)]
+    assert early == [(5, 1)] * 7  # all tiles, until three looks tell
+    assert [pictures(here) for _ in range(8)] == [(5, 1), (2, 1), (2, 1), (2, 1)] * 2
+    late = [pictures(elsewhere) for _ in range(8)]
+    assert late[0] == (5, 1)  # the look of that second
+    assert late[1:4] == [(3, 1)] * 3  # another tile is busy from then on
+    assert ViewedDetector(MarkDetector(), (2, None)).detect([here] * 9)[-1].boxes.tolist() == [[30, 30, 36, 50]]
+
+
+def test_with_tiles_passed_over_the_number_of_workers_changes_nothing():
+    frames = [Frame(n, n / 4, frame_with(SMALL[: 1 + n % 3])) for n in range(30)]
+    one, many = (
+        [
+            found.boxes.tolist()
+            for _, found in stream(
+                frames, ViewedDetector(MarkDetector(), frame_rate=4.0, sparing=True), batch_size=2, workers=workers
+            )
+        ]
+        for workers in (1, 3)
+    )
+    assert one == many
+
+
+def test_busy_tiles_are_the_fewest_that_show_nearly_everybody():
+    shown = np.array([[0, 1, 1, 0], [0, 1, 0, 0], [1, 0, 0, 1], [0, 0, 0, 0]], dtype=bool)
+    assert busy_tiles(shown, np.array([0.9, 0.9, 0.9, 0.0])).tolist() == [0, 1]
+    assert busy_tiles(shown[1:3], np.array([0.04, 1.0])).tolist() == [0]
+    assert busy_tiles(shown[1:3], np.array([0.4, 1.0])).tolist() == [0, 1]
+    assert busy_tiles(shown[:0], np.empty(0)).tolist() == [0, 1, 2, 3]

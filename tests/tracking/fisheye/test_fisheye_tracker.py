@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -57,6 +58,17 @@ def test_the_flow_keeps_them_too(rate):
     ids = ids_by_person(flow_on_floor(found, rate), len(found))
     assert (ids == ids[0]).all()
     assert len(set(ids[0])) == 2
+
+
+def test_tracks_name_the_rows_and_classes_of_their_detections():
+    told = {"sources": np.array([5, 3]), "classes": np.array([2, 8]), "names": {2: "cat", 8: "dog"}}
+    found = [replace(each, detections=replace(each.detections, **told)) for each in crossing(5)]
+    tracker = FisheyeTracker(5)
+    for each in found:
+        tracker.update(each)
+    for tracks in (tracker.tracks(), flow_on_floor(found, 5)):
+        boxes = [one.track for one in tracks]
+        assert sorted((one.class_name, *set(one.detection.tolist())) for one in boxes) == [("cat", 5), ("dog", 3)]
 
 
 def test_looks_decide_before_places():

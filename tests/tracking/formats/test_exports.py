@@ -30,7 +30,7 @@ def tracks() -> list[Track]:
         corner, size = rng.uniform(0, 400, (len(frames), 2)), rng.uniform(10, 60, (len(frames), 2))
         boxes = np.concatenate([corner, corner + size], axis=1).round(1)
         scores = rng.uniform(0.3, 1, len(frames)).round(2)
-        kind = {"names": {2: "car"}, "origin": np.tile([-1, 2], (len(frames), 1))} if number == 7 else {}
+        kind = {"names": {2: "car"}, "origin": np.array([[3, 2], [-1, 2]])} if number == 7 else {}
         found.append(Track(number, np.array(frames), boxes, scores, np.arange(len(frames)) != 1, **kind))
     return found
 
@@ -66,6 +66,7 @@ def test_what_is_written_comes_back(name: str, video: TrackedVideo, tmp_path: Pa
         np.testing.assert_allclose(other.scores, scores)
         if name in ("coco", "cvat"):
             np.testing.assert_array_equal(one.observed, other.observed)
+            np.testing.assert_array_equal(one.detection, other.detection)
 
 
 @pytest.mark.parametrize("name", READ)

@@ -15,12 +15,14 @@ import pytest
 import tsuiseki
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+from tsuiseki.tracking.answers import page
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.people.hidden_places import GREY, Places, Wanted, paint, places_of
 from tsuiseki.tracking.people.hiding import Hiding
 from tsuiseki.tracking.report import overlay
+from tsuiseki.tracking.report.pictures import Pictures
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.source import open_source
@@ -323,25 +325,45 @@ def test_an_overlay_hides_before_it_draws(inputs: Any, tmp_path: Path, capsys: p
     assert len(list(open_source(tmp_path / "o" / "overlay.webm").frames())) == 12
 
 
-def test_an_overlay_is_drawn_on_hidden_frames(inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rng, folder = np.random.default_rng(0), tmp_path / "noise"
-    folder.mkdir()
+def noise_in(folder: Path) -> Path:
+    rng, noise = np.random.default_rng(0), folder / "noise"
+    noise.mkdir()
     for number in range(1, 7):
-        cv2.imwrite(str(folder / f"{number:06d}.png"), rng.integers(0, 256, (48, 64, 3)).astype(np.uint8))
+        cv2.imwrite(str(noise / f"{number:06d}.png"), rng.integers(0, 256, (48, 64, 3)).astype(np.uint8))
+    return noise
+
+
+def test_an_overlay_is_drawn_on_hidden_frames(inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[ImageArray] = []
 
     def note(_: Path, frames: Iterable[Frame], *_more: object) -> None:
         drawn.extend(frame.image for frame in frames)
 
     monkeypatch.setattr(overlay, "write_drawn", note)
-    main([*inputs.words(folder), "--overlay", "--hide", "people", "--out", str(tmp_path / "o")])
+    main([*inputs.words(noise_in(tmp_path)), "--overlay", "--hide", "people", "--out", str(tmp_path / "o")])
     # The detector's person is at 8, 8 to 24, 40: blocks of 8 pixels.
     assert [len(np.unique(image[8:40, 8:24].reshape(-1, 3), axis=0)) <= 40 for image in drawn] == [True] * 6
 
 
-def test_hiding_in_an_overlay_needs_one(inputs: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*inputs.words(), "--hide", "people", "--out", str(tmp_path / "o")]) == 2
-    assert "expected --hide with --overlay" in capsys.readouterr().err
+@pytest.mark.parametrize(("hide", "clear"), [("people", False), ("heads", False), ("all-but 1", True)])
+def test_the_report_shows_hidden_pictures(
+    inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hide: str, clear: bool
+) -> None:
+    shown: list[ImageArray] = []
+
+    def note(frames: Iterable[Frame], _: object) -> Pictures:
+        shown.extend(frame.image for frame in frames)
+        return Pictures()
+
+    monkeypatch.setattr(page, "pictures_of", note)
+    assert main([*inputs.words(noise_in(tmp_path)), "--hide", *hide.split(), "--out", str(tmp_path / "o")]) == 0
+    assert [len(np.unique(image[8:16, 8:24].reshape(-1, 3), axis=0)) > 40 for image in shown] == [clear] * len(shown)
+    assert len(shown) >= 3
+    # Who counts later looks at the video itself, and nothing hides there.
+    shown.clear()
+    (tmp_path / "s.yaml").write_text("lines:\n- {name: door, from: [0, 24], to: [64, 24]}\n")
+    assert main(["count", str(tmp_path / "o"), "--scene", str(tmp_path / "s.yaml"), "--out", str(tmp_path / "c")]) == 0
+    assert shown == []
 
 
 @pytest.mark.slow

@@ -8,13 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tsuiseki import (
+    ByteTrack,
+    ByteTrackSettings,
+    DeepSort,
+    DeepSortSettings,
+    FlowSettings,
+    FlowTracker,
+    OcSort,
+    OcSortSettings,
+    Sort,
+    SortSettings,
+)
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings
-from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings, with_area
-from tsuiseki.tracking.people.ocsort import OcSort, OcSortSettings
-from tsuiseki.tracking.people.sort import Sort, SortSettings
 from tsuiseki.tracking.people.tracker import OnlineTracker
 from tsuiseki.tracking.types import Targets, Track
 
@@ -138,7 +145,7 @@ def test_settings_by_name_are_those_of_the_settings(make: Callable[..., Any]) ->
     for wrong in ({"min_hits": 0}, {"max_age": "a"}, {"boxes": "whole"}):
         with pytest.raises(RequestError, match="expected"):
             make(**wrong)
-    with pytest.raises(RequestError, match="settings by their names"):
+    with pytest.raises(RequestError, match="Settings"):
         make(30)
 
 
@@ -152,5 +159,5 @@ def test_the_score_of_a_start_follows_the_score_of_a_match() -> None:
 def test_settings_of_the_flow_by_name() -> None:
     tracker = FlowTracker(frame_rate=10.0, fill=0.0, min_time=0.5, smoothing=False)
     assert tracker.settings == FlowSettings(fill=0.0, min_time=0.5, smoothing=False)
-    with pytest.raises(RequestError, match="settings by their names"):
+    with pytest.raises(RequestError, match="Settings"):
         FlowTracker(25.0)  # type: ignore[arg-type]

@@ -122,12 +122,18 @@ def test_trackers_wait_for_the_first_measurement_and_outlast_silence(method):
     for _ in range(3):
         tracker.update(Detections.empty())
     for step in range(8):
-        tracker.update(Detections(np.array([[50.0 + 3 * step, 50, 70 + 3 * step, 90]]), np.array([0.9])))
+        boxes = np.array([[250.0, 50, 270, 90], [50.0 + 3 * step, 50, 70 + 3 * step, 90]])[1 - step % 2 :]
+        given = Detections(boxes, np.full(len(boxes), 0.9), classes=np.full(len(boxes), 3), names={3: "ship"})
+        tracker.update(given)
     for _ in range(30):
         tracker.update(Detections.empty())
-    (track,) = tracker.tracks()
+    track = tracker.tracks()[0]
     assert track.frames[0] <= 6
     assert track.frames[-1] < 30
+    seen = track.frames < 11
+    np.testing.assert_array_equal(track.detection[seen], (track.frames[seen] - 3) % 2)
+    assert (track.detection[~seen] == -1).all()
+    assert track.class_name == "ship"
 
 
 def test_a_stretch_is_scored_by_itself(tmp_path, capsys):

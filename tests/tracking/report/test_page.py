@@ -87,7 +87,11 @@ def test_the_page_is_whole_and_needs_nothing_else(tmp_path: Path) -> None:
 def test_every_table_and_plot_scrolls_by_itself(tmp_path: Path) -> None:
     text = report_page(make_report(tmp_path))
     tables, plots = re.findall(r"<table>", text), re.findall(r'<svg class="plot"', text)
-    assert len(re.findall(r'<div class="wide"><(?:table>|svg class="plot")', text)) == len(tables) + len(plots) == 6
+    assert (
+        len(re.findall(r'<div class="wide" tabindex="0"><(?:table>|svg class="plot")', text))
+        == len(tables) + len(plots)
+        == 6
+    )
 
 
 def test_text_from_inputs_stays_text(tmp_path: Path) -> None:

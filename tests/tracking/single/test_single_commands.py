@@ -33,7 +33,14 @@ def labelled(tmp_path_factory):
 def test_track_and_evaluate(labelled, tmp_path, capsys):
     out = tmp_path / "Square"
     assert main(["track", "single", str(labelled), "--out", str(out), "--plot", "--overlay"]) == 0
-    assert {p.name for p in out.iterdir()} == {"boxes.txt", "run.json", "peaks.png", "overlay.webm"}
+    assert {p.name for p in out.iterdir()} == {
+        "boxes.txt",
+        "report",
+        "report.html",
+        "run.json",
+        "peaks.png",
+        "overlay.webm",
+    }
     record = json.loads((out / "run.json").read_text())
     assert record["frames"]["frame"] == list(range(1, 9))
     assert len(record["frames"]["score"]) == len(record["frames"]["status"]) == 8

@@ -1,7 +1,8 @@
 """Models of targets that are seen as points: motion, sensor, survival, detection and clutter.
 
 States are ``(N, D)`` float64 with the position first on each axis: ``x, vx, y, vy`` and, turning, a rate ``omega`` in
-radians a second. Equation numbers are those of the finite-sets paper.
+radians a second. Equation numbers are those of the finite-sets paper: sets of targets and of measurements (24)-(27)
+move by (28) and are observed by (29).
 
 Motions and sensors of points in two or three dimensions, and motions that take turns.
 

@@ -1,0 +1,73 @@
+"""Results of other kinds are reviewed, too: a single target, a table, boxes without a video."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.formats.single import read_boxes, write_boxes
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.review.reviewed import Reviewed
+from tsuiseki.tracking.review.session import Session
+from tsuiseki.tracking.types import Track
+
+FRAMES, LOST = 100, slice(60, 90)
+
+
+def of_one_target(folder):
+    """Somebody who walks 4 pixels a frame; the tracker loses them, and its box stays where it was."""
+    t = np.arange(FRAMES)
+    right = np.column_stack([20 + 4 * t, 50 + 0 * t, 50 + 4 * t, 130 + 0 * t]).astype(float)
+    boxes, found = right.copy(), np.ones(FRAMES, dtype=bool)
+    boxes[LOST], found[LOST] = right[LOST.start - 1], False
+    frames = {"frame": t.tolist(), "score": found.tolist(), "status": ["tracking" if f else "lost" for f in found]}
+    files = {"boxes.txt": lambda path, _: write_boxes(path, boxes)}
+    known = {"frame_rate": 25.0, "size": (640, 360), "frames": frames, "files": files}
+    return Result([Track(1, t, boxes, found, found)], **known).save(folder), right, boxes
+
+
+def test_a_target_that_was_lost_goes_on_from_both_sides_of_a_click(tmp_path):
+    folder, right, before = of_one_target(tmp_path / "result")
+    session = Session(folder)
+    reviewed = Reviewed(session, "result")
+    assert reviewed.state["single"]
+    middle = (right[75, :2] + right[75, 2:]) / 2
+    answer = reviewed.change("correct", {"kind": "target", "frame": 75, "point": middle.tolist(), "of": 1})
+    assert answer["changed"] == [(1, LOST.start, LOST.stop - 1)]
+    assert np.abs(session.tracks()[0].boxes - right).max() < 1
+    session.close()
+    assert np.abs(Result.load(folder)[0].boxes - right).max() < 1
+    assert np.abs(read_boxes(folder / "boxes.txt") - right).max() < 1
+    session = Session(folder)
+    assert np.abs(session.tracks()[0].boxes - right).max() < 1
+    session.undo()
+    assert np.abs(session.tracks()[0].boxes - before).max() < 0.01
+    session.close()
+    assert np.abs(read_boxes(folder / "boxes.txt") - before).max() < 0.01
+
+
+def test_a_click_where_the_target_is_tracked_moves_its_box(tmp_path):
+    folder, right, _ = of_one_target(tmp_path / "result")
+    session = Session(folder)
+    middle = (right[30, :2] + right[30, 2:]) / 2 + [9, 0]
+    Reviewed(session, "result").change("correct", {"kind": "target", "frame": 30, "point": middle.tolist(), "of": 1})
+    assert session.tracks()[0].boxes[30] == pytest.approx(right[30] + [9, 0, 9, 0])
+    session.close()
+
+
+def test_a_table_of_tracks_is_corrected(tmp_path):
+    t = np.arange(40)
+    walks = [20 + 4 * t, 200 - 4 * t]
+    tracks = [
+        Track(k + 1, t, np.column_stack([x, 50 + 0 * x, x + 30, 130 + 0 * x]), np.ones(40)) for k, x in enumerate(walks)
+    ]
+    folder = Result(tracks, frame_rate=25.0, frames={"frame": t.tolist()}).save(tmp_path / "result")
+    session = Session(folder)
+    reviewed = Reviewed(session, "result", "there is no video")
+    assert (reviewed.state["size"], reviewed.state["single"]) == ([230, 130], False)
+    reviewed.change("correct", {"kind": "switch", "ids": [1, 2], "frame": 30})
+    session.close()
+    saved = Result.load(folder).by_id
+    assert saved[1].boxes[35, 0] == pytest.approx(walks[1][35])
+    assert saved[2].boxes[35, 0] == pytest.approx(walks[0][35])
+    assert saved[1].boxes[20, 0] == pytest.approx(walks[0][20])

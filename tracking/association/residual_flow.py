@@ -1,0 +1,279 @@
+"""The cheapest flow with what proves it: node potentials under which no arc of the residual network costs below 0.
+
+The network is a circulation over u_i, v_i of each detection and one node G in place of source and sink. An arc that is
+not used may be taken as it is, one that is used may be given back (its reverse, at minus its cost). Arcs may be forced
+or forbidden: they are used or not, and leave the residual network. When that changes, the flow is mended by shortest
+paths (Dijkstra on reduced costs, as of Edmonds and Karp, 1972), which is exact and touches only what the change costs.
+
+Costs are whole multiples of ``1 / SCALE``, kept as floats, so that sums are exact.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+
+import numpy as np
+import scipy
+
+from tsuiseki.tracking.association.network_flow import SCALE, FlowGraph, FlowSolution, scaled, solution_of
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+FREE, FORBIDDEN, FORCED = 0, -1, 1
+# No way through a network costs as much.
+LARGEST = 1e15
+
+
+class InfeasibleError(ValueError):
+    """No flow uses all forced arcs and none of the forbidden ones."""
+
+
+class ResidualFlow:
+    """A cheapest flow under forced and forbidden arcs, and its potentials.
+
+    The arcs of N detections and P transitions are numbered: N observations, N entries, N exits, P transitions.
+
+    Args:
+        graph: the network.
+        solution: its cheapest flow without constraints.
+
+    Attributes:
+        graph: as given.
+        tail: ``(3 N + P,)`` node that each arc leaves: 2 i is u_i, 2 i + 1 is v_i, 2 N is G.
+        head: ``(3 N + P,)`` node that it leads to.
+        cost: ``(3 N + P,)`` in multiples of ``1 / SCALE``.
+        used: ``(3 N + P,)``.
+        status: ``(3 N + P,)`` 0 free, -1 forbidden, 1 forced.
+        potential: ``(2 N + 1,)``.
+
+    Raises:
+        ValueError: a cheaper flow than the solution exists.
+    """
+
+    def __init__(self, graph: FlowGraph, solution: FlowSolution) -> None:
+        self.graph, self.count = graph, len(graph)
+        self._number_arcs()
+        self.used = _used_arcs(graph, solution)
+        self.status = np.zeros(len(self.cost), dtype=np.int64)
+        self.potential = _first_potentials(self, solution)
+        if (np.where(self.used, -self.reduced, self.reduced) < 0).any():
+            raise ValueError("expected the cheapest flow, got one that can be made cheaper")
+
+    def _number_arcs(self) -> None:
+        """Ends and costs of all arcs, and rows and columns of both directions, so that only the weights change."""
+        graph, count, each = self.graph, self.count, np.arange(self.count)
+        u, v, ground = 2 * each, 2 * each + 1, np.full(count, 2 * count)
+        self.tail = np.concatenate([u, ground, v, 2 * graph.tail + 1])
+        self.head = np.concatenate([v, u, ground, 2 * graph.head])
+        costs = graph.observation, graph.entry, graph.exit, graph.transition
+        self.cost = np.concatenate([scaled(cost) for cost in costs]).astype(np.float64)
+        arcs, size = len(self.cost), 2 * self.count + 1
+        ends = np.append(self.tail, self.head), np.append(self.head, self.tail)
+        matrix = scipy.sparse.coo_array((np.arange(1.0, 2 * arcs + 1), ends), shape=(size, size)).tocsr()
+        self._layout = matrix.indptr, matrix.indices
+        # Which direction of which arc each entry is: below `arcs` forwards, from there on backwards.
+        self._entry = matrix.data.astype(np.int64) - 1
+
+    def copy(self) -> ResidualFlow:
+        """A copy that can be changed by itself."""
+        other = copy(self)
+        other.used, other.status, other.potential = self.used.copy(), self.status.copy(), self.potential.copy()
+        return other
+
+    def grown(self, graph: FlowGraph) -> ResidualFlow:
+        """The same flow in a network that begins with this one's detections and transitions, and has more.
+
+        New detections are forbidden, as in this flow.
+        """
+        other, before, more = copy(self), self.count, len(graph) - self.count
+        each = before + np.arange(more)
+        parts = np.split(np.arange(len(self.cost)), [before, 2 * before, 3 * before])
+        links = np.zeros(len(graph.tail) - len(self.graph.tail), np.bool_)
+        other.graph, other.count = graph, len(graph)
+        other.used = np.concatenate(
+            [a for p in parts[:3] for a in (self.used[p], np.zeros(more, np.bool_))] + [self.used[parts[3]], links]
+        )
+        other.status = np.concatenate(
+            [self.status[parts[0]], np.full(more, FORBIDDEN, np.int64)]
+            + [a for p in parts[1:3] for a in (self.status[p], np.zeros(more, np.int64))]
+            + [self.status[parts[3]], links.astype(np.int64)]
+        )
+        other._number_arcs()
+        ground = self.potential[-1]
+        potential = np.concatenate([self.potential[:-1], np.zeros(2 * more), [ground]])
+        potential[2 * each] = ground + other.cost[other.count + each]
+        potential[2 * each + 1] = ground - other.cost[2 * other.count + each]
+        new = 3 * other.count + len(self.graph.tail) + np.arange(len(links))
+        tail, head, cost = other.tail[new], other.head[new], other.cost[new]
+        out, into = tail >= 2 * before, head >= 2 * before
+        # Both ends of a link between two new detections hold as soon as the first one is high enough.
+        np.minimum.at(potential, head[into & ~out], (potential[tail] + cost)[into & ~out])
+        np.maximum.at(potential, tail[out], (potential[head] - cost)[out])
+        other.potential = potential
+        # A new link between old detections is taken where it is worth it.
+        wanted, other.status = other.status.copy(), other.status.copy()
+        wrong = new[(cost + potential[tail] - potential[head]) < 0]
+        other.status[wrong] = FORBIDDEN
+        other.constrain(wanted)
+        return other
+
+    @property
+    def reduced(self) -> FloatArray:
+        """``(3 N + P,)`` reduced costs: 0 or more where a free arc is not used, 0 or less where it is."""
+        return np.asarray(self.cost + self.potential[self.tail] - self.potential[self.head])
+
+    @property
+    def total(self) -> float:
+        """What the flow costs."""
+        return float(self.cost[self.used].sum() / SCALE)
+
+    def weights(self) -> scipy.sparse.csr_array:
+        """``(2 N + 1, 2 N + 1)`` reduced costs of the residual network; inf where an arc does not lead that way."""
+        reduced, free = self.reduced, self.status == FREE
+        forwards = np.where(free & ~self.used, reduced, np.inf)
+        backwards = np.where(free & self.used, -reduced, np.inf)
+        data = np.append(forwards, backwards)[self._entry]
+        pointers, indices = self._layout
+        return scipy.sparse.csr_array((data, indices, pointers), shape=(2 * self.count + 1,) * 2)
+
+    def solution(self) -> FlowSolution:
+        """The flow as the matching gives it."""
+        count, graph = self.count, self.graph
+        follower = np.full(count, -1, dtype=np.int64)
+        links = self.used[3 * count :]
+        follower[graph.tail[links]] = graph.head[links]
+        return solution_of(graph, np.zeros(count, np.bool_), self.used[:count], follower)
+
+    def constrain(self, status: IntArray) -> None:
+        """Force, forbid and free arcs, and mend the flow.
+
+        Args:
+            status: ``(3 N + P,)`` as `status`.
+
+        Raises:
+            InfeasibleError: not all of it can hold; the flow is left as it was.
+        """
+        kept = self.used.copy(), self.status.copy(), self.potential.copy()
+        changed = np.flatnonzero(status != self.status)
+        # What is freed first makes room.
+        changed = changed[np.argsort(status[changed] != FREE, kind="stable")]
+        try:
+            for arc in changed.tolist():
+                self._set(arc, int(status[arc]))
+        except InfeasibleError:
+            self.used, self.status, self.potential = kept
+            raise
+
+    def _set(self, arc: int, status: int) -> None:
+        self.status[arc] = status
+        reduced = self.cost[arc] + self.potential[self.tail[arc]] - self.potential[self.head[arc]]
+        used = bool(self.used[arc])
+        worse = reduced > 0 if used else reduced < 0
+        if not (worse if status == FREE else used == (status == FORBIDDEN)):
+            return
+        self.used[arc] = not used
+        if status == FREE:
+            # It costs nothing to think of the arc as it was: then the flow is mended without it, or it is used again.
+            self.status[arc] = FORCED
+        ends = (int(self.tail[arc]), int(self.head[arc])) if used else (int(self.head[arc]), int(self.tail[arc]))
+        gain = abs(reduced) if status == FREE else np.inf
+        mended = self._reroute(*ends, gain)
+        self.status[arc] = status
+        if not mended:
+            self.used[arc] = used
+
+    def _reroute(self, source: int, target: int, most: float) -> bool:
+        """Send a unit from one node to another by the cheapest way; False where that saves nothing."""
+        distance, before = scipy.sparse.csgraph.dijkstra(
+            self.weights(), indices=source, return_predecessors=True, limit=min(most, LARGEST)
+        )
+        if most == np.inf and not np.isfinite(distance[target]):
+            raise InfeasibleError
+        mended = bool(distance[target] < most)
+        self.potential = self.potential + np.minimum(distance, min(distance[target], most))
+        node = target
+        while mended and node != source:
+            self._flip(int(before[node]), node)
+            node = int(before[node])
+        return mended
+
+    def arc_between(self, tail: int, head: int) -> int:
+        """The number of the arc that leads from a node to another or back; -1 where there is none."""
+        pointers, indices = self._layout
+        place = np.flatnonzero(indices[pointers[tail] : pointers[tail + 1]] == head)
+        return int(self._entry[pointers[tail] + int(place[0])] % len(self.cost)) if len(place) else -1
+
+    def link(self, i: int, j: int) -> int:
+        """The number of the arc of the transition from one detection to another; -1 where there is none."""
+        return self.arc_between(2 * i + 1, 2 * j)
+
+    def _flip(self, tail: int, head: int) -> None:
+        arc = self.arc_between(tail, head)
+        self.used[arc] = not self.used[arc]
+
+
+def _used_arcs(graph: FlowGraph, solution: FlowSolution) -> BoolArray:
+    starts = solution.used.copy()
+    starts[solution.follower[solution.follower >= 0]] = False
+    ends = solution.used & (solution.follower < 0)
+    return np.concatenate([solution.used, starts, ends, solution.follower[graph.tail] == graph.head])
+
+
+def _first_potentials(flow: ResidualFlow, solution: FlowSolution) -> FloatArray:
+    """``(2 N + 1,)`` lengths of the shortest ways from G (Bellman and Ford), a whole track taken in one step."""
+    count = flow.count
+    order, reach, piece = _backwards(flow, solution)
+    distance = np.full(2 * count + 1, np.inf)
+    distance[-1] = 0
+    free = np.flatnonzero(~flow.used)
+    tail, head, cost = flow.tail[free], flow.head[free], flow.cost[free]
+    ends = np.flatnonzero(flow.used[2 * count : 3 * count])
+    distance[2 * ends + 1] = -flow.cost[2 * count + ends]
+    changed = np.isfinite(distance)
+    for _ in range(2 * count + 2):
+        before = distance.copy()
+        asked = np.flatnonzero(changed[tail])
+        np.minimum.at(distance, head[asked], distance[tail[asked]] + cost[asked])
+        distance[order] = reach + _running_minimum(distance[order] - reach, piece)
+        changed = distance < before
+        if distance[-1] < 0 or not changed.any():
+            break
+    return distance
+
+
+def _backwards(flow: ResidualFlow, solution: FlowSolution) -> tuple[IntArray, FloatArray, IntArray]:
+    """Nodes of all tracks from their ends on, what the way back to each costs, and the number of its track."""
+    count, follower = flow.count, solution.follower
+    leads = np.full(count, -1, dtype=np.int64)
+    linked = np.flatnonzero(follower >= 0)
+    leads[follower[linked]] = linked
+    link = np.zeros(count)
+    links = np.flatnonzero(flow.used[3 * count :])
+    link[flow.graph.tail[links]] = flow.cost[3 * count + links]
+    # How many detections come after each, and whose track it is: tracks advance together, from their ends.
+    current = np.flatnonzero(solution.used & (follower < 0))
+    piece, rank, step = np.full(count, -1), np.zeros(count, np.int64), 0
+    number = np.arange(len(current))
+    while len(current):
+        piece[current], rank[current] = number, step
+        current, number = leads[current], number[current >= 0]
+        number, current, step = number[current >= 0], current[current >= 0], step + 1
+    used = np.flatnonzero(piece >= 0)
+    used = used[np.lexsort((rank[used], piece[used]))]
+    order = np.column_stack([2 * used + 1, 2 * used]).ravel()
+    # From u of the follower to v, and from v to u.
+    reach = np.cumsum(np.column_stack([-link[used], -flow.cost[used]]).ravel())
+    pieces = np.repeat(piece[used], 2)
+    return order, reach - reach[np.searchsorted(pieces, pieces)], pieces
+
+
+def _running_minimum(values: FloatArray, piece: IntArray) -> FloatArray:
+    """``(N,)`` the least value so far within each piece, pieces one after the other."""
+    if len(values) == 0:
+        return values
+    known = np.isfinite(values)
+    if not known.any():
+        return values
+    low, high = float(values[known].min()), float(values[known].max())
+    apart = piece * (2 * (high - low) + 2)
+    least = np.minimum.accumulate(np.where(known, values, 2 * high - low + 1) - apart) + apart
+    return np.where(least > high, np.inf, least)

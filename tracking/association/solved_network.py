@@ -1,0 +1,152 @@
+"""The network that the flow of a whole video was solved on, kept with its result, so that it can be solved again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.association.network_flow import SCALE, FlowGraph, scaled
+from tsuiseki.tracking.association.sliding_flow import Decision
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import FloatArray, IntArray, Track
+
+NETWORK_FILE = "flow.npz"
+COSTS = ("observation", "entry", "exit", "transition")
+# A table with a row for each column that `SolvedNetwork` has beside the graph.
+COLUMNS = ("frames", "boxes", "scores", "origin", "track")
+
+
+@dataclass(frozen=True)
+class SolvedNetwork:
+    """N detections, what they cost, and the track that each was reported in.
+
+    Attributes:
+        frames: ``(N,)`` increasing, from 0.
+        boxes: ``(N, 4)`` pixels, as detected.
+        scores: ``(N,)``, NaN where not known.
+        origin: ``(N, 2)`` row among the detections of its frame, and class.
+        graph: their costs, with all links that were weighed.
+        track: ``(N,)`` id, 0 for none.
+        fewest: detections that a track needs.
+        fill: longest gap that is filled, frames.
+    """
+
+    frames: IntArray
+    boxes: FloatArray
+    scores: FloatArray
+    origin: IntArray
+    graph: FlowGraph
+    track: IntArray
+    fewest: int = 1
+    fill: int = 0
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def write(self, path: Path) -> None:
+        """Write it as ``.npz``, costs as whole multiples of ``1 / SCALE``."""
+        graph = self.graph
+        table = {name: getattr(self, name) for name in COLUMNS}
+        table |= {name: scaled(getattr(graph, name)) for name in COSTS} | {"tail": graph.tail, "head": graph.head}
+        with path.open("wb") as file:
+            np.savez_compressed(file, fewest=self.fewest, fill=self.fill, **table)
+
+    @classmethod
+    def read(cls, path: Path) -> SolvedNetwork:
+        """What `write` wrote.
+
+        Raises:
+            RequestError: the file holds something else.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                table = {name: file[name] for name in file.files}
+            costs = {name: table[name] / SCALE for name in COSTS}
+            graph = FlowGraph(**costs, tail=table["tail"], head=table["head"])
+            network = cls(
+                **{name: table[name] for name in COLUMNS},
+                graph=graph,
+                fewest=int(table["fewest"]),
+                fill=int(table["fill"]),
+            )
+            lengths = {len(getattr(network, name)) for name in COLUMNS} | {len(graph)}
+            ends = np.concatenate([graph.tail, graph.head])
+            if len(lengths) != 1 or (len(ends) and not 0 <= ends.min() <= ends.max() < len(network)):
+                raise ValueError("columns do not fit each other")
+        except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+            raise RequestError(f"{path}: expected the network of a result, got something else; track again") from error
+        return network
+
+
+def network_of_tracks(tracks: Sequence[Track], fill: int) -> SolvedNetwork:
+    """A network whose only flow is these tracks: they can be corrected, and nothing in them is in doubt.
+
+    Args:
+        tracks: of one video.
+        fill: longest gap that is filled, frames.
+    """
+    columns = [[getattr(t, n)[t.observed] for t in tracks] for n in ("frames", "boxes", "scores", "origin")]
+    numbers = [np.full(int(t.observed.sum()), t.id) for t in tracks]
+    empty = np.empty(0, np.int64), np.empty((0, 4)), np.empty(0), np.empty((0, 2), np.int64)
+    frames, boxes, scores, origin = (np.concatenate([e, *c]) for e, c in zip(empty, columns, strict=True))
+    track = np.concatenate([empty[0], *numbers])
+    order = np.lexsort((track, frames))
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    following = np.flatnonzero(track[:-1] == track[1:])
+    count, links = len(order), len(following)
+    costs = np.full(count, -ALONE), np.full(count, ALONE / 4), np.full(count, ALONE / 4)
+    graph = FlowGraph(*costs, place[following], place[following + 1], np.zeros(links))
+    return SolvedNetwork(frames[order], boxes[order], scores[order], origin[order], graph, track[order], 1, fill)
+
+
+# What the detections of given tracks save, so that each alone is a track.
+ALONE = 20.0
+
+
+@dataclass
+class NetworkRecord:
+    """Collects the network while its windows are decided."""
+
+    parts: list[tuple[IntArray, FloatArray, tuple[IntArray, IntArray, FloatArray]]] = field(default_factory=list)
+
+    def copy(self) -> NetworkRecord:
+        """A copy that can grow by itself."""
+        return NetworkRecord([*self.parts])
+
+    def add(self, decision: Decision, numbers: IntArray, graph: FlowGraph) -> None:
+        """Note what was decided, and the costs that it was decided by.
+
+        Args:
+            decision: of some of the undecided detections.
+            numbers: ``(U,)`` of these.
+            graph: that their flow is the cheapest in.
+        """
+        done = np.isin(numbers, decision.numbers, assume_unique=True)
+        arcs = done[graph.tail]
+        costs = np.column_stack([graph.observation, graph.entry, graph.exit])[done]
+        links = numbers[graph.tail[arcs]], numbers[graph.head[arcs]], graph.transition[arcs]
+        self.parts.append((numbers[done], costs, links))
+
+    def graph(self, count: int, joins: Sequence[tuple[IntArray, IntArray, FloatArray]]) -> FlowGraph:
+        """The whole network of ``count`` detections.
+
+        Args:
+            count: N.
+            joins: tails, heads and what joining them saves less than ending one track and starting another.
+        """
+        costs = np.zeros((count, 3))
+        for numbers, known, _ in self.parts:
+            costs[numbers] = known
+        observation, entry, exit = costs.T.copy()
+        none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
+        joined = [(i, j, cost + entry[j] + exit[i]) for i, j, cost in joins]
+        every = [none, *(links for *_, links in self.parts), *joined]
+        tail, head, cost = (np.concatenate(column) for column in zip(*every, strict=True))
+        order = np.lexsort((cost, head, tail))
+        first = np.append(True, (np.diff(tail[order]) != 0) | (np.diff(head[order]) != 0))[: len(order)]
+        kept = order[first & (cost[order] < entry[head[order]] + exit[tail[order]])]
+        return FlowGraph(observation, entry, exit, tail[kept], head[kept], cost[kept])

@@ -1,0 +1,258 @@
+"""One video of a batch: the command, its options, and where the result goes; and whether that is there already.
+
+A result counts as there by what it was made of: the bytes of the video and of the models, the options, the versions.
+Dates tell nothing. Of a file of up to 64 MB all bytes are summed, of a larger one its length and 64 blocks of 1 MB from
+its first to its last.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group
+from tsuiseki.tracking.cli.options import Output
+from tsuiseki.tracking.cli.parser import options_of, parse
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.output import RUN_FILE, is_partial, versions, whole_file
+from tsuiseki.tracking.weights import shipped_or_file
+from tsuiseki.tracking.weights.catalogue import file_sum
+
+STATE = ".batch"
+BLOCK, BLOCKS = 1 << 20, 64
+SCORES = "scores.json"
+NETWORKS = ("detector", "appearance", "affinity")
+# Options that change no result.
+IDLE = ("out", "overwrite", "threads", "json")
+
+
+@dataclass(frozen=True)
+class Job:
+    """A command on one video.
+
+    Attributes:
+        command: its words, such as track and people.
+        source: what it is given: a path or an address.
+        name: of the folder of its result.
+        options: values by name; ``{name}`` in a text stands for the name.
+        words: more options, as on the command line, which win.
+        start: when the video began, seconds; None where nobody says.
+    """
+
+    command: tuple[str, ...]
+    source: str
+    name: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    words: tuple[str, ...] = ()
+    start: float | None = None
+
+    @property
+    def is_address(self) -> bool:
+        """Whether it has to be fetched."""
+        return "://" in self.source
+
+    @property
+    def function(self) -> Callable[..., Any]:
+        """That does the work."""
+        return function_of(self.command)
+
+    def arguments(self, source: str, folder: Path, overwrite: bool = True, **more: Any) -> dict[str, Any]:
+        """Of `function`.
+
+        Args:
+            source: the video, as a path.
+            folder: of the result.
+            overwrite: an earlier result.
+            more: further options.
+
+        Raises:
+            RequestError: an option is unknown or wrong.
+        """
+        names = [option.name for option in options_of(self.function)]
+        options = {**json.loads(json.dumps(dict(self.options)).replace("{name}", self.name)), **more}
+        if "out" in names:
+            options["out"] = str(folder)
+        elif "json" in names:
+            options["json"] = str(folder / SCORES)
+        options["overwrite"] = overwrite
+        by_place = [[name, options.pop(name)] for name in self._by_place()[1:] if name in options]
+        words = [word.replace("{name}", self.name) for word in self.words]
+        places = [word for _, value in by_place for word in (value if isinstance(value, list) else [value])]
+        places += self._taken(words)
+        config = json.dumps({name: value for name, value in options.items() if name in names})
+        return parse(" ".join(["tsuiseki", *self.command]), self.function, [source, *places, *words], config)
+
+    def _taken(self, words: list[str]) -> list[str]:
+        """Values of options that the command takes by place, out of ``words``."""
+        names = [f"--{name}=" for name in self._by_place()[1:]]
+        taken = [word for word in words if word.startswith(tuple(names))]
+        words[:] = [word for word in words if word not in taken]
+        return [word.partition("=")[2] for word in taken]
+
+    def _by_place(self) -> list[str]:
+        return [option.name for option in options_of(self.function) if option.by_place]
+
+
+def function_of(words: tuple[str, ...]) -> Callable[..., Any]:
+    """The function of a command.
+
+    Raises:
+        RequestError: there is none.
+    """
+    entry: Any = COMMANDS.get(words[0])
+    for word in words[1:]:
+        entry = entry.commands.get(word) if isinstance(entry, Group) else None
+    if not isinstance(entry, Command):
+        raise RequestError(f"expected a command such as `track people` for a batch, got `{' '.join(words)}`")
+    return entry.load(words)
+
+
+def blocks_of(file: IO[bytes], size: int, most: int = BLOCKS) -> Iterator[bytes]:
+    """Length and bytes of a file: all, or ``most`` blocks of a larger one."""
+    yield str(size).encode()
+    every, place = max((size - BLOCK) / max(most - 1, 1), BLOCK), 0.0
+    while place < size:
+        file.seek(round(place))
+        yield file.read(BLOCK)
+        place += every
+
+
+def content_of(source: str) -> str:
+    """A sum over a file, over what lies at an address, or over the files in a folder by their names."""
+    from tsuiseki.tracking.batch.sources import opened
+
+    found, path = hashlib.sha256(), Path(source)
+    inside = sorted(each for each in path.rglob("*") if each.is_file()) if "://" not in source else []
+    for name in [str(each) for each in inside] or [source]:
+        if inside:
+            found.update(Path(name).relative_to(path).as_posix().encode())
+        with opened(name) as (file, size):
+            for block in blocks_of(file, size, max(BLOCKS // max(len(inside), 1), 1)):
+                found.update(block)
+    return found.hexdigest()
+
+
+def key_of(job: Job, source: str, more: Any = None) -> str:
+    """What the result of a job is known by; see the head of this file.
+
+    Raises:
+        RequestError: see `Job.arguments`; or a file cannot be read.
+    """
+    plain: dict[str, Any] = {}
+    for name, value in sorted(settings_of(job, source).items()):
+        path = Path(str(value)) if isinstance(value, str) and value else None
+        if path is not None and name in NETWORKS and value != "none":
+            path = shipped_or_file(name, path)
+        try:
+            there = path is not None and path.exists()
+        except OSError:
+            there = False
+        if path is not None and there:
+            plain[name] = content_of(str(path)) if path.is_dir() else file_sum(path)
+        else:
+            plain[name] = value
+    made = [list(job.command), plain, content_of(source), versions(), more]
+    return hashlib.sha256(json.dumps(made, sort_keys=True, default=str).encode()).hexdigest()[:24]
+
+
+def settings_of(job: Job, source: str) -> dict[str, Any]:
+    """Options that make a difference, plain, with all defaults; without the source."""
+    given = job.arguments(source, Path("unused"), overwrite=True)
+    found: dict[str, Any] = {}
+    for value in given.values():
+        if isinstance(value, Output):
+            found |= value.settings
+    if not found:
+        found = {name: repr(value) for name, value in given.items()}
+    places = [option.name for option in options_of(job.function) if option.by_place][:1]
+    return {name: value for name, value in found.items() if name not in (*IDLE, *places)}
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a job leaves things.
+
+    Attributes:
+        folder: of its result.
+        state: folder of what it keeps on its way.
+    """
+
+    folder: Path
+    state: Path
+
+    @classmethod
+    def of(cls, batch: Path, job: Job) -> Place:
+        """In the folder of a batch."""
+        return cls(batch / job.name, batch / STATE / job.name)
+
+    @property
+    def made(self) -> dict[str, Any]:
+        """What the result was begun with: its key and settings; empty where there is none."""
+        try:
+            found: dict[str, Any] = json.loads((self.state / "made.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+        return found
+
+    @property
+    def there(self) -> bool:
+        """Whether a whole result lies there."""
+        record = self.folder / RUN_FILE
+        return (record.is_file() and not is_partial(self.folder)) or (self.folder / SCORES).is_file()
+
+    def refuse_others(self, job: Job) -> None:
+        """Refuse a result of other settings.
+
+        Raises:
+            RequestError: one is there.
+        """
+        settings = settings_of(job, job.source) if self.there else {}
+        if self.there and (not self.made or self.made["settings"] != json.loads(json.dumps(settings, default=str))):
+            self._refuse(settings)
+
+    def _refuse(self, settings: Mapping[str, Any]) -> None:
+        other = other_of(self.made, settings)
+        raise RequestError(f"{self.folder} holds {other}; choose another `out` or add `overwrite`")
+
+    def begin(self, key: str, settings: Mapping[str, Any], overwrite: bool) -> bool:
+        """Take the place for a job; False where its result is there.
+
+        Raises:
+            RequestError: another result is there.
+        """
+        made = self.made
+        if made.get("key") == key and self.there:
+            return False
+        # What was left behind in part, of whatever settings, is nobody's result.
+        if self.there and not overwrite:
+            self._refuse(settings)
+        (self.folder / RUN_FILE).unlink(missing_ok=True)
+        (self.folder / SCORES).unlink(missing_ok=True)
+        if made.get("key") != key:
+            shutil.rmtree(self.state, ignore_errors=True)
+        with whole_file(self.state / "made.json") as file:
+            file.write(json.dumps({"key": key, "settings": dict(settings)}, default=str).encode())
+        return True
+
+    def clear(self) -> None:
+        """Drop what was kept on the way."""
+        for path in self.state.iterdir():
+            if path.name != "made.json":
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+def other_of(made: Mapping[str, Any], settings: Mapping[str, Any]) -> str:
+    """What is different of a result that is there already."""
+    before, now = made.get("settings"), json.loads(json.dumps(dict(settings), default=str))
+    if before is None:
+        return "a result that no batch has made"
+    differs = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
+    if not differs:
+        return "a result of another video, other models or versions"
+    shown = ", ".join(f"{name} {before.get(name)}, now {now.get(name)}" for name in differs[:3])
+    return f"a result of other settings ({shown})"

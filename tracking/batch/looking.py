@@ -1,0 +1,303 @@
+"""People looked for in stretches of a video, each by itself, with what one process finds in the whole of it.
+
+What a detector chooses on its way is chosen once, before: in how many tiles it looks, and for networks of other
+projects the score from which on boxes count. A stretch begins where a batch of frames does. What only the frames before
+tell, as the ground and the flow, is left to the one who puts the stretches together.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
+from math import ceil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.batch.observations import Observations, read_observations, write_observations
+from tsuiseki.tracking.cli.run import Run
+from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.features.foreign_detector import ForeignDetector
+from tsuiseki.tracking.features.standing_camera import StandingCamera
+from tsuiseki.tracking.features.streaming import stream
+from tsuiseki.tracking.features.view_choice import ViewChoice, ViewedDetector, ViewLooks, inner_detector
+from tsuiseki.tracking.features.views import TileView
+from tsuiseki.tracking.output import whole_file
+from tsuiseki.tracking.people.settings import Linking, PeopleFinding
+from tsuiseki.tracking.people.tracking import OpenedPeople, open_people
+from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
+from tsuiseki.tracking.video.image_folder import ImageFolder
+from tsuiseki.tracking.video.source import Source, VideoFile
+from tsuiseki.tracking.video.stretch import Stretches
+
+# Frames before a stretch that its camera is watched from: some that it is compared with in turn.
+WATCHED = 3
+# Parts of a plan that are long.
+BESIDE = ("beginning", "stamps", "times")
+
+
+class KnownLooks(ViewLooks):
+    """The views of a video that was looked at before."""
+
+    def take(self, images: Sequence[ImageArray], *_: Any) -> ViewChoice:
+        """See `ViewLooks.take`; nobody looks."""
+        self.choice = next(choice for frame, choice in reversed(self.changes) if frame <= self.frames)
+        self.frames += len(images)
+        return self.choice
+
+
+@dataclass(frozen=True)
+class LookingPlan:
+    """How a video is cut, and what is chosen before.
+
+    Attributes:
+        parts: first and last frame of each stretch, 0-based.
+        begins: first frame that is looked at with what is chosen; boxes of those before are ``beginning``.
+        seen: frames that the looks at tiles count before it.
+        views: from which frame of theirs on which tiles are looked at, as `ViewChoice`; by the size of the frames.
+        floor: score that the beginning tells; None where it does not.
+        threshold: score from which boxes count; None where it is not chosen here.
+        gave: whether pictures there gave boxes of any class.
+        beginning: detections by frame from the first on.
+        stamps: of the video, see `Stretches`.
+        times: likewise.
+    """
+
+    parts: list[tuple[int, int]]
+    begins: int
+    seen: int = 0
+    views: Sequence[tuple[list[int], list[tuple[int, dict[str, Any]]]]] = ()
+    floor: float | None = None
+    threshold: float | None = None
+    gave: Sequence[bool] = ()
+    beginning: Sequence[Detections] = ()
+    stamps: FloatArray = field(default_factory=lambda: np.empty(0))
+    times: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def write(self, path: Path) -> None:
+        """Write it; what is long lies beside."""
+        values = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in BESIDE}
+        nothing = np.empty(0, dtype=np.bool_), np.empty(0, dtype=np.int64)
+        write_observations(path.with_suffix(".npz"), Observations(self.beginning, *nothing, {}))
+        for name in BESIDE[1:]:
+            with whole_file(path.with_suffix(f".{name}.npy")) as file:
+                np.save(file, getattr(self, name))
+        with whole_file(path) as file:
+            file.write(json.dumps(values).encode())
+
+    @classmethod
+    def read(cls, path: Path) -> LookingPlan:
+        """What `write` wrote."""
+        beginning = read_observations(path.with_suffix(".npz")).found
+        arrays = {name: np.load(path.with_suffix(f".{name}.npy"), allow_pickle=False) for name in BESIDE[1:]}
+        return cls(**json.loads(path.read_text(encoding="utf-8")), beginning=beginning, **arrays)
+
+    def stretches(self, source: Source) -> Stretches:
+        """Of the video, which is opened anew."""
+        assert isinstance(source, VideoFile | ImageFolder)
+        return Stretches(source, len(self.stamps) or source.length or 0, self.stamps, self.times)
+
+    def prepare(self, opened: OpenedPeople, first: int) -> None:
+        """Let what was opened look as planned, from frame ``first`` on."""
+        inputs, network = opened.inputs, inner_detector(opened.inputs.detect)
+        if isinstance(inputs.detect, ViewedDetector):
+            for size, changes in self.views:
+                told = [(frame, _choice(values)) for frame, values in changes]
+                rate, count = inputs.detect.frame_rate, self.seen + max(first - self.begins, 0)
+                inputs.detect.looks[tuple(size)] = KnownLooks(rate, told[-1][1], changes=told, frames=count, due=None)
+                seen = [choice for _, choice in told if choice.sees_somebody]
+                inputs.detect.looks[tuple(size)].somebody = seen
+        if inputs.choice is not None and self.threshold is not None:
+            assert isinstance(network, ForeignDetector)
+            inputs.choice.floor, network.score_threshold = self.floor, self.threshold
+            if inputs.ground is not None:
+                inputs.ground.score_threshold = self.threshold
+
+
+def _choice(values: dict[str, Any]) -> ViewChoice:
+    view = TileView(values["columns"], np.array(values["tiles"], dtype=np.int64))
+    people = {int(columns): count for columns, count in values["people"].items()}
+    return ViewChoice(view, values["milliseconds"], people)
+
+
+def _values(choice: ViewChoice) -> dict[str, Any]:
+    tiles = choice.view.tiles.tolist()
+    return {
+        "columns": choice.view.columns, "tiles": tiles, "milliseconds": choice.milliseconds, "people": choice.people
+    }  # fmt: skip
+
+
+def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float) -> LookingPlan | None:
+    """The plan of a video; None where it has to be done in one piece.
+
+    Args:
+        source: the video.
+        finding: the options.
+        linking: likewise.
+        seconds: of a stretch.
+
+    Raises:
+        RequestError: see `open_people`.
+        RunError: the video breaks off where it is looked at.
+    """
+    opened = open_people(source, replace(finding, threads=1), linking, 0)
+    inputs = opened.inputs
+    stretches = Stretches.of(source) if inputs.needs_images else None
+    if stretches is None:
+        return None
+    wanted, known = stretches.wanted, dict[int, Detections]()
+    assert wanted.last is not None
+    if wanted.last < wanted.first:
+        return None
+    if inputs.choice is not None:
+        known = inputs.choice.look(source, inputs.batch_size, 1, StageTimes())
+    begins, seen = wanted.first + len(known), 0
+    views = []
+    if isinstance(inputs.detect, ViewedDetector):
+        seen = max((looks.frames for looks in inputs.detect.looks.values()), default=0)
+        _look_at_views(inputs.detect, stretches, begins, wanted.last, inputs.batch_size)
+        for size, looks in inputs.detect.looks.items():
+            views.append((list(size), [(frame, _values(choice)) for frame, choice in looks.changes]))
+    batches = max(round(seconds * source.frame_rate / inputs.batch_size), 1)
+    parts = _parts(wanted.first, begins - 1, batches * inputs.batch_size)
+    parts += _parts(begins, wanted.last, batches * inputs.batch_size)
+    told = [known.get(number, Detections.empty()) for number in range(wanted.first, begins)]
+    choice, network = inputs.choice, inner_detector(inputs.detect)
+    floor, threshold = (None, None) if choice is None else (choice.floor, choice.threshold)
+    gave = [*network.gave] if isinstance(network, ForeignDetector) else []
+    beside = told, stretches.stamps, stretches.times
+    return LookingPlan(parts, begins, seen, views, floor, threshold, gave, *beside)
+
+
+def _parts(first: int, last: int, length: int) -> list[tuple[int, int]]:
+    return [(start, min(start + length - 1, last)) for start in range(first, last + 1, length)]
+
+
+def _look_at_views(detect: ViewedDetector, stretches: Stretches, first: int, last: int, batch: int) -> None:
+    """Let the detector choose its tiles as if it were shown all batches from frame ``first`` on."""
+    looks = next(iter(detect.looks.values()), None)
+    before = 0 if looks is None else looks.frames
+    frame = first
+    while frame <= last and (looks is None or looks.due is not None):
+        if looks is not None and looks.due is not None:
+            frame = max(frame, first + batch * ceil((ceil(looks.due) - before) / batch))
+            if frame > last:
+                return
+            looks.frames = before + frame - first
+        count = min(batch, last + 1 - frame)
+        images = [each.image for each in stretches.frames(frame, frame + (count - 1 if looks is None else 0))]
+        detect.prepare(images if looks is None else images * count)
+        looks = next(iter(detect.looks.values()))
+        frame += count
+
+
+def look(plan: LookingPlan, part: int, source: Source, finding: PeopleFinding, linking: Linking) -> Observations:
+    """What is to be seen in a stretch.
+
+    Raises:
+        RunError: see `Stretches.frames`.
+    """
+    opened = open_people(source, replace(finding, threads=1), linking, 0)
+    stretches, inputs = plan.stretches(source), opened.inputs
+    first, last = plan.parts[part]
+    plan.prepare(opened, first)
+    begins = stretches.wanted.first
+    camera = StandingCamera() if isinstance(inputs.camera, StandingCamera) else None
+    watched_from = first
+    if camera is not None and first > begins:
+        # One that stands still is compared with every so many frames, counted from the beginning.
+        turns = max((first - begins - 1) // camera.patience - (WATCHED - 1), 0)
+        watched_from = begins + turns * camera.patience
+    times, same, compared = StageTimes(), list[bool](), list[int]()
+    size: list[int] = []
+
+    def watched() -> Iterator[Frame]:
+        for frame in stretches.frames(watched_from, last):
+            size[:] = frame.image.shape[:2]
+            if camera is not None:
+                with times.measure("camera"):
+                    before = watched_from + camera.compared
+                    alike = camera.add(frame.image)
+                if frame.index >= first:
+                    same.append(alike)
+                    compared.append(before)
+            if frame.index >= first:
+                yield frame
+
+    detect: Any = inputs.detect
+    if first < plan.begins:
+        detect = [Detections.empty()] * begins + [*plan.beginning]
+    found = [each for _, each in stream(watched(), detect, inputs.describe, inputs.batch_size, times, 1)]
+    network = inner_detector(inputs.detect)
+    gave = [*network.gave] if isinstance(network, ForeignDetector) else []
+    about = {"size": size, "seconds": times.seconds, "gave": gave}
+    return Observations(found, np.array(same, dtype=np.bool_), np.array(compared, dtype=np.int64), about)
+
+
+def standing(begins: int, files: Sequence[Path]) -> BoolArray | None:
+    """``(F,)`` what comparing the frames told, where every one was compared with the right one; else None."""
+    camera, told = StandingCamera(), list[bool]()
+    for path in files:
+        with np.load(path, allow_pickle=False) as file:
+            pairs = zip(file["same"].tolist(), file["compared"].tolist(), strict=True)
+        for same, compared in pairs:
+            if len(camera) and compared != begins + camera.compared:
+                return None
+            told.append(same)
+            camera.take(same)
+    return np.array(told, dtype=np.bool_)
+
+
+class Again:
+    """A video that was looked at before: its frames come again with ``found``, what was seen in the last of them.
+
+    An image is blank where nobody needs it again.
+
+    Args:
+        plan: of the video.
+        files: of its stretches.
+        opened: a fresh one; it is told what was chosen and compared.
+        times: gets the seconds that the stretches took.
+    """
+
+    def __init__(self, plan: LookingPlan, files: Sequence[Path], opened: OpenedPeople, times: StageTimes) -> None:
+        self.plan, self.files, self._seconds = plan, files, times.seconds
+        self.source, self.found = opened.inputs.source, Detections.empty()
+        self._network, camera = inner_detector(opened.inputs.detect), opened.inputs.camera
+        plan.prepare(opened, plan.parts[-1][0])
+        self._images = isinstance(camera, CameraPath)
+        if isinstance(camera, StandingCamera):
+            camera.known = standing(plan.parts[0][0], files)
+            self._images = camera.known is None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.source, name)
+
+    def frames(self) -> Iterator[Frame]:
+        """See `Source.frames`."""
+        stretches = self.plan.stretches(self.source)
+        first, last = self.plan.parts[0][0], self.plan.parts[-1][1]
+        images = stretches.frames(first, last) if self._images else None
+        told = {*self.plan.gave}
+        for (start, _), path in zip(self.plan.parts, self.files, strict=True):
+            seen = read_observations(path)
+            told |= {*seen.about["gave"]}
+            if isinstance(self._network, ForeignDetector):
+                self._network.gave |= told
+            for stage, seconds in seen.about["seconds"].items():
+                self._seconds[stage] = self._seconds.get(stage, 0.0) + seconds
+            blank = np.broadcast_to(np.zeros(1, dtype=np.uint8), (*seen.about["size"], 3))
+            for number, self.found in enumerate(seen.found, start):
+                frame = Frame(number, stretches.time(number), blank) if images is None else next(images)
+                yield self.source.times.note(frame)
+        stretches.check_end(last)
+
+
+def again(run: Run, opened: OpenedPeople, plan: LookingPlan, files: Sequence[Path]) -> Iterator[tuple[int, Detections]]:
+    """What was seen in every frame, for ``run``, in order; see `Again`."""
+    video = Again(plan, files, opened, run.times)
+    pairs = ((frame, video.found) for frame in run.frames(video))
+    yield from ((frame.index, found) for frame, found in opened.inputs.in_order(pairs, run.times))

@@ -1,0 +1,194 @@
+"""What a batch is to do: folders, globs, manifests and addresses as one job a video, each with a name of its own."""
+
+from __future__ import annotations
+
+import csv
+import glob
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+from typing import IO, Any
+
+import yaml
+
+from tsuiseki.tracking.batch.jobs import Job
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.formats.mot_sequence import is_sequence, list_images
+from tsuiseki.tracking.output import RUN_FILE, whole_file
+
+VIDEOS = (".mp4", ".m4v", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".webm", ".ts", ".mts", ".m2ts", ".wmv", ".flv")
+MANIFESTS = (".csv", ".yaml", ".yml")
+# Columns of a manifest that are no options.
+OWN = ("source", "name", "start")
+FETCHED = 1 << 22
+
+
+def jobs_of(sources: Sequence[str], job: Job) -> list[Job]:
+    """A job for each video.
+
+    Args:
+        sources: folders, globs, manifests, addresses, files.
+        job: what is to be done; its source and name are filled in.
+
+    Raises:
+        RequestError: there is no video, two have one name, a row of a manifest is wrong, or nothing reads an address.
+    """
+    found: list[tuple[str, Job]] = []
+    for source in sources:
+        found += _jobs_of(str(source), job)
+    if not found:
+        raise RequestError("expected at least one source, got none")
+    names: dict[str, str] = {}
+    for where, each in found:
+        if not re.fullmatch(r"[^/\\]+", each.name) or each.name.startswith("."):
+            raise RequestError(f"{where}: expected a name for a folder, got {each.name!r}")
+        if each.name.casefold() in names:
+            raise RequestError(
+                f"{names[each.name.casefold()]} and {where} would both be called {each.name}; name them in a manifest"
+            )
+        names[each.name.casefold()] = where
+    return [each for _, each in found]
+
+
+def _jobs_of(source: str, job: Job) -> Iterator[tuple[str, Job]]:
+    path = Path(source)
+    if not source:
+        raise RequestError("expected the name of a video, a folder or an address, got nothing")
+    if "://" in source:
+        for address in _addresses(source):
+            yield address, replace(job, source=address, name=PurePosixPath(address.split("?")[0]).stem)
+    elif path.is_dir():
+        for each in _in_folder(path, job):
+            inside = each.relative_to(path).with_suffix("").parts if each != path else (each.resolve().name,)
+            yield str(each), replace(job, source=str(each), name="-".join(inside))
+    elif path.suffix.lower() in MANIFESTS:
+        yield from _in_manifest(path, job)
+    elif path.exists():
+        yield source, replace(job, source=source, name=path.stem)
+    else:
+        matches = sorted(glob.iglob(source, recursive=True)) if glob.has_magic(source) else []  # noqa: PTH207
+        if not matches:
+            what = "no file fits this pattern" if glob.has_magic(source) else "there is no such file or folder"
+            raise RequestError(f"{source}: expected videos, but {what}")
+        for match in matches:
+            yield from _jobs_of(match, job)
+
+
+def _in_folder(folder: Path, job: Job) -> list[Path]:
+    """The videos in a folder and below; of commands on results, the results."""
+    if job.command[0] in ("count", "evaluate"):
+        found = [folder] if (folder / RUN_FILE).exists() or is_sequence(folder) else sorted(folder.iterdir())
+        found = [each for each in found if each.is_dir() and not each.name.startswith(".")]
+    elif list_images(folder) or is_sequence(folder):
+        found = [folder]
+    else:
+        inside = sorted(path for path in folder.rglob("*") if not any(x.startswith(".") for x in path.parts))
+        found = [path for path in inside if path.is_file() and path.suffix.lower() in VIDEOS]
+        pictures = [path for path in inside if path.is_dir() and (list_images(path) or is_sequence(path))]
+        # The pictures of a sequence lie in a folder of its own.
+        found += [path for path in pictures if not any(other in path.parents for other in pictures)]
+    if not found:
+        raise RequestError(f"{folder}: expected videos ({', '.join(VIDEOS[:4])}, …) or folders of images, found none")
+    return sorted(found)
+
+
+def _in_manifest(path: Path, job: Job) -> Iterator[tuple[str, Job]]:
+    for number, row in enumerate(_rows(path), 1):
+        where = f"{path} row {number}"
+        if not row.get("source"):
+            raise RequestError(f"{where}: expected a `source`, got {', '.join(map(str, row)) or 'nothing'}")
+        source = str(row["source"])
+        if "://" not in source and (path.parent / source).exists():
+            source = str(path.parent / source)
+        if "://" not in source and not Path(source).exists():
+            raise RequestError(f"{where}: there is no {source}")
+        name = str(row.get("name") or PurePosixPath(source.split("?")[0]).stem)
+        given = {key: value for key, value in row.items() if key not in OWN and value not in (None, "")}
+        words = tuple(f"--{key}={value}" for key, value in given.items() if not isinstance(value, list | dict))
+        more = {key.replace("-", "_"): value for key, value in given.items() if isinstance(value, list | dict)}
+        try:
+            start = None if row.get("start") in (None, "") else float(row["start"])
+            found = replace(job, source=source, name=name, words=words, options={**job.options, **more}, start=start)
+            if given:
+                found.arguments(source, Path("unused"))
+        except (RequestError, ValueError) as error:
+            raise RequestError(f"{where}: {error}") from error
+        yield where, found
+
+
+def _rows(path: Path) -> list[Mapping[str, Any]]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        if path.suffix.lower() == ".csv":
+            rows: Any = [*csv.DictReader(text.splitlines(), restkey="more than the columns")]
+        else:
+            rows = yaml.safe_load(text)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, csv.Error) as error:
+        raise RequestError(f"{path}: cannot be read as a manifest: {' '.join(str(error).split())[:160]}") from error
+    if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
+        raise RequestError(f"{path}: expected rows with a `source` each, got something else")
+    return rows
+
+
+def _addresses(address: str) -> list[str]:
+    files, place = _files_of(address)
+    if not (glob.has_magic(place) or place.endswith("/")):
+        return [address]
+    try:
+        found = files.glob(place) if glob.has_magic(place) else files.find(place)
+    except (OSError, ValueError) as error:
+        raise RequestError(f"{address}: nothing answers: {error}") from error
+    wanted = sorted(each for each in found if PurePosixPath(each).suffix.lower() in VIDEOS)
+    if not wanted:
+        raise RequestError(f"{address}: expected videos, but no file fits")
+    return [files.unstrip_protocol(each) for each in wanted]
+
+
+def _files_of(address: str) -> tuple[Any, str]:
+    """What reads an address, and the place in it."""
+    kind = address.split("://")[0]
+    try:
+        from fsspec.core import url_to_fs
+    except ImportError as error:
+        raise RequestError(f"{address}: addresses need fsspec; pip install 'tsuiseki[remote]'") from error
+    try:
+        files, place = url_to_fs(address)
+    except (ImportError, ValueError) as error:
+        raise RequestError(f"{address}: nothing here reads {kind}://: {' '.join(str(error).split())}") from error
+    return files, place
+
+
+@contextmanager
+def opened(source: str) -> Iterator[tuple[IO[bytes], int]]:
+    """A file or what lies at an address, to read from any place, and its length in bytes."""
+    if "://" not in source:
+        with Path(source).open("rb") as file:
+            yield file, Path(source).stat().st_size
+        return
+    files, place = _files_of(source)
+    try:
+        with files.open(place, "rb") as file:
+            yield file, int(file.size)
+    except (OSError, RequestError, RunError):
+        raise
+    except Exception as error:  # every reader has errors of its own
+        raise ConnectionError(f"{source}: {type(error).__name__} {error}") from error
+
+
+def fetch(address: str, folder: Path) -> Path:
+    """A copy of what lies at an address, whole or not at all; one that is there stays.
+
+    Raises:
+        RequestError: the folder cannot be written to, or see `jobs_of`.
+        OSError: the network fails.
+    """
+    copy = folder / ("source" + (PurePosixPath(address.split("?")[0]).suffix or ".mp4"))
+    if not copy.exists():
+        with opened(address) as (read, size), whole_file(copy) as file:
+            while block := read.read(FETCHED):
+                file.write(block)
+            if file.tell() != size:
+                raise RunError(f"expected {size} bytes of {address}, got {file.tell()}")
+    return copy

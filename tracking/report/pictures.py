@@ -1,0 +1,150 @@
+"""Pictures for a page: crops of who was followed, their paths on the view of the camera, and where they spent time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.geometry import clip_boxes, grown
+from tsuiseki.tracking.report.overlay import draw_label, line_unit, track_colour
+from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, IntArray, Track
+
+EACH, HIGH, AROUND = 3, 96, 0.15
+"""Crops of a track; their height, pixels; how much of what is around a box they show."""
+WIDE, VIEWS = 960, 7
+"""Longest side of the view, pixels; frames that it is the median of."""
+BAR, LABELLED = 26, 40
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """What a video shows of tracks.
+
+    Attributes:
+        view: ``(H, W, 3)`` uint8 RGB, what the camera sees behind what moves; None where no frame was looked at.
+        crops: ``(H, W, 3)`` each, by track id.
+    """
+
+    view: ImageArray | None = None
+    crops: Mapping[int, Sequence[ImageArray]] = field(default_factory=dict)
+
+
+def frames_to_show(tracks: Sequence[Track]) -> list[int]:
+    """Numbers of the frames that `pictures_of` needs, in order."""
+    ends = [number for track in tracks for number in (int(track.frames[0]), int(track.frames[-1]))]
+    spread = np.linspace(min(ends), max(ends), VIEWS).round().astype(int).tolist() if ends else []
+    return sorted({*spread, *(int(track.frames[row]) for track in tracks for row in _shown_rows(track))})
+
+
+def _shown_rows(track: Track) -> list[int]:
+    """The surest row of each third of a track."""
+    rows = np.flatnonzero(track.observed)
+    parts = np.array_split(rows if len(rows) else np.arange(len(track)), EACH)
+    return [int(part[np.nan_to_num(track.scores[part]).argmax()]) for part in parts if len(part)]
+
+
+def pictures_of(frames: Iterable[Frame], tracks: Sequence[Track]) -> Pictures:
+    """Crops of tracks, and the view without them.
+
+    Args:
+        frames: those of `frames_to_show`, or as many of them as there are.
+        tracks: whose crops are taken.
+    """
+    views, crops = list[ImageArray](), dict[int, list[ImageArray]]()
+    rows = [(int(track.frames[row]), track.id, track.boxes[row]) for track in tracks for row in _shown_rows(track)]
+    for frame in frames:
+        for _, identity, box in (one for one in rows if one[0] == frame.index):
+            crops.setdefault(identity, []).extend(_crop(frame.image, box))
+        views.append(_scaled(frame.image, WIDE / max(frame.image.shape[:2])))
+    views = views[:: max(1, len(views) // VIEWS)]
+    return Pictures(np.median(views, axis=0).astype(np.uint8) if views else None, crops)
+
+
+def _crop(image: ImageArray, box: FloatArray) -> list[ImageArray]:
+    around = clip_boxes(grown(box[None], AROUND), image.shape[1], image.shape[0])[0]
+    x1, y1, x2, y2 = around.round().astype(int).tolist()
+    part = image[y1:y2, x1:x2]
+    return [_scaled(part, min(HIGH / part.shape[0], 2 * HIGH / part.shape[1]), 4.0)] if part.size else []
+
+
+def _scaled(image: ImageArray, scale: float, most: float = 1.0) -> ImageArray:
+    scale, (high, wide) = min(scale, most), image.shape[:2]
+    size = max(1, round(wide * scale)), max(1, round(high * scale))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def canvas(view: ImageArray | None, size: FloatArray) -> tuple[ImageArray, float]:
+    """A pale copy of the view, or an empty one of a picture of width and height ``(2,)``, and its scale."""
+    if view is None:
+        scale = min(1.0, WIDE / float(max(size)))
+        wide, high = np.maximum(np.ceil(size * scale), 1).astype(int).tolist()
+        return np.full((high, wide, 3), 236, dtype=np.uint8), scale
+    grey = cv2.cvtColor(cv2.cvtColor(view, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
+    return np.asarray(128 + 0.5 * grey, dtype=np.uint8), view.shape[1] / float(size[0])
+
+
+def paths_picture(
+    view: ImageArray | None, size: FloatArray, paths: Mapping[int, FloatArray], places: Mapping[str, FloatArray]
+) -> ImageArray:
+    """All paths over the view, each with its id at its end.
+
+    Args:
+        view: see `Pictures`.
+        size: ``(2,)`` width and height of a frame, pixels.
+        paths: ``(T, 2)`` pixels, by id.
+        places: lines and zones ``(N, 2)`` pixels, by name.
+    """
+    drawn, scale = canvas(view, size)
+    _draw_places(drawn, places, scale)
+    thin = round(2 * line_unit(drawn))
+    for identity, points in paths.items():
+        ink = tuple(round(0.8 * part) for part in track_colour(identity))
+        way = np.round(np.clip(points * scale, -1e4, 1e4)).astype(np.int32)
+        cv2.polylines(drawn, [way], isClosed=False, color=ink, thickness=thin, lineType=cv2.LINE_AA)
+        cv2.circle(drawn, way[-1].tolist(), 2 * thin, ink, cv2.FILLED, cv2.LINE_AA)
+    for identity, points in list(paths.items())[:LABELLED]:
+        x, y = np.clip(points[-1] * scale, -1e4, 1e4).round().astype(int).tolist()
+        draw_label(drawn, str(identity), (x + 4, y - 4), track_colour(identity))
+    return drawn
+
+
+def heat_picture(
+    view: ImageArray | None, size: FloatArray, values: FloatArray, unit: str, places: Mapping[str, FloatArray]
+) -> ImageArray:
+    """Values over the view, in colours that the colour-blind tell apart, above a bar that says what they mean.
+
+    Args:
+        view: see `Pictures`.
+        size: ``(2,)`` width and height of a frame, pixels.
+        values: ``(R, C)`` of equal cells of the frame, at least 0; NaN where it is not known.
+        unit: of the values.
+        places: lines and zones ``(N, 2)`` pixels, by name.
+    """
+    drawn, scale = canvas(view, size)
+    known = np.nan_to_num(values)
+    most = float(known.max(initial=0.0)) or 1.0
+    high, wide = drawn.shape[:2]
+    level = cv2.resize((255 * (known / most) ** 0.5).astype(np.uint8), (wide, high), interpolation=cv2.INTER_NEAREST)
+    paint = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)[..., ::-1]
+    mixed = np.where(level[..., None] > 0, 0.25 * drawn + 0.75 * paint, drawn).astype(np.uint8)
+    _draw_places(mixed, places, scale)
+    shades = np.tile(np.linspace(0, 255, wide).astype(np.uint8), (BAR, 1))
+    bar: ImageArray = np.array(cv2.applyColorMap(shades, cv2.COLORMAP_VIRIDIS)[..., ::-1], dtype=np.uint8)
+    draw_label(bar, "0", (2, BAR - 5), (40, 40, 40))
+    draw_label(bar, f"{_number(most)} {unit}", (wide, BAR - 5), (40, 40, 40))
+    draw_label(bar, _number(most / 4), (wide // 2, BAR - 5), (40, 40, 40))
+    return np.concatenate([mixed, bar])
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
+
+
+def _draw_places(image: ImageArray, places: Mapping[str, FloatArray], scale: float) -> None:
+    for name, points in places.items():
+        way: IntArray = np.round(points * scale).astype(np.int32)
+        cv2.polylines(image, [way], len(way) > 2, (20, 20, 20), round(2 * line_unit(image)), cv2.LINE_AA)
+        draw_label(image, name.encode("ascii", "replace").decode(), tuple(way[0].tolist()), (20, 20, 20))

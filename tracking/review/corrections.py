@@ -1,0 +1,256 @@
+"""What a person says of tracks, and the file that keeps it: a JSON line each, appended and never changed.
+
+A correction names boxes in frames, not ids, so that it can be applied to tracks of other settings or another detector.
+In the file frames count from 1, and boxes are x, y, width, height in pixels from 0. Its first line says of which video
+it speaks. Taking back and repeating are lines of their own.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, get_args
+
+from tsuiseki.tracking.errors import RequestError
+
+CORRECTIONS_FILE = "corrections.jsonl"
+Kind = Literal["same", "not_same", "next", "switch", "real", "not_person", "box", "name", "delete", "right", "several"]
+# How many boxes each kind names, at least and at most.
+COUNTS: Mapping[Kind, tuple[int, float]] = {
+    "same": (2, 2),
+    "not_same": (2, 2),
+    "next": (2, 2),
+    "switch": (4, 4),
+    "real": (1, 1),
+    "not_person": (1, 1),
+    "box": (1, 2),
+    "name": (1, 1),
+    "delete": (1, math.inf),
+    "right": (2, math.inf),
+    "several": (0, 0),
+}
+
+
+class Box(NamedTuple):
+    """A box in a frame, which counts from 0; pixels."""
+
+    frame: int
+    x: float
+    y: float
+    width: float
+    height: float
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Something a person says.
+
+    Attributes:
+        kind: ``same``: the two boxes are one person; ``not_same``: they are two; ``next``: one person, and no detection
+            between; ``switch``: two people (last boxes before a frame) go on as each other (first boxes from it on);
+            ``real``: a person, ``not_person``: none; ``box``: one box is added, or of two the first is moved to the
+            second; ``name``: of the track; ``delete``: all boxes of a track; ``right``: the boxes of a stretch;
+            ``several``: the ``parts`` at once.
+        boxes: that it speaks of, in the order above; of a switch None where there is none.
+        name: of a track.
+        parts: of several.
+        sentence: for people; by default made of the rest.
+    """
+
+    kind: Kind
+    boxes: tuple[Box | None, ...] = ()
+    name: str = ""
+    parts: tuple[Correction, ...] = ()
+    sentence: str = ""
+
+    def __post_init__(self) -> None:
+        if self.kind not in get_args(Kind):
+            raise RequestError(f"expected a correction {', '.join(get_args(Kind))}, got {self.kind!r}")
+        least, most = COUNTS[self.kind]
+        if not least <= len(self.boxes) <= most or (self.kind == "several") != bool(self.parts):
+            raise RequestError(f"correction {self.kind}: expected {_number_of(least, most)}, got {len(self.boxes)}")
+        for box in self.boxes:
+            if box is None and self.kind == "switch":
+                continue
+            if box is None or box.frame < 0 or not all(map(math.isfinite, box)) or min(box.width, box.height) <= 0:
+                raise RequestError(f"correction {self.kind}: expected boxes in frames, with an area, got {box}")
+        if self.kind in ("same", "not_same", "next") and self.there[0].frame == self.there[1].frame:
+            raise RequestError(f"correction {self.kind}: expected boxes of two frames, got two of one")
+
+    @property
+    def there(self) -> list[Box]:
+        """The boxes without gaps."""
+        return [box for box in self.boxes if box is not None]
+
+    def __str__(self) -> str:
+        if self.sentence:
+            return self.sentence
+        if self.kind == "several":
+            return "; ".join(map(str, self.parts))
+        frames = [box.frame + 1 for box in self.there]
+        places = [f"({box.x + box.width / 2:.0f}, {box.y + box.height / 2:.0f})" for box in self.there]
+        one = f"the box at {places[0]} in frame {frames[0]}"
+        two = f"{one} and the box at {places[-1]} in frame {frames[-1]}"
+        return {
+            "same": f"{two} are the same person",
+            "not_same": f"{two} are not the same person",
+            "next": f"{two} are the same person, seen nowhere between",
+            "switch": f"two people are exchanged from frame {frames[-1]} on",
+            "real": f"{one} is a person",
+            "not_person": f"{one} is no person",
+            "box": f"{one} is added" if len(frames) == 1 else f"{one} is moved",
+            "name": f"{one} is called {self.name or 'nothing'}",
+            "delete": f"the track of {one} is deleted",
+            "right": f"the track from {one} to frame {frames[-1]} is right",
+        }[self.kind]
+
+    def written(self) -> dict[str, Any]:
+        """As in the file."""
+        boxes = [None if box is None else [box.frame + 1, *(round(v, 2) for v in box[1:])] for box in self.boxes]
+        row = {"kind": self.kind, "boxes": boxes, "name": self.name, "parts": [part.written() for part in self.parts]}
+        return {key: value for key, value in (row | {"sentence": self.sentence}).items() if value}
+
+    @classmethod
+    def parse(cls, row: Any) -> Correction:
+        """What `written` gave.
+
+        Raises:
+            RequestError: it is something else.
+        """
+        try:
+            given = [None if b is None else [float(v) for v in b] for b in row.get("boxes", [])]
+            boxes = tuple(None if b is None else Box(int(b[0]) - 1, *b[1:]) for b in given)
+            parts = tuple(map(cls.parse, row.get("parts", [])))
+            return cls(row["kind"], boxes, str(row.get("name", "")), parts, str(row.get("sentence", "")))
+        except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
+            raise RequestError(f"expected a correction with kind and boxes, got {json.dumps(row)[:80]}") from error
+
+
+def _number_of(least: int, most: float) -> str:
+    return f"{least} boxes" if most == least else f"{least} boxes or more" if most == math.inf else "1 or 2 boxes"
+
+
+@dataclass(frozen=True)
+class Video:
+    """Of which video corrections speak.
+
+    Attributes:
+        video: its name.
+        size: width and height; None where not known.
+        frames: how many there are; 0 where not known.
+    """
+
+    video: str
+    size: tuple[int, int] | None
+    frames: int
+
+    def check(self, other: Video, path: Path) -> None:
+        """Refuse corrections of ``other`` for this video.
+
+        Raises:
+            RequestError: it has another size or length; where neither is known, another name.
+        """
+        sizes = self.size is not None and other.size is not None
+        if sizes and self.size != other.size:
+            raise RequestError(f"{path}: expected corrections of {self}, got those of {other}")
+        if self.frames and other.frames and self.frames != other.frames:
+            raise RequestError(f"{path}: expected corrections of {self}, got those of {other}")
+
+    def __str__(self) -> str:
+        size = "" if self.size is None else f" of {self.size[0]}x{self.size[1]} pixels"
+        return f"{self.video or 'a video'}{size}" + (f" with {self.frames} frames" if self.frames else "")
+
+
+@dataclass(frozen=True)
+class CorrectionLog:
+    """All that was said, in order; what was taken back can be repeated until something new is said."""
+
+    said: tuple[Correction, ...] = ()
+    undone: tuple[Correction, ...] = ()
+
+    def and_then(self, row: Correction | Literal["undo", "redo"]) -> CorrectionLog:
+        """The log after one more line; an undo or redo of nothing changes nothing."""
+        if isinstance(row, Correction):
+            return CorrectionLog((*self.said, row))
+        if row == "undo":
+            return CorrectionLog(self.said[:-1], (*self.undone, *self.said[-1:]))
+        return CorrectionLog((*self.said, *self.undone[-1:]), self.undone[:-1])
+
+
+def read_corrections(path: Path, of: Video | None = None) -> CorrectionLog:
+    """The corrections in a file; a last line that a crash cut short is left out.
+
+    Args:
+        path: of the file.
+        of: the video that they must speak of; by default any.
+
+    Raises:
+        RequestError: it cannot be read, holds something else, or speaks of another video.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").split("\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RequestError(f"{path}: expected corrections, JSON a line, got a file that cannot be read") from error
+    log = CorrectionLog()
+    whole = lines[:-1] if lines[-1] == "" else [*lines[:-1], *([lines[-1]] if _is_json(lines[-1]) else [])]
+    for number, line in enumerate(whole, 1):
+        try:
+            row = json.loads(line)
+            if number == 1:
+                size = row["size"]
+                about = Video(str(row["video"]), None if size is None else (size[0], size[1]), int(row["frames"]))
+                if of is not None:
+                    of.check(about, path)
+            elif row.get("kind") in ("undo", "redo"):
+                log = log.and_then(row["kind"])
+            else:
+                log = log.and_then(Correction.parse(row))
+        except RequestError as error:
+            raise RequestError(str(error) if number == 1 else f"{path}, line {number}: {error}") from error
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+            raise RequestError(f"{path}, line {number}: expected a correction as JSON, got {line[:60]!r}") from error
+    return log
+
+
+def _is_json(line: str) -> bool:
+    try:
+        json.loads(line)
+    except ValueError:
+        return False
+    return True
+
+
+def append(path: Path, rows: Iterable[Correction | Literal["undo", "redo"]], of: Video) -> None:
+    """Append lines to the file, which begins with its video, and wait until the disk has them.
+
+    Raises:
+        RequestError: the file cannot be written to.
+    """
+    texts = [{"kind": row} if isinstance(row, str) else row.written() for row in rows]
+    try:
+        with path.open("ab+") as file:
+            end = file.seek(0, os.SEEK_END)
+            if end == 0:
+                texts.insert(0, asdict(of))
+            else:
+                file.seek(0)
+                *_, last = file.read().split(b"\n")
+                if _is_json(last.decode(errors="replace")):
+                    file.write(b"\n")
+                else:  # a crash cut the last line short
+                    file.truncate(end - len(last))
+            file.write("".join(json.dumps(text) + "\n" for text in texts).encode())
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise RequestError(f"cannot write to {path}: {error.strerror}") from error
+
+
+def boxes_of(frames: Sequence[int], boxes: Iterable[Sequence[float]]) -> tuple[Box, ...]:
+    """``(T,)`` frames and ``(T, 4)`` corners as boxes."""
+    corners = ([float(v) for v in box] for box in boxes)
+    return tuple(Box(int(f), x1, y1, x2 - x1, y2 - y1) for f, (x1, y1, x2, y2) in zip(frames, corners, strict=True))

@@ -1,0 +1,144 @@
+"""What the page shows of a session: its tracks as rows, its questions, and what each change changed."""
+
+from __future__ import annotations
+
+import math
+import secrets
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.review.box_rows import CHUNK, changes, rows_of, spans_of
+from tsuiseki.tracking.review.corrections import Box, Correction
+from tsuiseki.tracking.review.questions import Question, ShownBox
+from tsuiseki.tracking.review.session import Changes, Session
+from tsuiseki.tracking.types import Track
+
+
+class Reviewed:
+    """A session for the page; one change after the other.
+
+    Args:
+        session: the result.
+        name: of it.
+        note: why there are no pictures; empty where there are.
+
+    Attributes:
+        rows: of all boxes.
+        state: all that the page shows, except for boxes and pictures; with a ``version`` that changes with each change
+            and each start.
+    """
+
+    def __init__(self, session: Session, name: str, note: str = "") -> None:
+        self._session, self._about = session, {"name": name, "note": note, "pictures": not note}
+        self._lock, self._changed = threading.Lock(), threading.Event()
+        self.state: dict[str, Any] = {}
+        self._look()
+        threading.Thread(target=self._keep_saved, daemon=True).start()
+
+    def change(self, what: str, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Do what a person says: ``answer``, ``correct``, ``undo`` or ``redo``.
+
+        Returns:
+            The state, with what is ``said`` of it, ``changed`` (see `changes`), and the ``chunks`` that differ.
+
+        Raises:
+            RequestError: it says nothing that can be done.
+        """
+        with self._lock:
+            before = self._tracks
+            said = self._done(what, given)
+            self._look()
+            self._changed.set()
+            changed = changes(before, self._tracks)
+            differ = {n for _, first, last in changed for n in range(first // CHUNK, last // CHUNK + 1)}
+            return {**self.state, "said": said, "changed": changed, "chunks": sorted(differ)}
+
+    def _keep_saved(self) -> None:
+        """Write the tracks after each change, while the person goes on."""
+        while self._changed.wait():
+            self._changed.clear()
+            try:
+                self._session.save()
+            except (RequestError, OSError) as error:
+                self.state = {**self.state, "note": f"The tracks are not written: {error}", "version": _version()}
+
+    def _done(self, what: str, given: Mapping[str, Any]) -> str:
+        """Do it; what was done, for the person."""
+        session = self._session
+        if what == "answer" and isinstance(given.get("key"), str) and isinstance(given.get("yes"), bool):
+            return _sentence("yes" if given["yes"] else "no", session.answer(given["key"], given["yes"]))
+        if what == "correct":
+            try:
+                correction = self._correction(**given)
+            except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
+                if isinstance(error, RequestError):
+                    raise
+                raise RequestError("expected a correction of boxes that are there; load the page again") from error
+            return _sentence(str(correction), session.correct(correction))
+        if what in ("undo", "redo"):
+            return _sentence(what + "ne" if what == "undo" else "done again", getattr(session, what)())
+        raise RequestError("expected an answer, a correction, undo or redo")
+
+    def _correction(self, kind: Any, frame: int = 0, of: int | None = None, **more: Any) -> Correction:
+        """A correction of the page: as `Session.made` takes it; an added box may belong to the track ``of``.
+
+        The kind ``target`` is a ``point`` at which the target ``of`` is, as large as where it was last.
+        """
+        if not isinstance(more.get("name", ""), str) or not 0 <= frame < self._session.n_frames:
+            raise ValueError
+        if kind == "target":
+            (x, y), near = more["point"], self._session.made("real", [of or 1], frame).there[0]
+            kind, more = "box", {"box": (x - near.width / 2, y - near.height / 2, near.width, near.height)}
+            if near.frame == frame:
+                more["ids"], of = [of or 1], None
+        correction = self._session.made(kind, frame=frame, **more)
+        if of is None:
+            return correction
+        pair = (*self._session.made("real", [of], frame).boxes, *correction.boxes)
+        return Correction("several", parts=(correction, Correction("same", pair)))
+
+    def _look(self) -> None:
+        """Take over what the session has now."""
+        session, progress = self._session, self._session.progress()
+        tracks, names = session.tracks(), session.names()
+        self._tracks: dict[int, Track] = dict(tracks.by_id)
+        self.rows = rows_of(tracks)
+        self.state = {
+            **self._about,
+            "version": _version(),
+            "size": session.size or self.rows["box"][:, 2:].max(axis=0, initial=1).tolist(),
+            "frames": session.n_frames,
+            "rate": session.frame_rate,
+            "rows": len(self.rows),
+            "chunk": CHUNK,
+            "tracks": [{"id": one.id, "name": names.get(one.id, ""), "spans": spans_of(one)} for one in tracks],
+            "questions": [_shown(question) for question in session.questions()],
+            "answered": progress.answered,
+            "single": (session.folder / "boxes.txt").is_file() and len(tracks) == 1,
+            "left": math.ceil(progress.likely_errors_left - 0.5),
+        }
+
+
+def _version() -> str:
+    return secrets.token_hex(4)
+
+
+def _sentence(text: str, changes_made: Changes) -> str:
+    notes = "".join(f" {note[:1].upper()}{note[1:]}." for note in changes_made.notes)
+    return f"{text[:1].upper()}{text[1:]}.{notes}"
+
+
+def _shown(question: Question) -> dict[str, Any]:
+    """A question as the page has it; boxes as rows of frame, id and corners, id 0 for those that it is ``about``."""
+    sides = [[_row(box, box.id) for box in side] for side in (question.boxes_a, question.boxes_b)]
+    ids = dict.fromkeys(row[1] for side in sides for row in side)
+    told = {name: getattr(question, name) for name in ("key", "sentence", "frame")}
+    said = [part for one in (question.yes, question.no) for part in (one, *one.parts)]
+    about = [_row(box, 0) for box in dict.fromkeys(box for part in said for box in part.there)]
+    return {**told, "ids": [*ids], "yes": sides[0], "no": sides[1], "about": about}
+
+
+def _row(box: Box | ShownBox, number: int) -> tuple[float, ...]:
+    return box.frame, number, box.x, box.y, box.x + box.width, box.y + box.height

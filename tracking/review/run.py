@@ -1,0 +1,95 @@
+"""`tsuiseki review`: look through a result on a page in the browser, and correct it."""
+
+from __future__ import annotations
+
+import hmac
+import os
+import secrets
+import threading
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tsuiseki.tracking.errors import RequestError
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.review.pictures import Pictures
+    from tsuiseki.tracking.review.session import Session
+
+# A result has a port of its own, of these, so that its page stays where it is.
+PORTS = range(20_000, 30_000)
+
+
+def review(result: Path, /, video: Path | None = None) -> int:
+    """Look through a result on a page in the browser, and correct it.
+
+    What you say goes to corrections.jsonl in the result at once; the corrected tracks follow. Ctrl-C ends it.
+
+    Args:
+        result: folder of a result.
+        video: what was tracked in; by default what the result names. Without it boxes are on a plain background.
+    """
+    from tsuiseki.tracking.cli.deadline import DEADLINE
+    from tsuiseki.tracking.formats.track_tables import needed
+    from tsuiseki.tracking.report.drawing import show_page
+    from tsuiseki.tracking.review.session import Session
+
+    needed("starlette", "the page")
+    uvicorn = needed("uvicorn", "the page")
+    from tsuiseki.tracking.review.reviewed import Reviewed
+    from tsuiseki.tracking.review.server import HOST, application, listening
+
+    session = Session(result, video)
+    try:
+        pictures, note = pictures_of(session)
+        reviewed, token = Reviewed(session, result.resolve().name, note), token_of(result)
+        opened = listening(PORTS[int(token, 16) % len(PORTS)])
+        port = opened.getsockname()[1]
+        app = application(reviewed, pictures, token, port)
+        server = uvicorn.Server(uvicorn.Config(app, log_level="critical", lifespan="off"))
+        thread = threading.Thread(target=server.run, args=([opened],), daemon=True)
+        thread.start()
+        show_page(f"http://{HOST}:{port}/{token}/", "review the result")
+        # What is said last is still written when a signal comes.
+        DEADLINE.keeps = True
+        with suppress(KeyboardInterrupt):
+            while thread.is_alive():
+                thread.join(0.2)
+        server.should_exit = True
+        thread.join(0.5)
+        print(f"{session.progress().answered} answers: {result}")
+    finally:
+        session.close()
+    return 0
+
+
+def pictures_of(session: Session) -> tuple[Pictures | None, str]:
+    """The pictures of what was tracked in, or why there are none.
+
+    Raises:
+        RequestError: the video is shorter than the result.
+    """
+    from tsuiseki.tracking.review.pictures import Pictures
+
+    if session.source is None:
+        return None, "Boxes are on a plain background, for the video is not there; --video names it."
+    pictures = Pictures(session.source)
+    if pictures.length < session.n_frames:
+        found = f"expected {session.n_frames} frames as in the result, got {pictures.length}"
+        raise RequestError(f"{session.source}: {found}")
+    return pictures, ""
+
+
+def token_of(result: Path) -> str:
+    """Of the page of a result; it stays, so that an open page goes on when the server is started again."""
+    from tsuiseki.tracking.weights.catalogue import cache_folder
+
+    place, key = cache_folder().parent / "review.key", secrets.token_bytes(32)
+    with suppress(OSError):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):
+            number = os.open(place, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
+            os.write(number, key)
+            os.close(number)
+        key = place.read_bytes() or key
+    return hmac.new(key, str(result.resolve()).encode(), "sha256").hexdigest()[:32]

@@ -1,0 +1,236 @@
+"""Tracks solved again under what a person said: the cheapest flow that does all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tsuiseki.tracking.association.network_flow import FlowGraph, track_labels
+from tsuiseki.tracking.association.pair_constraints import Pair, holds, satisfy
+from tsuiseki.tracking.association.residual_flow import FORBIDDEN, FORCED, InfeasibleError, ResidualFlow
+from tsuiseki.tracking.association.sliding_flow import solve_in_windows
+from tsuiseki.tracking.association.solved_network import SolvedNetwork
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.geometry import centres
+from tsuiseki.tracking.review.corrections import Box, Correction
+from tsuiseki.tracking.review.demands import NOTHING, Demands, corners, demands_of, unmet_boxes
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+# Deviation of the place of a box that a person drew from where its track leads, heights: at once, and a frame.
+DRAWN, DRIFT = 0.1, 0.03
+# How often pairs are seen to, since one way may break another.
+MOST_ROUNDS = 50
+
+
+class CorrectedFlow:
+    """The cheapest flow of a network under corrections.
+
+    Args:
+        network: of a result.
+
+    Attributes:
+        network: with a detection for each box that was drawn where none is.
+        flow: of it.
+        demands: of the corrections.
+        notes: how pairs of boxes were seen to, and which corrections do not apply.
+    """
+
+    def __init__(self, network: SolvedNetwork) -> None:
+        self.network = network
+        self.flow = ResidualFlow(network.graph, solve_in_windows(network.graph))
+        self.demands = Demands(network.frames)
+        self.notes: list[str] = []
+        self._detected = len(network)
+        self._dropped = self.flow.used[: len(network)] & (network.track == 0)
+        # What was forced and forbidden for pairs: arcs and their status.
+        self._ways: dict[Pair, tuple[IntArray, IntArray]] = {}
+
+    def correct(self, corrections: Sequence[Correction]) -> None:
+        """Solve under exactly these corrections; the last one named in a refusal is the one that is too much.
+
+        Raises:
+            ContradictionError: two of them contradict each other.
+            RequestError: they cannot all hold.
+        """
+        network = self.network
+        self._grow_detections(unmet_boxes(corrections, network.frames, network.boxes))
+        demands = demands_of(corrections, self.network.frames, self.network.boxes)
+        self._grow_links([(i, j) for i, j in demands.after.items() if j != NOTHING])
+        try:
+            notes = self._solve(demands)
+        except InfeasibleError:
+            last = f": {corrections[-1]}" if corrections else ""
+            raise RequestError(f"this cannot hold together with what was said before{last}; take it back") from None
+        self.demands, self.notes = demands, notes + demands.left_out
+
+    def labels(self) -> IntArray:
+        """``(N,)`` number of the track of each detection, -1 for none; what is taken for clutter counts as none."""
+        labels = track_labels(self.flow.solution())
+        used = labels >= 0
+        count = int(labels.max(initial=-1)) + 1
+        length = np.bincount(labels[used], minlength=count)
+        dropped = np.bincount(labels[used & self._dropped], minlength=count)
+        certain = np.zeros(count, dtype=np.bool_)
+        said = [i for i, wanted in self.demands.used.items() if wanted]
+        certain[labels[said]] = True
+        kept = certain | ((length >= self.network.fewest) & (2 * dropped <= length))
+        return np.where(np.append(kept, False)[labels], labels, -1)
+
+    def settled(self) -> ResidualFlow:
+        """The flow in which all that was said is out of the question: nobody is asked the same twice."""
+        flow = self.flow.copy()
+        follower, status = flow.solution().follower, flow.status.copy()
+        for (i, j), same in self.demands.pairs.items():
+            while same and i not in (j, NOTHING):
+                status[flow.link(i, int(follower[i]))] = FORCED
+                i = int(follower[i])
+        flow.constrain(status)
+        return flow
+
+    def _solve(self, demands: Demands) -> list[str]:
+        pairs = demands.wanted_pairs()
+        wanted = self._status(demands)
+        kept = self._ways, self.flow
+        self._ways = {pair: way for pair, way in self._ways.items() if pair in pairs}
+        self.flow = self.flow.copy()
+        try:
+            try:
+                self.flow.constrain(self._with_ways(wanted))
+                return self._see_to(pairs, wanted)
+            except InfeasibleError:
+                # Ways that were found before do not suit any more.
+                if not self._ways:
+                    raise
+                self._ways = {}
+                self.flow.constrain(wanted)
+                return self._see_to(pairs, wanted)
+        except InfeasibleError:
+            self._ways, self.flow = kept
+            raise
+
+    def _see_to(self, pairs: list[Pair], wanted: IntArray) -> list[str]:
+        notes: list[str] = []
+        for _ in range(MOST_ROUNDS if pairs else 0):
+            broken = np.flatnonzero(~holds(self.flow, pairs))
+            if len(broken) == 0:
+                break
+            pair = pairs[int(broken[0])]
+            if self._ways.pop(pair, None) is not None:
+                self.flow.constrain(self._with_ways(wanted))
+            alone = not self._ways
+            status, exact = satisfy(self.flow, pair, self.network.frames)
+            arcs = np.flatnonzero(status != self.flow.status)
+            self._ways[pair] = (arcs, status[arcs])
+            self.flow.constrain(status)
+            notes.append(self._note(pair, exact=exact and alone))
+        else:
+            if pairs:
+                raise InfeasibleError
+        return notes
+
+    def _note(self, pair: Pair, *, exact: bool) -> str:
+        first, last = self.network.frames[[pair.first, pair.last]] + 1
+        how = "solved exactly" if exact else "by the cheapest way" if pair.same else "by cutting the weakest link"
+        return f"frames {first} and {last}: {'one person' if pair.same else 'two people'}, {how}"
+
+    def _with_ways(self, status: IntArray) -> IntArray:
+        status = status.copy()
+        for arcs, values in self._ways.values():
+            # What is demanded goes first.
+            free = status[arcs] == 0
+            status[arcs[free]] = values[free]
+        return status
+
+    def _status(self, demands: Demands) -> IntArray:
+        """What is forced and forbidden of the arcs."""
+        count, graph = len(self.network), self.network.graph
+        status = np.zeros(3 * count + len(graph.tail), dtype=np.int64)
+        drawn = np.arange(count) >= self._detected
+        status[np.flatnonzero(drawn)] = FORBIDDEN
+        for i, wanted in demands.used.items():
+            status[i] = FORCED if wanted else FORBIDDEN
+        link = self.flow.link
+        for i, j in demands.after.items():
+            status[2 * count + i if j == NOTHING else link(i, j)] = FORCED
+        for j, i in demands.before.items():
+            if i == NOTHING:
+                status[count + j] = FORCED
+        for (i, j), same in demands.pairs.items():
+            if not same and link(i, j) >= 0:
+                status[link(i, j)] = FORBIDDEN
+        return status
+
+    def _grow_detections(self, boxes: Sequence[Box]) -> None:
+        """Add a detection for each box, with links by how far it is from others."""
+        if not boxes:
+            return
+        old, more = self.network, len(boxes)
+        frames = np.append(old.frames, [box.frame for box in boxes])
+        every = np.concatenate([old.boxes, [corners(box) for box in boxes]])
+        graph, new = old.graph, len(old) + np.arange(more)
+        entry, exit = (float(np.median(c)) if len(c) else 5.0 for c in (graph.entry, graph.exit))
+        tails, heads, costs = _links_near(frames, every, new, max(old.fill, 1) + 1, entry + exit)
+        grown = FlowGraph(
+            np.append(graph.observation, np.zeros(more)),
+            np.append(graph.entry, np.full(more, entry)),
+            np.append(graph.exit, np.full(more, exit)),
+            np.append(graph.tail, tails),
+            np.append(graph.head, heads),
+            np.append(graph.transition, costs),
+        )
+        self.network = replace(
+            old,
+            frames=frames,
+            boxes=every,
+            scores=np.append(old.scores, np.ones(more)),
+            origin=np.concatenate([old.origin, np.full((more, 2), -1)]),
+            graph=grown,
+            track=np.append(old.track, np.zeros(more, np.int64)),
+        )
+        self._grow(grown)
+
+    def _grow_links(self, links: Sequence[tuple[int, int]]) -> None:
+        """Add the links that are not there: for all that is known they cost what one track's end and start do."""
+        graph = self.network.graph
+        missing = np.array([pair for pair in links if self.flow.link(*pair) < 0], dtype=np.int64).reshape(-1, 2)
+        if len(missing) == 0:
+            return
+        tail, head = missing.T
+        grown = replace(
+            graph,
+            tail=np.append(graph.tail, tail),
+            head=np.append(graph.head, head),
+            transition=np.append(graph.transition, graph.exit[tail] + graph.entry[head]),
+        )
+        self.network = replace(self.network, graph=grown)
+        self._grow(grown)
+
+    def _grow(self, graph: FlowGraph) -> None:
+        old, more = self.flow.count, len(graph) - self.flow.count
+        self._ways = {
+            pair: (arcs + np.minimum(arcs // max(old, 1), 3) * more, status)
+            for pair, (arcs, status) in self._ways.items()
+        }
+        self._dropped = np.append(self._dropped, np.zeros(more, np.bool_))
+        self.flow = self.flow.grown(graph)
+
+
+def _links_near(
+    frames: IntArray, boxes: FloatArray, new: IntArray, longest: int, most: float
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Tails, heads and costs of links between drawn boxes and others, up to so many frames and so much."""
+    place, height = centres(boxes), boxes[:, 3] - boxes[:, 1]
+    parts = []
+    for n in new.tolist():
+        gap = np.abs(frames - frames[n])
+        others = np.flatnonzero((gap > 0) & (gap <= longest))
+        # A pair of drawn boxes stands once, with the later number.
+        others = others[others < n]
+        far = np.hypot(*(place[others] - place[n]).T) / (height[n] * (DRAWN + DRIFT * gap[others]))
+        cost = (far**2 + (np.log(height[others] / height[n]) / DRAWN) ** 2) / 2
+        others, cost = others[cost < most], cost[cost < most]
+        later = frames[others] > frames[n]
+        parts.append((np.where(later, n, others), np.where(later, others, n), cost))
+    return tuple(np.concatenate(column) for column in zip(*parts, strict=True))  # type: ignore[return-value]

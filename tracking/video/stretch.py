@@ -1,0 +1,155 @@
+"""Frames of a video file from any number on: packets tell where they lie, and one is decoded from a key frame on.
+
+A file's own counting is not relied on: every frame is known by its time, which its packet has, too. What is decoded is
+the same as if the whole file were, or it is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.errors import RunError
+from tsuiseki.tracking.types import FloatArray, Frame
+from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.video.coded_size import PARSERS
+from tsuiseki.tracking.video.image_folder import ImageFolder, read_image
+from tsuiseki.tracking.video.source import VideoFile, retrieved
+
+# Frames before the wanted one from which a file is first asked to begin; each further attempt four times as many.
+LEAD = 16
+_HEADER_BYTES = 4096
+
+
+class UnfitIndexError(RunError):
+    """Frames do not come as the packets say: this file has to be read from its beginning."""
+
+
+def index_of(video: VideoFile) -> FloatArray | None:
+    """``(F,)`` milliseconds of all frames in order, by undecoded packets; None where these do not tell.
+
+    Raises:
+        RunError: the coded size changes.
+    """
+    capture = cv2.VideoCapture(str(video.path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+    code = int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
+    parse = PARSERS.get(code.to_bytes(4, "little").decode("latin-1").upper())
+    stamps, size = list[float](), None
+    try:
+        if capture.get(cv2.CAP_PROP_FORMAT) != -1:
+            return None
+        while capture.grab():
+            if parse is not None:
+                packet = capture.retrieve()[1].ravel()[:_HEADER_BYTES].tobytes()
+                size = video.same_size(len(stamps), size, parse(packet))
+            stamps.append(capture.get(cv2.CAP_PROP_POS_MSEC))
+    finally:
+        capture.release()
+    found = np.sort(np.array(stamps, dtype=np.float64))
+    return found if len(found) > 1 and (np.diff(found) > 0).all() else None
+
+
+def times_of(video: VideoFile, stamps: FloatArray) -> list[float]:
+    """Seconds of the frames, as `VideoFile.frames` gives them."""
+    times: list[float] = []
+    for stamp in (stamps / 1000).tolist():
+        times.append(video.time_of(stamp - float(stamps[0]) / 1000, times))
+    return times
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """A video whose frames can be read from any number on.
+
+    Attributes:
+        video: the file, or images.
+        length: frames up to the end.
+        stamps: ``(F,)`` milliseconds of a file's frames.
+        times: ``(F,)`` seconds of them.
+    """
+
+    video: VideoFile | ImageFolder
+    length: int
+    stamps: FloatArray
+    times: FloatArray
+
+    @classmethod
+    def of(cls, video: object) -> Stretches | None:
+        """None where it can only be read from the beginning.
+
+        Raises:
+            RunError: see `index_of`.
+        """
+        if isinstance(video, ImageFolder) and video.images:
+            return cls(video, len(video.images), np.empty(0), np.empty(0))
+        stamps = index_of(video) if isinstance(video, VideoFile) else None
+        if stamps is None or not isinstance(video, VideoFile):
+            return None
+        return cls(video, len(stamps), stamps, np.array(times_of(video, stamps)))
+
+    @property
+    def wanted(self) -> FrameRange:
+        """The frames that the video is to give, up to its end where it is shorter."""
+        wanted = self.video.frames_wanted
+        return FrameRange(wanted.first, min(self.length - 1, wanted.last if wanted.last is not None else self.length))
+
+    def time(self, number: int) -> float:
+        """Seconds of a frame."""
+        return number / self.video.frame_rate if isinstance(self.video, ImageFolder) else float(self.times[number])
+
+    def frames(self, first: int, last: int) -> Iterator[Frame]:
+        """Frames ``first`` to ``last``, 0-based, both included.
+
+        Raises:
+            RunError: one cannot be decoded, or see `UnfitIndexError`.
+        """
+        if isinstance(self.video, ImageFolder):
+            for number in range(first, last + 1):
+                yield Frame(number, self.time(number), read_image(self.video.images[number], self.video.size))
+            return
+        capture = self._at(first)
+        try:
+            for number in range(first, last + 1):
+                if not capture.grab() or capture.get(cv2.CAP_PROP_POS_MSEC) != self.stamps[number]:
+                    raise UnfitIndexError(f"{self.video.path}: frame {number + 1} does not come as its packets say")
+                image = retrieved(capture, f"{self.video.path}: frame {number + 1}")
+                yield Frame(number, self.time(number), image)
+        finally:
+            capture.release()
+
+    def _at(self, first: int) -> cv2.VideoCapture:
+        """A capture whose next frame is ``first``; the one before was decoded, too."""
+        assert isinstance(self.video, VideoFile)
+        path, back = str(self.video.path), LEAD
+        while first - back > 0:
+            capture = cv2.VideoCapture(path)
+            capture.set(cv2.CAP_PROP_POS_FRAMES, first - back)
+            while capture.grab() and capture.get(cv2.CAP_PROP_POS_MSEC) < self.stamps[first - 1]:
+                pass
+            if capture.get(cv2.CAP_PROP_POS_MSEC) == self.stamps[first - 1]:
+                return capture
+            capture.release()
+            back *= 4
+        capture = cv2.VideoCapture(path)
+        for _ in range(first):
+            capture.grab()
+        return capture
+
+    def check_end(self, last: int) -> None:
+        """Say at the end what `VideoFile.frames` says there: it breaks off early, or its frames lie unevenly.
+
+        Args:
+            last: number of the last frame that came.
+
+        Raises:
+            RunError: see `VideoFile.refuse_early_end`.
+        """
+        if isinstance(self.video, ImageFolder):
+            return
+        wanted = self.video.frames_wanted
+        if wanted.last is None or last < wanted.last:
+            self.video.refuse_early_end(last + 1, float(self.stamps[-1]) / 1000)
+        self.video.tell_uneven(self.times[: last + 1].tolist())

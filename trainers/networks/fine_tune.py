@@ -1,0 +1,105 @@
+"""`tsuiseki train detector --data FOLDER`: from the shipped detector to one of your own, scored on a held-out tenth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from importlib import resources
+from pathlib import Path
+
+import yaml
+
+from tsuiseki.datamodules.labelled_images import LabelledFrame, Part, labelled_images, read_image
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
+from tsuiseki.tracking.features.exported import Detector
+from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
+from tsuiseki.trainers.exporting.export import ModelFile
+from tsuiseki.trainers.exporting.export_networks import export_detector
+from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, anchor_choice
+
+DATA, CONFIG = "--data", "detector_fine_tune.yaml"
+# Of each video, in the order of time.
+LEARNT, HELD_OUT = (0.0, 0.9), (0.9, 1.0)
+
+
+def folder_of(arguments: Sequence[str]) -> Path | None:
+    """The folder of labels that ``--data FOLDER`` names; None without it, or for a YAML file of options.
+
+    Raises:
+        RequestError: no folder follows.
+    """
+    for number, word in enumerate(arguments):
+        if word == DATA and number + 1 == len(arguments):
+            raise RequestError("expected a folder of labelled video after `data`, got nothing")
+        if word == DATA or word.startswith(f"{DATA}="):
+            given = Path(arguments[number + 1] if word == DATA else word.partition("=")[2])
+            return None if given.suffix in (".yaml", ".yml") else given
+    return None
+
+
+def fine_tune(arguments: Sequence[str], folder: Path, fit: Callable[[Sequence[str]], Path | None]) -> Path | None:
+    """Train from the shipped detector on nine tenths of each video, export the best, and score it on the last tenth.
+
+    Args:
+        arguments: of the command; those given win over the usual ones.
+        folder: labelled video of any layout, see `open_labelled`.
+        fit: trains as arguments say.
+
+    Returns:
+        The best checkpoint; beside ``checkpoints/`` lies ``detector.onnx``.
+
+    Raises:
+        RequestError: unusable labels or arguments.
+    """
+    rest, words = list[str](), iter(arguments)
+    for word in words:
+        if word == DATA:
+            next(words)
+        elif not word.startswith(f"{DATA}="):
+            rest.append(word)
+    held_out = labelled_images(folder, part=HELD_OUT)
+    start = shipped(LEARNING_DETECTOR)
+    config = resources.files("tsuiseki.configs") / CONFIG
+    model = yaml.safe_load(config.read_text(encoding="utf-8"))["model"]
+    anchors, line = anchor_choice(
+        labelled_images(folder, part=LEARNT), model["anchors"], (model["height"], model["width"])
+    )
+    print(line, flush=True)
+    usual = [
+        f"--config={config}",
+        f"--model.start={start}",
+        f"--model.anchors={json.dumps(anchors)}",
+        *(
+            f"--data.{name}={json.dumps([_source(folder, part)])}"
+            for name, part in (("train", LEARNT), ("val", HELD_OUT))
+        ),
+    ]
+    best = fit([*usual, *rest])
+    if best is None:
+        return None
+    out = best.parent.parent / "detector.onnx"
+    export_detector(
+        ModelFile(out=out, training_data=f"{folder.name}, {LEARNT[1]:.0%} of each video", overwrite=True), best
+    )
+    print(_compared({"shipped": start, "yours": out}, held_out))
+    return best
+
+
+def _source(folder: Path, part: Part) -> dict[str, object]:
+    return {"folder": str(folder), "part": part}
+
+
+def _compared(files: dict[str, Path], held_out: Sequence[LabelledFrame]) -> str:
+    """A line on the average precision of detectors on pictures that none learnt from."""
+    truth = [LabelledBoxes(frame.boxes, frame.ignored) for frame in held_out]
+    values: dict[str, tuple[float, float]] = {}
+    for name, file in files.items():
+        detector = Detector(file, LOWEST_SCORE)
+        found = [detector.detect([read_image(frame.path)])[0] for frame in held_out]
+        fifty, strict = (evaluate_detections(truth, found, iou).average_precision for iou in (0.5, 0.75))
+        values[name] = fifty, strict
+    better = sum(values["yours"]) > sum(values["shipped"])
+    shown = "; ".join(f"{name} AP50 {a:.3f}, AP75 {b:.3f}" for name, (a, b) in values.items())
+    advice = "" if better else "; keep the shipped one, or train longer (--trainer.max_epochs) or on more labels"
+    return f"on {len(held_out)} held-out pictures: {shown}{advice}"
