@@ -7,7 +7,7 @@ import json
 import signal
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import lightning
