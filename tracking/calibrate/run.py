@@ -11,7 +11,8 @@ import numpy as np
 
 from tsuiseki.tracking.cameras.calibration import CheckerboardFit, Coefficients, find_corners, fit_checkerboards
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.options import OutputFile, Shared
+from tsuiseki.tracking.options import OutputFile, PlottedFile, Shared
+from tsuiseki.tracking.output import check_output_file
 from tsuiseki.tracking.types import FloatArray, Frame
 from tsuiseki.tracking.video.source import open_source
 
@@ -328,3 +329,66 @@ def pose(
     output.write(output.out, lambda path: write_cameras(path, [placed]))
     x, y, z = (camera.position.round(6) + 0.0).tolist()
     print("\n".join([*lines, f"{name}: at {x:.3f}, {y:.3f}, {z:.3f} m: {output.out}"]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeopleFiles(PlottedFile):
+    """What comes out of people.
+
+    Attributes:
+        cameras: cameras.yaml to check against the people, a camera for each source in order; then nothing is written
+            unless --out is given.
+        out: the camera file to write; cameras.yaml, where there is nothing to check.
+        plot: also draw the plan of the floor into this file (PNG, SVG or PDF).
+    """
+
+    cameras: Path | None = None
+    out: Path | None = None  # type: ignore[assignment]
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        super().check()
+        if self.target is not None:
+            check_output_file(self.target, self.overwrite)
+
+    @property
+    def target(self) -> Path | None:
+        """The camera file to write."""
+        return self.out or (None if self.cameras else CAMERA_FILE.out)
+
+
+PEOPLE_FILES = PeopleFiles()
+
+
+def people(
+    sources: list[str],
+    /,
+    size: ImageSize,
+    output: PeopleFiles = PEOPLE_FILES,
+    person_height: float = 1.7,
+    person_spread: float = 0.1,
+    reach: float = 30.0,
+    fps: list[float] | None = None,
+) -> None:
+    """Cameras from the people who walk in them: focal length, height, tilt; of several, place on one floor and clock.
+
+    Args:
+        sources: for each camera a result folder of track people, a file of tracks, or a video, which is tracked first.
+        image_size: WIDTH,HEIGHT of the pictures, where a source does not say.
+        person_height: of people on average, metres.
+        person_spread: standard deviation of their heights, metres.
+        reach: largest difference of two cameras' clocks, seconds.
+        fps: frames a second, where a source does not say; one number, or one a source, separated by commas.
+    """
+    from tsuiseki.tracking.calibrate.checking import check_cameras
+    from tsuiseki.tracking.calibrate.people import calibrate_people
+
+    found = calibrate_people(sources, person_height, person_spread, reach, fps, size.image_size)
+    lines = found.described()
+    if output.cameras is not None:
+        lines += [str(one) for one in check_cameras(output.cameras, found)]
+    if output.target is not None:
+        output.write(output.target, found.write)
+        lines.append(f"{len(found.views)} cameras: {output.target}")
+    output.draw(lambda path: found.plan().savefig(path, dpi=150, facecolor="white"))
+    print("\n".join(lines))

@@ -28,7 +28,7 @@ An omnidirectional camera has, instead of ``focal``, ``principal_point`` and ``d
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
@@ -136,11 +136,13 @@ def _entries(path: Path) -> list[Any]:
     return entries
 
 
-def write_cameras(path: Path, cameras: Sequence[CameraOverFloor]) -> None:
-    """Write `cameras.yaml`, overwriting ``path``."""
-    text = yaml.safe_dump(
-        {"cameras": [_entry(placed) for placed in cameras]}, sort_keys=False, default_flow_style=None, width=120
-    )
+def write_cameras(
+    path: Path, cameras: Sequence[CameraOverFloor], beside: Sequence[Mapping[str, Any]] | None = None
+) -> None:
+    """Write `cameras.yaml`, overwriting ``path``; ``beside`` are fields of each that are for people to read."""
+    entries = [_entry(placed) for placed in cameras]
+    entries = entries if beside is None else [{**entry, **more} for entry, more in zip(entries, beside, strict=True)]
+    text = yaml.safe_dump({"cameras": entries}, sort_keys=False, default_flow_style=None, width=120)
     path.write_text(text, encoding="utf-8")
 
 

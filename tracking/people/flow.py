@@ -17,7 +17,6 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
-from tsuiseki.tracking.options import refuse_nan
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, refuse_heaps
 from tsuiseki.tracking.people.lifecycle import adjusted
@@ -96,7 +95,6 @@ class FlowTracker:
             fill=fill,
             smoothing=smoothing,
         )
-        refuse_nan(settings)
         if delay is not None or changes is not None:
             settings = settings.alike()
         self.settings = settings

@@ -1,0 +1,230 @@
+"""Cameras from the people who walk in them: see `cameras.people_fit` and `cameras.people_bundle`."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, Placed, write_cameras
+from tsuiseki.tracking.cameras.path_matching import STEP, align, places_at
+from tsuiseki.tracking.cameras.people_bundle import placed, refined
+from tsuiseki.tracking.cameras.people_fit import People, fit_view
+from tsuiseki.tracking.cameras.people_views import DRIFT, OFFSET, PeopleView, feet, on_floor, pinhole, view_of
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, tracked
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.types import FloatArray, Track
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Source: TypeAlias = str | Path | Result[Track]
+# Metres: farthest places that are matched and shown, error from which a camera is named, room around the people.
+FARTHEST, WRONG, ROOM = 60.0, 0.3, 1.0
+NORMAL_95 = 1.96
+UNITS = {"focal": " px", "height": " m", "x": " m", "y": " m", "offset": " s"} | dict.fromkeys(
+    ("tilt", "roll", "turn"), "°"
+)
+
+
+@dataclass(frozen=True)
+class PeopleCalibration:
+    """Cameras over one floor, below the first of them and ahead of it along +y.
+
+    Attributes:
+        views: the people in each of C cameras.
+        numbers: ``(C, 11)``, see `people_views.NUMBERS`.
+        deviations: ``(C, 11)`` standard deviations.
+        errors: ``(C,)`` median metres between a camera's people and the others'; NaN for a single camera.
+        people: how high they are.
+        given: frames a second of each source, where they were given.
+    """
+
+    views: Sequence[PeopleView]
+    numbers: FloatArray
+    deviations: FloatArray
+    errors: FloatArray
+    people: People
+    given: Sequence[float | None] = field(default=())
+
+    @property
+    def cameras(self) -> list[CameraOverFloor]:
+        """For `cameras.yaml`; the floor is where people walk."""
+        every = np.concatenate([self.places(k) for k in range(len(self.views))])
+        every = every[np.abs(every - np.median(every.real) - 1j * np.median(every.imag)) < FARTHEST]
+        low, high = (np.array([np.percentile(v, q) for v in (every.real, every.imag)]) for q in (1, 99))
+        floor = np.round(np.concatenate([low - ROOM, high + ROOM]), 1)
+        found: list[CameraOverFloor] = []
+        for k, (view, camera) in enumerate(zip(self.views, self.numbers, strict=True)):
+            rate = self.given[k] if self.given else None
+            if camera[DRIFT]:
+                rate = view.frame_rate / (1 + camera[DRIFT])
+            found.append(Placed(view.name, pinhole(camera, view.size), rate, float(camera[OFFSET]), floor))
+        return found
+
+    def places(self, camera: int) -> FloatArray:
+        """``(N,)`` complex metres where the people of a camera are."""
+        return on_floor(self.numbers[camera], self.views[camera].boxes, self.people.height)
+
+    def intervals(self) -> list[dict[str, Any]]:
+        """Half widths of the 95 % intervals of each camera, for `cameras.yaml`; metres, degrees, pixels, seconds."""
+        return [
+            {"interval_95": {name: round(half, 4) for name, _, half in self._rows(k)}} for k in range(len(self.views))
+        ]
+
+    def _rows(self, camera: int) -> list[tuple[str, float, float]]:
+        """Name, value and half width of the interval of what is told of a camera."""
+        x, half = self.numbers[camera], NORMAL_95 * self.deviations[camera]
+        focal, height = np.exp(x[0]), np.exp(x[5])
+        rows = [("focal", focal, focal * half[0]), ("height", height, height * half[5])]
+        rows += [(name, float(np.degrees(x[k])), float(np.degrees(half[k]))) for name, k in (("tilt", 3), ("roll", 4))]
+        if len(self.views) > 1:
+            rows += [("x", x[7], half[7]), ("y", x[8], half[8]), ("offset", x[OFFSET], half[OFFSET])]
+            rows.append(("turn", float(np.degrees(x[6])), float(np.degrees(half[6]))))
+        return [(name, float(value), float(width)) for name, value, width in rows]
+
+    def described(self) -> list[str]:
+        """A line for each camera."""
+        lines = []
+        for k, view in enumerate(self.views):
+            told = ", ".join(
+                f"{name} {v:.{digits(w)}f} ± {w:.{digits(w)}f}{UNITS[name]}" for name, v, w in self._rows(k)
+            )
+            error = f", {self.errors[k]:.2f} m from the others' people" if np.isfinite(self.errors[k]) else ""
+            lines.append(f"{view.name}: {view.count} people, {told}{error}")
+        return lines
+
+    def plan(self) -> Figure:
+        """The floor from above: cameras, where they look, and paths of people."""
+        from matplotlib.figure import Figure
+
+        from tsuiseki.tracking.report.plots import COLOURS
+
+        figure = Figure(figsize=(7, 7), layout="constrained")
+        axes = figure.subplots()
+        for k, (view, camera) in enumerate(zip(self.views, self.numbers, strict=True)):
+            colour, paths = COLOURS[k % len(COLOURS)], self.places(k)
+            paths = np.where(np.abs(paths - camera[7] - 1j * camera[8]) < FARTHEST, paths, np.nan)
+            ends = np.flatnonzero(np.diff(view.people)) + 1
+            broken = np.insert(paths, ends, np.nan)
+            axes.plot(broken.real, broken.imag, color=colour, linewidth=0.6, alpha=0.6)
+            ahead = 1j * np.exp(1j * camera[6])
+            axes.plot(camera[7], camera[8], "o", color=colour, label=view.name)
+            axes.annotate("", (camera[7] + 2 * ahead.real, camera[8] + 2 * ahead.imag), (camera[7], camera[8]),
+                          arrowprops={"arrowstyle": "->", "color": colour})  # fmt: skip
+        axes.set_aspect("equal")
+        axes.set_xlabel("metres to the right of the first camera")
+        axes.set_ylabel("metres ahead of it")
+        axes.legend(frameon=False)
+        return figure
+
+    def write(self, path: Path) -> None:
+        """`cameras.yaml`, with the intervals beside each camera."""
+        write_cameras(path, self.cameras, self.intervals())
+
+
+def digits(width: float) -> int:
+    """After the point, for a value with an interval of this half width."""
+    return int(np.clip(1 - np.floor(np.log10(max(width, 1e-9))), 0, 3))
+
+
+def calibrate_people(
+    sources: Sequence[Source],
+    person_height: float = 1.7,
+    person_spread: float = 0.1,
+    reach: float = 30.0,
+    frame_rates: Sequence[float] | None = None,
+    image_size: tuple[int, int] | None = None,
+) -> PeopleCalibration:
+    """Where cameras are and how they see, from the people who walk in them.
+
+    Args:
+        sources: one a camera, see `people.tracked.tracked`.
+        person_height: of people on average, metres.
+        person_spread: standard deviation of their heights, metres.
+        reach: largest difference of two clocks, seconds.
+        frame_rates: frames a second, of all sources or of each, where a source does not say.
+        image_size: width and height of the pictures, where a source does not say.
+
+    Raises:
+        RequestError: a source cannot be read, two are the same, too few people are seen or only at one distance, or a
+            camera sees too few together with the others.
+    """
+    people = People(person_height, person_spread)
+    if not sources:
+        raise RequestError("expected a source or more, got none")
+    if frame_rates is not None and len(frame_rates) not in (1, len(sources)):
+        raise RequestError(f"`fps`: expected 1 number or {len(sources)}, one a source, got {len(frame_rates)}")
+    rates = [None if frame_rates is None else frame_rates[k % len(frame_rates)] for k in range(len(sources))]
+    names = [name_of(source) for source in sources]
+    if len({*names}) < len(names):
+        names = [f"{k + 1} {name}" for k, name in enumerate(names)]
+    views = [_view(*one, image_size) for one in zip(names, sources, rates, strict=True)]
+    _refuse_twice(views)
+    fits = [fit_view(view, people) for view in views]
+    numbers, deviations = np.stack([fit[0] for fit in fits]), np.stack([np.sqrt(np.diag(fit[1])) for fit in fits])
+    errors = np.full(len(views), np.nan)
+    if len(views) > 1:
+        joint = refined(views, _together(views, numbers, people, reach), people)
+        numbers, deviations, errors = joint.cameras, joint.deviations, joint.errors
+    found = PeopleCalibration(views, numbers, deviations, errors, people, rates)
+    _warn(found)
+    return found
+
+
+def _view(
+    name: str, source: str | Path | Result[Track], rate: float | None, size: tuple[int, int] | None
+) -> PeopleView:
+    result = tracked(source)
+    rate = rate or result.frame_rate
+    size = result.size or size
+    if not rate:
+        raise RequestError(f"{name}: expected its frames a second, which the source does not say; give `fps`")
+    if size is None:
+        raise RequestError(
+            f"{name}: expected the size of its pictures, which the source does not say; give `image_size`"
+        )
+    return view_of(name, boxes_of(result), size, rate, frame_times(result, rate))
+
+
+def _refuse_twice(views: Sequence[PeopleView]) -> None:
+    for one, other in combinations(views, 2):
+        if len(one.boxes) and one.boxes.shape == other.boxes.shape and np.allclose(one.boxes, other.boxes):
+            raise RequestError(f"expected a source for each camera, got the same people in {one.name} and {other.name}")
+
+
+def _together(views: Sequence[PeopleView], numbers: FloatArray, people: People, reach: float) -> FloatArray:
+    """The cameras over one floor, by aligning each two of them."""
+    clocks = [view.times for view in views]
+    length = min(np.ptp(clock) for clock in clocks)
+    lags = int(min(reach, length / 2) / STEP)
+    times = np.arange(min(map(np.min, clocks)), max(map(np.max, clocks)) + lags * STEP + STEP, STEP)
+    paths = []
+    for view, camera in zip(views, numbers, strict=True):
+        places = feet(camera, view.boxes, people.height)
+        places[np.abs(places) > FARTHEST] = np.nan
+        paths.append(places_at(view, places, times))
+    found = {}
+    for i, j in combinations(range(len(views)), 2):
+        one = align(paths[i], paths[j], lags)
+        if one is not None:
+            found[i, j] = one
+    return placed(numbers, [view.name for view in views], found)
+
+
+def _warn(found: PeopleCalibration) -> None:
+    """Say which cameras the people contradict, and whose clocks run apart."""
+    for k, (view, camera) in enumerate(zip(found.views, found.numbers, strict=True)):
+        if found.errors[k] > WRONG:
+            told = f"{view.name}: its people are {found.errors[k]:.2f} m from where the other cameras see them"
+            warnings.warn(f"{told}; is its lens distorted, or its floor another?", InputWarning, stacklevel=3)
+        if camera[DRIFT]:
+            gone, rate = abs(camera[DRIFT]) * np.ptp(view.times), view.frame_rate / (1 + camera[DRIFT])
+            told = f"{view.name}: its clock runs apart from the first one's, by {gone:.2f} s over the video"
+            warnings.warn(f"{told}; frame_rate {rate:.4g} is written for it", InputWarning, stacklevel=3)

@@ -1,0 +1,345 @@
+"""Several cameras over one floor, refined together by the people whom two of them see.
+
+Given where the cameras stand roughly, paths that stay near each other are matched one to one. Then all lenses, poses
+and clocks are fitted at once: two cameras put a person at the same place, people are as high as people are, lenses are
+as lenses are. Distances count in deviations, from the noise of boxes and the slope of the view. Matching and fitting
+alternate while the tolerance falls.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from tsuiseki.tracking.cameras.path_matching import FEWEST, STEP, Alignment, places_at
+from tsuiseki.tracking.cameras.people_fit import (
+    MOST_PEOPLE,
+    People,
+    RobustFit,
+    least_robust,
+    lens_priors,
+    longest,
+    noise_of_places,
+    own_deviation,
+)
+from tsuiseki.tracking.cameras.people_views import (
+    DRIFT,
+    GAP,
+    NUMBERS,
+    OFFSET,
+    PLACE,
+    PeopleView,
+    height_errors,
+    on_floor,
+)
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+TOLERANCES = (2.5, 1.5, 1.0, 0.8, 0.8)
+# Ratio of an alignment's score to its rival's, and places, from which it is taken.
+SURE, LEAST_SCORE = 1.25, 12.0
+# Places of two cameras that are compared at most, metres that a foot is uncertain by, weight of each place among those
+# of a walk, seconds a second by which clocks usually differ.
+MOST, FOOT, WEIGHT, DRIFTING = 200, 0.1, 0.5, 1e-2
+# Scales of `NUMBERS` in the fit.
+SCALE = np.array([0.1, 20, 20, 0.05, 0.02, 0.1, 0.1, 1, 1, 0.2, 1e-3])
+DIFFERENCE = 1e-5
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Places of people whom two cameras see.
+
+    Attributes:
+        first: number of a camera.
+        second: of another one.
+        rows: ``(M,)`` of the first view.
+        others: ``(M,)`` rows of the second view, after which the same person is there at that time.
+    """
+
+    first: int
+    second: int
+    rows: IntArray
+    others: IntArray
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Cameras over one floor.
+
+    Attributes:
+        cameras: ``(C, 11)``, see `people_views.NUMBERS`.
+        deviations: ``(C, 11)`` standard deviations.
+        errors: ``(C,)`` median metres between where a camera puts a person and where another does, each on average.
+    """
+
+    cameras: FloatArray
+    deviations: FloatArray
+    errors: FloatArray
+
+
+def placed(cameras: FloatArray, names: Sequence[str], found: Mapping[tuple[int, int], Alignment]) -> FloatArray:
+    """``(C, 11)`` the cameras over the floor of the first one, by the surest alignments of pairs.
+
+    Raises:
+        RequestError: a camera shares too few people with the others.
+    """
+    count, sure = len(cameras), np.zeros((len(cameras), len(cameras)))
+    for pair, one in found.items():
+        if one.score >= max(SURE * one.rival, LEAST_SCORE):
+            sure[pair] = 1 / (one.score - one.rival)
+    tree = scipy.sparse.csgraph.minimum_spanning_tree(sure)
+    order, before = scipy.sparse.csgraph.breadth_first_order(tree, 0, directed=False)
+    if len(order) < count:
+        alone = ", ".join(names[k] for k in range(count) if k not in order)
+        raise RequestError(
+            f"expected people who are seen by two cameras at a time, found too few for {alone}; give longer videos, "
+            "clocks that differ by less than `reach`, or leave it out"
+        )
+    placed = cameras.copy()
+    placed[:, 6:] = 0
+    for k in order[1:].tolist():
+        base = int(before[k])
+        one = found.get((base, k)) or _inverse(found[k, base])
+        here, turned = placed[base], np.exp(1j * placed[base, 6])
+        position = here[7] + 1j * here[8] + turned * one.shift
+        placed[k, PLACE] = np.angle(turned * one.turn), position.real, position.imag
+        placed[k, OFFSET] = here[OFFSET] + one.offset
+    return placed
+
+
+def _inverse(one: Alignment) -> Alignment:
+    back = complex(np.conj(one.turn))
+    return Alignment(-one.offset, back, -back * one.shift, one.score, one.rival)
+
+
+def refined(views: Sequence[PeopleView], cameras: FloatArray, people: People) -> Joint:
+    """The cameras that explain best what they see together; the first one stays in its place.
+
+    A drift of a clock is kept where it moves it by more than half a frame, and three times its deviation.
+    """
+    drifting = np.zeros(len(views), dtype=np.bool_)
+    for tolerance in TOLERANCES:
+        cameras = _round(views, cameras, people, tolerance, drifting)[0]
+    cameras, problem, fit = _round(views, cameras, people, TOLERANCES[-1], ~drifting)
+    deviations = problem.deviations(fit)
+    length = np.array([np.ptp(view.times) for view in views])
+    frame = 1 / min(view.frame_rate for view in views)
+    drift = np.abs(cameras[:, DRIFT])
+    drifting = (drift * length > 0.5 * frame) & (drift > 3 * deviations[:, DRIFT])
+    cameras[~drifting, DRIFT] = 0
+    cameras, problem, fit = _round(views, cameras, people, TOLERANCES[-1], drifting)
+    pairs = Pairs.of(views, matched(views, cameras, people, TOLERANCES[-1]))
+    return Joint(cameras, problem.deviations(fit), pairs.errors(cameras, people))
+
+
+def matched(views: Sequence[PeopleView], cameras: FloatArray, people: People, tolerance: float) -> list[Shared]:
+    """What each pair of cameras sees together: paths of root mean square distance below ``tolerance``, one to one."""
+    clocks = [common_times(view.times, camera) for view, camera in zip(views, cameras, strict=True)]
+    times = np.arange(min(c.min() for c in clocks), max(c.max() for c in clocks) + STEP, STEP)
+    paths = []
+    for view, camera in zip(views, cameras, strict=True):
+        own = (times - camera[OFFSET]) / (1 + camera[DRIFT])
+        paths.append(places_at(view, on_floor(camera, view.boxes, people.height), own))
+    found = []
+    for i in range(len(views)):
+        for j in range(i + 1, len(views)):
+            partner = _partners(paths[i], paths[j], tolerance)
+            one = _rows(views, cameras, i, j, partner)
+            if len(one.rows):
+                found.append(one)
+    return found
+
+
+def common_times(times: FloatArray, camera: FloatArray) -> FloatArray:
+    """``(N,)`` seconds of the first camera's clock."""
+    return np.asarray(times * (1 + camera[DRIFT]) + camera[OFFSET])
+
+
+def _partners(first: FloatArray, second: FloatArray, tolerance: float) -> IntArray:
+    """``(A,)`` number of the path in ``second`` that is the same person, -1 for none."""
+    here, there = np.isfinite(first).astype(np.float64), np.isfinite(second).astype(np.float64)
+    a, b = np.nan_to_num(first), np.nan_to_num(second)
+    count = here @ there.T
+    square = (np.abs(a) ** 2) @ there.T + here @ (np.abs(b) ** 2).T - 2 * (a @ b.conj().T).real
+    gain = count - square / tolerance**2
+    worth = (count >= FEWEST) & (gain > 0)
+    rows, columns = scipy.optimize.linear_sum_assignment(np.where(worth, gain, 0.0), maximize=True)
+    partner = np.full(len(first), -1)
+    real = worth[rows, columns]
+    partner[rows[real]] = columns[real]
+    return partner
+
+
+def _rows(views: Sequence[PeopleView], cameras: FloatArray, i: int, j: int, partner: IntArray) -> Shared:
+    """The places of the pairs, evenly thinned to `MOST`."""
+    first, second = views[i], views[j]
+    rows = np.flatnonzero(partner[first.people] >= 0)
+    times = (common_times(first.times[rows], cameras[i]) - cameras[j, OFFSET]) / (1 + cameras[j, DRIFT])
+    person = partner[first.people[rows]]
+    key = second.people * 1e8 + second.times
+    others = np.clip(np.searchsorted(key, person * 1e8 + times, side="right") - 1, 0, len(key) - 2)
+    inside = (second.people[others] == person) & (second.people[others + 1] == person)
+    inside &= (second.times[others] <= times) & (second.times[others + 1] - second.times[others] < GAP)
+    rows, others = rows[inside], others[inside]
+    kept = np.unique(np.linspace(0, len(rows) - 1, MOST).astype(np.int64)) if len(rows) > MOST else np.arange(len(rows))
+    return Shared(i, j, rows[kept], others[kept])
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Boxes of the same people in two cameras each, of all pairs of cameras.
+
+    Attributes:
+        first: ``(M,)`` numbers of the first camera.
+        second: ``(M,)`` of the second.
+        times: ``(M,)`` of the first camera's clock, seconds.
+        boxes: ``(M, 4)`` there.
+        before: ``(M,)`` times of the second camera's box before that.
+        others: ``(M, 4)`` that box.
+        speed: ``(M, 4)`` pixels a second from there to the next.
+        groups: ``(M,)`` people of the first camera, numbered through.
+    """
+
+    first: IntArray
+    second: IntArray
+    times: FloatArray
+    boxes: FloatArray
+    before: FloatArray
+    others: FloatArray
+    speed: FloatArray
+    groups: IntArray
+
+    @classmethod
+    def of(cls, views: Sequence[PeopleView], shared: Sequence[Shared]) -> Pairs:
+        """The places of `matched`."""
+        begin = np.cumsum([0, *(view.count for view in views)])
+        parts = []
+        for one in shared:
+            view, other, k = views[one.first], views[one.second], one.others
+            speed = (other.boxes[k + 1] - other.boxes[k]) / (other.times[k + 1] - other.times[k])[:, None]
+            numbers = (np.full(len(k), one.first), np.full(len(k), one.second))
+            boxes = view.times[one.rows], view.boxes[one.rows], other.times[k], other.boxes[k], speed
+            parts.append((*numbers, *boxes, begin[one.first] + view.people[one.rows]))
+        return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+    def apart(self, first: FloatArray, second: FloatArray, people: People) -> FloatArray:
+        """``(M,)`` complex metres from the second camera's places to the first's, by ``(M, 11)`` cameras of each."""
+        place = on_floor(first, self.boxes, people.height)
+        common = self.times * (1 + first[:, DRIFT]) + first[:, OFFSET]
+        own = (common - second[:, OFFSET]) / (1 + second[:, DRIFT])
+        boxes = self.others + self.speed * (own - self.before)[:, None]
+        return place - on_floor(second, boxes, people.height)
+
+    def errors(self, cameras: FloatArray, people: People) -> FloatArray:
+        """``(C,)`` as of `Joint`; NaN where a camera shares nobody."""
+        apart = self.apart(cameras[self.first], cameras[self.second], people)
+        both = self.groups * len(cameras) + self.second
+        kept, first, person, counts = np.unique(both, return_index=True, return_inverse=True, return_counts=True)
+        sums = [np.bincount(person, part, len(kept)) for part in (apart.real, apart.imag)]
+        away, seen = np.hypot(*sums) / counts, (self.first[first], self.second[first])
+        own = [away[(seen[0] == k) | (seen[1] == k)] for k in range(len(cameras))]
+        return np.array([np.median(part) if len(part) else np.nan for part in own])
+
+    def whitening(self, cameras: FloatArray, noises: FloatArray, people: People) -> FloatArray:
+        """``(M, 2, 2)`` that make `apart` independent of deviation `WEIGHT`."""
+        spread = np.tile(FOOT**2 * np.eye(2), (len(self.first), 1, 1))
+        for numbers, boxes in ((self.first, self.boxes), (self.second, self.others)):
+            noise = noises[numbers] * (boxes[:, 3] - boxes[:, 1]) + 1
+            here = on_floor(cameras[numbers], boxes, people.height)
+            for edge in ([1, 0, 1, 0], [0, 0, 0, 1]):
+                moved = (on_floor(cameras[numbers], boxes + edge, people.height) - here) * noise
+                slope = np.stack([moved.real, moved.imag], axis=1)
+                spread += slope[:, :, None] * slope[:, None]
+        return np.asarray(WEIGHT * np.linalg.inv(np.linalg.cholesky(spread)))
+
+
+def _round(
+    views: Sequence[PeopleView], cameras: FloatArray, people: People, tolerance: float, drifting: BoolArray
+) -> tuple[FloatArray, Problem, RobustFit]:
+    """Match, then fit: ``(C, 11)`` cameras, and what was solved."""
+    shared = matched(views, cameras, people, tolerance)
+    if not shared:
+        raise RequestError("expected people who are seen by two cameras at a time, found none; give longer videos")
+    pairs = Pairs.of(views, shared)
+    problem = Problem(views, cameras, people, pairs, drifting)
+    fit = least_robust(problem.errors, problem.slopes, np.zeros(problem.free.sum()), 20, 1e-4)
+    return problem.moved(fit.x), problem, fit
+
+
+class Problem:
+    """What is made least in a round, as a function of the free numbers in units of `SCALE`."""
+
+    def __init__(
+        self, views: Sequence[PeopleView], cameras: FloatArray, people: People, pairs: Pairs, drifting: BoolArray
+    ) -> None:
+        self.views = [longest(view, MOST_PEOPLE) for view in views]
+        self.cameras, self.people, self.pairs = cameras, people, pairs
+        free = np.ones(cameras.shape, dtype=np.bool_)
+        free[0, 6:] = False
+        free[:, DRIFT] &= drifting
+        self.free = free.ravel()
+        self.noises = np.array([max(noise_of_places(view), 0.01) for view in views])
+        self.whitening = pairs.whitening(cameras, self.noises, people)
+
+    def moved(self, x: FloatArray) -> FloatArray:
+        """``(C, 11)`` cameras."""
+        step = np.zeros(self.cameras.size)
+        step[self.free] = x
+        return np.asarray(self.cameras + step.reshape(self.cameras.shape) * SCALE)
+
+    def _apart(self, first: FloatArray, second: FloatArray) -> FloatArray:
+        apart = self.pairs.apart(first, second, self.people)
+        errors = np.einsum("nij,nj->ni", self.whitening, np.stack([apart.real, apart.imag], axis=1))
+        return np.asarray(errors.ravel())
+
+    def _alone(self, number: int, camera: FloatArray) -> FloatArray:
+        """Heights and priors of one camera."""
+        view = self.views[number]
+        errors = height_errors(camera, view, self.people.height)
+        heights = own_deviation(errors, view.people, max(self.noises[number], 0.02), self.people)
+        return np.concatenate([heights, lens_priors(camera, view), [camera[DRIFT] / DRIFTING]])
+
+    def errors(self, x: FloatArray) -> FloatArray:
+        """All residuals: places of pairs, then of each camera heights and priors."""
+        cameras = self.moved(x)
+        alone = [self._alone(k, camera) for k, camera in enumerate(cameras)]
+        return np.concatenate([self._apart(cameras[self.pairs.first], cameras[self.pairs.second]), *alone])
+
+    def slopes(self, x: FloatArray) -> FloatArray:
+        """Their derivatives, by differences of one number of all cameras at a time."""
+        cameras, pairs, width = self.moved(x), self.pairs, len(NUMBERS)
+        first, second = cameras[pairs.first], cameras[pairs.second]
+        apart, alone = self._apart(first, second), [self._alone(k, camera) for k, camera in enumerate(cameras)]
+        edges = len(apart) + np.cumsum([0, *(len(part) for part in alone)])
+        found, rows = np.zeros((edges[-1], cameras.size)), np.arange(len(apart))
+        for k in range(width):
+            step = np.zeros(width)
+            step[k] = DIFFERENCE * SCALE[k]
+            found[rows, np.repeat(pairs.first, 2) * width + k] = (
+                self._apart(first + step, second) - apart
+            ) / DIFFERENCE
+            found[rows, np.repeat(pairs.second, 2) * width + k] = (
+                self._apart(first, second + step) - apart
+            ) / DIFFERENCE
+            for c, camera in enumerate(cameras):
+                found[edges[c] : edges[c + 1], c * width + k] = (self._alone(c, camera + step) - alone[c]) / DIFFERENCE
+        return np.asarray(found[:, self.free])
+
+    def deviations(self, fit: RobustFit) -> FloatArray:
+        """``(C, 11)`` standard deviations of what was fitted."""
+        found = np.zeros(self.cameras.size)
+        units = np.tile(SCALE, len(self.cameras))[self.free]
+        found[self.free] = np.sqrt(np.diag(fit.covariance(self._groups()))) * units
+        return found.reshape(self.cameras.shape)
+
+    def _groups(self) -> IntArray:
+        """The person that each residual belongs to, -1 for priors."""
+        begin = np.cumsum([0, *(view.count for view in self.views)])
+        parts = [np.repeat(self.pairs.groups, 2)]
+        for k, view in enumerate(self.views):
+            parts += [begin[k] + view.people, np.full(5, -1)]
+        return np.concatenate(parts)

@@ -1,0 +1,164 @@
+"""How a camera over a floor sees the people who stand on it, as numbers that can be fitted.
+
+A camera is a row of `NUMBERS`: the logarithm of the focal length, the principal point in pixels, tilt below the level
+and roll in radians, the logarithm of the height over the floor in metres; then its place over the floor: turn and the
+two coordinates; then its clock: the offset in seconds and the drift in seconds a second. Places on the floor are
+complex numbers in metres. The lens is ideal and its pixels are square.
+
+A box spans the columns of foot and head, which differ where people lean in the picture. So the foot is not the middle
+of its lower edge: half the lean lies between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
+
+NUMBERS = ("log_focal", "x", "y", "tilt", "roll", "log_height", "turn", "east", "north", "offset", "drift")
+LENS, PLACE, OFFSET, DRIFT = slice(0, 6), slice(6, 9), 9, 10
+# Seconds that are averaged: noise falls, and a walker stays on a line.
+CELL = 0.4
+# Longest gap within a track over which a place is interpolated, seconds.
+GAP = 1.6
+# Pixels from the border within which a box may be cut off, and the covered share from which it may be too short.
+BORDER, COVERED = 2.0, 0.25
+FEWEST_CELLS = 3
+
+
+@dataclass(frozen=True)
+class PeopleView:
+    """The people in one camera.
+
+    Attributes:
+        name: of the source.
+        size: width and height of the picture, pixels.
+        frame_rate: frames a second.
+        times: ``(N,)`` seconds of the camera's clock, increasing within a track.
+        boxes: ``(N, 4)`` pixels, whole people only, averaged over `CELL`.
+        people: ``(N,)`` numbers of the tracks from 0, increasing.
+    """
+
+    name: str
+    size: tuple[int, int]
+    frame_rate: float
+    times: FloatArray
+    boxes: FloatArray
+    people: IntArray
+
+    @property
+    def count(self) -> int:
+        """Number of tracks."""
+        return int(self.people.max(initial=-1)) + 1
+
+    @property
+    def heights(self) -> FloatArray:
+        """``(N,)`` of the boxes, pixels."""
+        return np.asarray(self.boxes[:, 3] - self.boxes[:, 1])
+
+
+def view_of(
+    name: str, tracks: Sequence[Track], size: tuple[int, int], frame_rate: float, times: FloatArray | None = None
+) -> PeopleView:
+    """The boxes that show whole people.
+
+    Args:
+        name: of the source.
+        tracks: of its people.
+        size: width and height of the picture, pixels.
+        frame_rate: frames a second.
+        times: of all frames, seconds, where they are uneven.
+    """
+    rows = [(t.frames[t.observed], t.boxes[t.observed], np.full(t.observed.sum(), k)) for k, t in enumerate(tracks)]
+    frames = np.concatenate([np.empty(0, np.int64), *(row[0] for row in rows)])
+    boxes = np.concatenate([np.empty((0, 4)), *(row[1] for row in rows)])
+    people = np.concatenate([np.empty(0, np.int64), *(row[2] for row in rows)])
+    whole = (boxes[:, :2] > BORDER).all(axis=1) & (boxes[:, 2:] < np.array(size) - BORDER).all(axis=1)
+    whole &= ~_covered(frames, boxes)
+    frames, boxes, people = frames[whole], boxes[whole], people[whole]
+    seconds = frames / frame_rate if times is None else times[frames]
+    cells = people * 10**8 + np.floor(seconds / CELL).astype(np.int64)
+    kept, cell, counts = np.unique(cells, return_inverse=True, return_counts=True)
+    means = [np.bincount(cell, column, len(kept)) / counts for column in (seconds, *boxes.T)]
+    people = kept // 10**8
+    enough = np.bincount(people, minlength=len(tracks))[people] >= FEWEST_CELLS
+    numbers = np.unique(people[enough], return_inverse=True)[1].astype(np.int64)
+    return PeopleView(name, size, frame_rate, means[0][enough], np.stack(means[1:], axis=1)[enough], numbers)
+
+
+def _covered(frames: IntArray, boxes: FloatArray) -> BoolArray:
+    """``(N,)`` boxes of which somebody nearer may hide the feet."""
+    hidden = np.zeros(len(frames), dtype=np.bool_)
+    order = np.argsort(frames, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(frames[order])) + 1):
+        own = boxes[rows]
+        low, high = np.maximum(own[:, None, :2], own[None, :, :2]), np.minimum(own[:, None, 2:], own[None, :, 2:])
+        shared = np.clip(high - low, 0, None).prod(axis=2)
+        nearer = own[None, :, 3] > own[:, None, 3]
+        share = (shared * nearer).max(axis=1, initial=0.0) / (own[:, 2:] - own[:, :2]).prod(axis=1)
+        hidden[rows] = share > COVERED
+    return hidden
+
+
+def sight(camera: FloatArray, pixels: FloatArray) -> FloatArray:
+    """Where pixels ``(N, 2)`` meet the floor before the camera: to the right and, as imaginary part, ahead; metres.
+
+    Args:
+        camera: `NUMBERS`, ``(11,)`` or ``(N, 11)``.
+        pixels: those above the horizon meet the floor very far away.
+    """
+    x, y = ((pixels - camera[..., 1:3]) / np.exp(camera[..., :1])).T
+    cos, sin = np.cos(camera[..., 4]), np.sin(camera[..., 4])
+    right, down = cos * x - sin * y, sin * x + cos * y
+    level, dip = np.cos(camera[..., 3]), np.sin(camera[..., 3])
+    far = np.exp(camera[..., 5]) / np.maximum(dip + level * down, 2e-3)
+    return np.asarray(far * right + 1j * far * (level - dip * down))
+
+
+def picture(camera: FloatArray, places: FloatArray, height: float) -> FloatArray:
+    """``(N, 2)`` pixels of points ``height`` above `sight` places."""
+    level, dip = np.cos(camera[..., 3]), np.sin(camera[..., 3])
+    above = height - np.exp(camera[..., 5])
+    depth = np.maximum(level * places.imag - dip * above, 0.05)
+    right, down = places.real / depth, (-dip * places.imag - level * above) / depth
+    cos, sin = np.cos(camera[..., 4]), np.sin(camera[..., 4])
+    focal = np.exp(camera[..., 0])
+    turned = np.stack([cos * right + sin * down, cos * down - sin * right], axis=-1)
+    return np.asarray(camera[..., 1:3] + focal[..., None] * turned)
+
+
+def feet(camera: FloatArray, boxes: FloatArray, height: float) -> FloatArray:
+    """``(N,)`` places as of `sight` where people of a ``height`` stand who fill ``(N, 4)`` boxes."""
+    middle = (boxes[:, 0] + boxes[:, 2]) / 2
+    foot = np.stack([middle, boxes[:, 3]], axis=-1)
+    for _ in range(2):
+        lean = picture(camera, sight(camera, foot), height)[:, 0] - foot[:, 0]
+        foot = np.stack([middle - lean / 2, boxes[:, 3]], axis=-1)
+    return sight(camera, foot)
+
+
+def on_floor(camera: FloatArray, boxes: FloatArray, height: float) -> FloatArray:
+    """``(N,)`` places of people over the common floor, complex metres."""
+    here = feet(camera, boxes, height)
+    return np.asarray(camera[..., 7] + 1j * camera[..., 8] + np.exp(1j * camera[..., 6]) * here)
+
+
+def height_errors(camera: FloatArray, view: PeopleView, height: float) -> FloatArray:
+    """``(N,)`` logarithm of the boxes' heights over those of people of a ``height`` in metres."""
+    top = picture(camera, feet(camera, view.boxes, height), height)[:, 1]
+    return np.asarray(np.log(view.heights / np.maximum(view.boxes[:, 3] - top, 1e-3)))
+
+
+def pinhole(camera: FloatArray, size: tuple[int, int]) -> PinholeCamera:
+    """The camera of a row of `NUMBERS`."""
+    focal, tilt, roll, turn = np.exp(camera[0]), camera[3], camera[4], camera[6]
+    ahead = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    right, up = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([0.0, 0.0, 1.0])
+    forward, down = np.cos(tilt) * ahead - np.sin(tilt) * up, -np.sin(tilt) * ahead - np.cos(tilt) * up
+    rolled = np.array([[np.cos(roll), np.sin(roll), 0], [-np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
+    position = np.array([camera[7], camera[8], np.exp(camera[5])])
+    return PinholeCamera(*size, np.full(2, focal), camera[1:3], rolled @ np.stack([right, down, forward]), position)

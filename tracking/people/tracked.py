@@ -1,0 +1,60 @@
+"""The people in a source, whatever it is: a result, a file of tracks, or a video, which is tracked first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.exports import format_at
+from tsuiseki.tracking.formats.result_folder import TABLES
+from tsuiseki.tracking.output import RUN_FILE
+from tsuiseki.tracking.people.tracking import track_people
+from tsuiseki.tracking.result import FILES, Result
+from tsuiseki.tracking.types import FloatArray, Track
+from tsuiseki.tracking.video.source import endless, open_source
+
+RESULTS = (RUN_FILE, *TABLES, "tracks.json", "tracks.txt")
+
+
+def tracked(source: str | Path | Result[Track]) -> Result[Track]:
+    """The tracks of people.
+
+    Args:
+        source: a result, its folder, a file of tracks in any format that `Result.load` reads; or a video, a folder of
+            images or a sequence folder, which is tracked with default settings.
+
+    Raises:
+        RequestError: there is nothing of this, the source does not end, or nobody has a box.
+    """
+    found = source if isinstance(source, Result) else _read(Path(source))
+    if not found.tracks or not all(isinstance(getattr(track, "track", track), Track) for track in found):
+        raise RequestError(f"{name_of(source)}: expected tracks of people with boxes, got none")
+    return found
+
+
+def _read(path: Path) -> Result[Track]:
+    folder = path.is_dir() and any((path / name).is_file() for name in RESULTS)
+    if folder or path.suffix.lower() in FILES or (path.exists() and format_at(path)):
+        return Result.load(path)
+    if endless(open_source(str(path))):
+        raise RequestError(f"{path}: expected a source that ends, got a live one; record it first")
+    return track_people(str(path))
+
+
+def name_of(source: str | Path | Result[Track]) -> str:
+    """What a source is called."""
+    return (source.name or "result") if isinstance(source, Result) else Path(source).stem or str(source)
+
+
+def boxes_of(result: Result[Track]) -> list[Track]:
+    """The tracks of a result, without what else is known of each."""
+    return [getattr(track, "track", track) for track in result]
+
+
+def frame_times(result: Result[Track], frame_rate: float) -> FloatArray:
+    """``(F,)`` seconds of the frames up to the last with a box."""
+    frames = np.arange(max(int(track.frames[-1]) for track in boxes_of(result)) + 1)
+    noted = result.frames.get("time")
+    return frames / frame_rate if noted is None else np.interp(frames, result.frames["frame"], noted)
