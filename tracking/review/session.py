@@ -42,6 +42,8 @@ from tsuiseki.tracking.video.source import image_size, open_source
 SOLVED_FILE = "tracks.solved.txt"
 # Seconds of a gap that is filled where the result does not say it.
 FILL = 2.0
+# Questions that are found at a time.
+MOST_ASKED = 100
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Progress:
 
     Attributes:
         answered: what was said and not taken back.
-        likely_errors_left: decisions that are probably wrong, from what the other way costs.
+        likely_errors_left: how many of the questions that are left would probably be answered with no.
     """
 
     answered: int
@@ -120,15 +122,14 @@ class Session:
         self._video = Video(self._result.name if self._result.source else "", self.size, self.n_frames)
         path = self.folder / NETWORK_FILE
         fill = round(FILL * self.frame_rate)
-        network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill)
+        network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill, self.frame_rate)
         self._network = network
         self._log = CorrectionLog()
         if self.corrections_file.is_file():
             self._log = read_corrections(self.corrections_file, self._video)
         self._flow, self._reporter = CorrectedFlow(network), Reporter(solved)
         self._flow.correct(self._log.said)
-        self._questioner: Questioner | None = None
-        self._asked: list[Question] = []
+        self._asked: list[Question] | None = None
         self._refresh()
         # Of a review that was killed, the last corrections may not be in the tracks yet.
         self.saved = self._result.facts.get("corrections", 0) == len(self._log.said)
@@ -176,25 +177,11 @@ class Session:
 
     def questions(self, limit: int = 50) -> list[Question]:
         """What to ask next, the least certain first."""
-        if len(self._asked) < limit:
-            self._asked = self._ranked(limit)
+        if self._asked is None or len(self._asked) < min(limit, MOST_ASKED):
+            flow = self._flow
+            asking = Questioner(flow.network, flow.settled(), self._ids, flow.parted())
+            self._asked = asking.ranked(max(limit, MOST_ASKED))
         return self._asked[:limit]
-
-    def _ranked(self, limit: int) -> list[Question]:
-        asking = self._questions_now()
-        found: dict[str, Question] = {}
-        for arc in asking.doubtful()[0].tolist():
-            question = asking.question(arc)
-            if question is not None:
-                found.setdefault(question.key, question)
-            if len(found) >= limit:
-                break
-        return list(found.values())
-
-    def _questions_now(self) -> Questioner:
-        if self._questioner is None:
-            self._questioner = Questioner(self._flow.network, self._flow.settled(), self._ids)
-        return self._questioner
 
     def answer(self, key: str, yes: bool) -> Changes:
         """Answer a question: yes for as it was solved, no for the other way.
@@ -202,7 +189,7 @@ class Session:
         Raises:
             RequestError: there is no such question now; or see `correct`.
         """
-        found = [question for question in self._asked if question.key == key]
+        found = [question for question in self._asked or [] if question.key == key]
         if not found:
             raise RequestError(f"expected the key of a question that was asked, got {key}; ask for the questions again")
         said = found[0].yes if yes else found[0].no
@@ -308,7 +295,7 @@ class Session:
         self._tracks = self._reporter.tracks(network, self._ids, self._flow.demands.shown)
         named = self._flow.demands.names.items()
         self._names = {int(self._ids[n]): name for n, name in named if self._ids[n] and name}
-        self._questioner, self._asked = None, []
+        self._asked = None
         now = {track.id: track for track in self._tracks}
         changed = sorted(n for n in before.keys() | now.keys() if before.get(n) is not now.get(n))
         spans = [_span(before.get(n), now.get(n)) for n in changed]
@@ -317,9 +304,7 @@ class Session:
 
     def progress(self) -> Progress:
         """How far the review is."""
-        asking = self._questions_now()
-        _, margin = asking.doubtful()
-        return Progress(len(self._log.said), float((1 / (1 + np.exp(margin))).sum()))
+        return Progress(len(self._log.said), sum(question.wrong for question in self.questions(MOST_ASKED)))
 
     def save(self) -> None:
         """Write the tracks, and into ``run.json`` how many corrections and names they have; any thread may do it."""
