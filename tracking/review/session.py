@@ -33,6 +33,7 @@ from tsuiseki.tracking.review.corrections import (
 )
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
+from tsuiseki.tracking.review.refit import EVERY, refitted
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.review.tracks import Reporter, track_ids
 from tsuiseki.tracking.types import IntArray, Track
@@ -127,8 +128,8 @@ class Session:
         self._log = CorrectionLog()
         if self.corrections_file.is_file():
             self._log = read_corrections(self.corrections_file, self._video)
-        self._flow, self._reporter = CorrectedFlow(network), Reporter(solved)
-        self._flow.correct(self._log.said)
+        self._reporter, self._fitted = Reporter(solved), -1
+        self._solve(self._log)
         self._asked: list[Question] | None = None
         self._refresh()
         # Of a review that was killed, the last corrections may not be in the tracks yet.
@@ -281,11 +282,21 @@ class Session:
 
     def _said(self, row: Correction | Literal["undo", "redo"]) -> Changes:
         log = self._log.and_then(row)
-        self._flow.correct(log.said)
+        self._solve(log)
         append(self.corrections_file, [row], self._video)
         self._log = log
         self.saved = False
         return self._refresh()
+
+    def _solve(self, log: CorrectionLog) -> None:
+        """Solve under corrections; after every twenty, at costs that are fitted to them."""
+        fitted = len(log.said) // EVERY
+        if fitted == self._fitted:
+            self._flow.correct(log.said)
+            return
+        flow = CorrectedFlow(refitted(self._network, log.said[: EVERY * fitted]))
+        flow.correct(log.said)
+        self._flow, self._fitted = flow, fitted
 
     def _refresh(self) -> Changes:
         """Report anew, and what is other than before."""
