@@ -17,7 +17,7 @@ import scipy
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.review.corrections import Correction
+from tsuiseki.tracking.review.corrections import Box, Correction
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
 from tsuiseki.tracking.review.solving import CorrectedFlow
@@ -158,7 +158,7 @@ def answered(question: Question, find: Finder, owners: IntArray) -> Correction |
 
 def _seen(question: Question, n: int, find: Finder, owners: IntArray, *, before: bool) -> int:
     """Whose most of the boxes are that are shown on one side of a detection of a track."""
-    nodes = [(find(box), box) for box in question.boxes_a]  # type: ignore[arg-type]
+    nodes = [(find(Box(b.frame, b.x, b.y, b.width, b.height)), b) for b in question.boxes_a]
     mine, frame = next((box.id, box.frame) for node, box in nodes if node == n)
     side = [owners[m] for m, b in nodes if b.id == mine and (b.frame <= frame if before else b.frame >= frame)]
     known = [owner for owner in (side[-7:] if before else side[:7]) if owner >= 0]
