@@ -23,7 +23,7 @@ from tsuiseki.tracking.batch.tasks import TOKEN, Task
 from tsuiseki.tracking.cli.commands import EVALUATE, TRACK
 from tsuiseki.tracking.cli.options import Output
 from tsuiseki.tracking.cli.parser import call, is_shared, options_of
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.options import NO_OPTION
 from tsuiseki.tracking.output import held, whole_file
@@ -184,7 +184,10 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callabl
 
         schedule = Schedule(jobs, make, journal, changed, how.continuous)
         stack.callback(executor.close)
-        schedule.run(executor)
+        try:
+            schedule.run(executor)
+        except KeyboardInterrupt as error:
+            raise Interrupted(signal_of(error), "what is finished is kept; the same command goes on") from error
         for each in jobs if how.continuous else ():
             Place.of(how.out, each).clear()
         write_pages(how.out, command, schedule.rows)
