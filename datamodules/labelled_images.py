@@ -79,7 +79,7 @@ def read_image(path: Path) -> ImageArray:
     Raises:
         RequestError: the file is no image.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    image = cv2.imread(str(path))
     if image is None:
         raise RequestError(f"{path}: expected an image, got something that cannot be decoded; replace or remove it")
-    return np.asarray(image, dtype=np.uint8)
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)

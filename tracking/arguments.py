@@ -18,6 +18,11 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from tsuiseki.tracking.cli.sensible import check_sensible
 from tsuiseki.tracking.errors import RequestError
 
+# What types say badly, by the name of the argument and whether it may be a text.
+TOLD = {
+    ("frames", True): "FIRST-LAST as a text, such as 301-400",
+    ("source", True): "a video file, a folder of images, a camera's number or a list of images (H, W, 3) uint8",
+}
 # Made by the thousand.
 PLENTY = ("Detections", "Targets")
 
@@ -103,7 +108,8 @@ def check_argument(name: str, value: Any, kind: Any, default: Any, bounded: bool
         RequestError: it cannot be used.
     """
     if not fits(value, kind):
-        raise RequestError(f"`{name}`: expected {shown(kind)}, got {_short(value)}")
+        wanted = TOLD.get((name, str in get_args(kind))) or shown(kind)
+        raise RequestError(f"`{name}`: expected {wanted}, got {_short(value)}")
     if name.rpartition(".")[2] in ("seed", "threads") and isinstance(value, Real) and value < 0:
         raise RequestError(f"`{name}`: expected a whole number from 0, got {value!r}")
     if bounded and isinstance(value, Real) and not isinstance(value, bool):
@@ -178,11 +184,15 @@ def shown(kind: Any) -> str:
         return " or ".join(word for word in dict.fromkeys(words) if not word.startswith("_"))
     if origin is Literal:
         return " or ".join(map(str, inner))
+    if origin is tuple and inner[-1] is not ...:
+        return f"{len(inner)} values ({', '.join(map(shown, inner))})"
+    if origin in (tuple, list, Sequence, Collection, Iterable):
+        return f"a list of {shown(inner[0])}"
     plain = {float: "a number", int: "a whole number", str: "a text", Path: "a path", bool: "True or False"}
-    plain[NoneType] = "None"
-    return plain.get(kind) or str(getattr(kind, "__name__", kind))
+    name = str(getattr(kind, "__name__", kind))
+    return plain.get(kind) or {"NoneType": "None", "ndarray": "array", "Callable": "a function"}.get(name, name)
 
 
 def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) < 80 and isinstance(value, str | Real | NoneType) else type(value).__name__
+    text = repr(value) if isinstance(value, str | Real | NoneType | list | tuple) else ""
+    return text if 0 < len(text) < 80 else type(value).__name__

@@ -8,20 +8,10 @@ from __future__ import annotations
 import re
 import signal
 from pathlib import Path
-from typing import TypeVar
-
-T = TypeVar("T")
 
 
 class RequestError(ValueError):
     """The request was wrong: a missing file, an unknown option, a broken label file. Exit status 2."""
-
-
-def an_instance(value: object, kind: type[T], name: str) -> T:
-    """``value``; raises RequestError where the argument ``name`` is no ``kind``."""
-    if not isinstance(value, kind):
-        raise RequestError(f"`{name}`: expected {kind.__name__}, got {type(value).__name__}")
-    return value
 
 
 def a_path(value: object, name: str = "path") -> Path:

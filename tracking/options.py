@@ -6,12 +6,11 @@ A function whose parameter is such a dataclass has its fields as options of the 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from numbers import Integral
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import ClassVar, TypeVar
 
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.output import check_output_file, output_file
@@ -22,20 +21,6 @@ PLOT_KINDS = (".png", ".svg", ".pdf")
 # Metadata of fields of `Shared` dataclasses: given by place (a list takes all words that follow); no option at all.
 BY_PLACE: Mapping[str, bool] = {"positional": True}
 NO_OPTION: Mapping[str, bool] = {"option": False}
-
-
-def refuse_nan(settings: Any, name: str = "settings") -> None:
-    """Refuse settings of which a number, at any depth, is NaN or a word.
-
-    Raises:
-        RequestError: one is.
-    """
-    for one in fields(settings):
-        value, kind = getattr(settings, one.name), str(one.type)
-        if is_dataclass(value):
-            refuse_nan(value, f"{name}.{one.name}")
-        elif (isinstance(value, float) and math.isnan(value)) or (isinstance(value, str) and kind in ("float", "int")):
-            raise RequestError(f"`{name}.{one.name}`: expected a number, got {value!r}")
 
 
 class Shared:

@@ -23,7 +23,7 @@ from tsuiseki.tracking.animals.tracker import AnimalTracker
 from tsuiseki.tracking.answers.page import with_page
 from tsuiseki.tracking.answers.scene import Scene
 from tsuiseki.tracking.cli.options import Output, Video
-from tsuiseki.tracking.errors import RequestError, an_instance
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.formats.result_folder import POINTS
@@ -68,7 +68,7 @@ def track_animals(
     if contrast not in get_args(Contrast):
         raise RequestError(f"`contrast`: expected {', '.join(get_args(Contrast))}, got {contrast!r}")
     opened = Video.given(source, frames).open(images=True, replayable=True)
-    skeleton = an_instance(skeleton or SkeletonSettings(), SkeletonSettings, "skeleton")
+    skeleton = skeleton or SkeletonSettings()
     made = {"contrast": contrast, "source": named(source), "seed": seed}
     return animal_result(
         opened,
@@ -77,7 +77,7 @@ def track_animals(
         skeleton.table(),
         contrast,
         threshold,
-        an_instance(settings or SETTINGS, AnimalSettings, "settings"),
+        settings or SETTINGS,
         StageTimes(),
         made,
     )

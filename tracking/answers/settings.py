@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.options import Shared, refuse_nan
+from tsuiseki.tracking.options import Shared
 
 Anchor = Literal["feet", "centre", "head", "floor"]
 PERSON = 1.7
@@ -35,7 +35,6 @@ class CountSettings(Shared):
 
     def check(self) -> None:
         """See `Shared.check`."""
-        refuse_nan(self)
         if self.anchor not in (None, "feet", "centre", "head", "floor"):
             raise RequestError(f"`anchor`: expected feet, centre, head or floor, got {self.anchor!r}")
         for name in ("band", "waiting", "gathering"):

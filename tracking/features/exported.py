@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tsuiseki.tracking.devices import Device
-from tsuiseki.tracking.errors import RequestError, an_instance
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.chosen_classes import ChosenClasses
 from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
@@ -112,7 +112,7 @@ class Detector:
                 "export the detector again"
             )
         names = dict(enumerate(card.class_names, start=1))
-        self.across = classes is None or an_instance(classes, ClassChoice, "classes").across
+        self.across = classes is None or classes.across
         self.wanted: Mapping[int, str] = (
             {} if classes is None else {n: names[n] for n in classes.numbers(names, names, path)}
         )

@@ -17,7 +17,6 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
-from tsuiseki.tracking.options import refuse_nan
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, refuse_heaps
 from tsuiseki.tracking.people.lifecycle import adjusted
@@ -96,7 +95,6 @@ class FlowTracker:
             fill=fill,
             smoothing=smoothing,
         )
-        refuse_nan(settings)
         if delay is not None or changes is not None:
             settings = settings.alike()
         self.settings = settings
@@ -148,6 +146,10 @@ class FlowTracker:
     def rejected(self) -> tuple[int, int]:
         """Detections that no track used when the tracks were last asked for, and all that were given."""
         return self._given - self._used, self._given
+
+    def follow(self, camera: StandingCamera) -> None:
+        """Ask another one where the camera stood still; before the first frame."""
+        self._flow.input.standing = camera if self.settings.input.follow_camera else None
 
     def numbers_of(self, looks: FrameRuns) -> list[list[int]]:
         """First and last frame of each run of looks, counted from 1."""

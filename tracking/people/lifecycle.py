@@ -20,7 +20,6 @@ from tsuiseki.tracking.filters.kalman import (
     update_boxes,
 )
 from tsuiseki.tracking.interchange import BadBoxes
-from tsuiseki.tracking.options import refuse_nan
 from tsuiseki.tracking.people.votes import Votes
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
 
@@ -58,9 +57,6 @@ def adjusted(settings: S | None, kind: type[S], **given: Any) -> S:
     Raises:
         RequestError: ``settings`` are of no such ``kind``, or a value cannot be used.
     """
-    if not isinstance(settings, kind | None):
-        named = type(settings).__name__
-        raise RequestError(f"expected {kind.__name__}, or settings by their names, such as max_age=30, got {named}")
     old: Any = kind() if settings is None else settings
     own = {one.name for one in fields(old)}
     known = {name: value for name, value in given.items() if value is not None}
@@ -282,7 +278,6 @@ class LifecycleTracker:
     """
 
     def __init__(self, settings: LifecycleSettings, motion: BoxMotion) -> None:
-        refuse_nan(getattr(self, "settings", settings))
         self._lifecycle = Lifecycle(settings, motion)
         self.bad = BadBoxes()
 

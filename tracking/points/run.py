@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import count, frames_expected
-from tsuiseki.tracking.errors import RequestError, an_instance
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box, parse_colour
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.sensed_points import is_point_file, read_points, write_point_tracks
@@ -153,7 +153,7 @@ def _prepared(
     source: SourceLike, colour: ColourLike, settings: BlobSettings | None, frames: str | None, seed: int
 ) -> tuple[Source, BlobTracker | SingleBlobTracker]:
     opened = Video.given(source, frames).open(images=True)
-    settings = an_instance(settings or BlobSettings(), BlobSettings, "settings")
+    settings = settings or BlobSettings()
     return opened, colour_tracker(chosen_colour(opened, colour), settings, seed)
 
 

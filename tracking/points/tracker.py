@@ -14,7 +14,7 @@ from typing import Any, Generic
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign
-from tsuiseki.tracking.errors import RequestError, an_instance
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourImage, ColourRange, region_contrast
 from tsuiseki.tracking.filters.base import ObservationIn, SetInfo, TargetEstimates, bootstrap
 from tsuiseki.tracking.filters.finite_sets.clusters import PhdState
@@ -175,7 +175,7 @@ class PointTracker(FiniteSetTracker[Any]):
         sides = np.asarray(extent)
         if sides.shape != (2,) or sides.dtype.kind not in "iuf" or not ((sides > 0) & np.isfinite(sides)).all():
             raise RequestError(f"`extent`: expected width and height of the image in pixels, got {extent}")
-        super().__init__(ObservedBoxes(an_instance(settings, PointSettings, "settings"), extent), seed)
+        super().__init__(ObservedBoxes(settings, extent), seed)
         self.settings = settings
         self.record = EstimatedTracks(SHORTEST)
 

@@ -104,10 +104,10 @@ def shrunk(image: NDArray[Any], factor: float) -> ImageArray:
 
 @lru_cache(maxsize=600)
 def _read(path: Path) -> ImageArray:
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
+    image = cv2.imread(str(path))
     if image is None:
         raise RequestError(f"expected a photograph at {path}, got something that cannot be decoded; remove it")
-    return shrunk(image, 1400 / max(image.shape[:2]))
+    return shrunk(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), 1400 / max(image.shape[:2]))
 
 
 @lru_cache(maxsize=600)

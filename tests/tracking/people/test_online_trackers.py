@@ -8,13 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tsuiseki import (
+    ByteTrack,
+    ByteTrackSettings,
+    DeepSort,
+    DeepSortSettings,
+    FlowSettings,
+    FlowTracker,
+    OcSort,
+    OcSortSettings,
+    Sort,
+    SortSettings,
+)
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings
-from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
-from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings, with_area
-from tsuiseki.tracking.people.ocsort import OcSort, OcSortSettings
-from tsuiseki.tracking.people.sort import Sort, SortSettings
 from tsuiseki.tracking.people.tracker import OnlineTracker
 from tsuiseki.tracking.types import Targets, Track
 

@@ -9,23 +9,31 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.animals.run import track_animals
-from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.exported import Detector
-from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
+from tsuiseki import (
+    ByteTrack,
+    ByteTrackSettings,
+    Detections,
+    Detector,
+    Estimate,
+    FlowSettings,
+    FlowTracker,
+    PointSettings,
+    PointTracker,
+    RequestError,
+    Sort,
+    SortSettings,
+    Targets,
+    Track,
+    read_tracks,
+    shipped,
+    track_animals,
+    track_people,
+    track_sphere,
+    write_tracks,
+)
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings
-from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
-from tsuiseki.tracking.people.sort import Sort, SortSettings
-from tsuiseki.tracking.people.tracking import track_people
-from tsuiseki.tracking.points.settings import PointSettings
-from tsuiseki.tracking.points.tracker import PointTracker
 from tsuiseki.tracking.single.tracker import as_box
-from tsuiseki.tracking.sphere.run import track_sphere
-from tsuiseki.tracking.types import Detections, Estimate, Targets, Track
-from tsuiseki.tracking.weights import shipped
 
 IMAGE = np.zeros((120, 160, 3), np.uint8)
 ROWS = [[[10.0 + t, 20, 40 + t, 100, 0.9]] for t in range(8)]
@@ -51,9 +59,9 @@ def source(tmp_path: Path) -> Path:
         ({"detections": 5}, "detections"),
         ({"detections": {0: ROWS[0]}}, "detections"),
         ({"detections": None}, "no images"),
-        ({"thread": 1}, "PeopleKeywords"),
+        ({"thread": 1}, "expected the keywords detections, "),
         ({"method": Sort}, "a tracker"),
-        ({"method": SortSettings()}, "a tracker"),
+        ({"method": SortSettings()}, "or PeopleTracker, got SortSettings"),
     ],
 )
 def test_wrong_keywords_are_refused(source: Path, keywords: dict[str, Any], message: str) -> None:
@@ -73,7 +81,7 @@ def test_detections_may_come_from_a_generator(source: Path) -> None:
 
 @pytest.mark.parametrize("images", [IMAGE, ["a.png"], [IMAGE.astype(float)], [IMAGE[..., 0]]])
 def test_a_detector_takes_images(images: Any) -> None:
-    with pytest.raises(RequestError, match="expected a list of images"):
+    with pytest.raises(RequestError, match="expected a list of"):
         Detector(shipped("detector_people"), threads=1).detect(images)
 
 
@@ -128,15 +136,18 @@ def test_tracks_are_written_as_text_only(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: Sort(5), "expected SortSettings, or settings by their names, such as max_age=30, got int"),  # type: ignore[arg-type]
-        (lambda: FlowTracker(5), "expected FlowSettings, or settings by their names, such as max_age=30, got int"),  # type: ignore[arg-type]
-        (lambda: PointTracker(PointSettings(), (NAN, 1)), "`extent`: expected width and height"),
+        (lambda: Sort(5), "`settings`: expected SortSettings or None, got 5"),  # type: ignore[arg-type]
+        (lambda: FlowTracker(5), "`settings`: expected FlowSettings or None, got 5"),  # type: ignore[arg-type]
+        (lambda: PointTracker(PointSettings(), (NAN, 1)), "`extent`: expected 2 values"),
         (lambda: track_animals(".", contrast="x"), "`contrast`: expected auto"),  # type: ignore[arg-type]
-        (lambda: read_tracks(5), "`path`: expected a path, got int"),  # type: ignore[arg-type]
-        (lambda: Detector(None), "`path`: expected a path, got NoneType"),  # type: ignore[arg-type]
-        (lambda: Detector(shipped("detector_street"), threads=-1), "`threads`: expected 0 or more"),
-        (lambda: Detector(shipped("detector_street"), score_threshold=NAN), "thresholds in .0, 1., got nan"),
-        (lambda: track_sphere([], 5, 0.1), "`cameras`: expected a path, got int"),  # type: ignore[arg-type]
+        (lambda: read_tracks(5), "`path`: expected a path, got 5"),  # type: ignore[arg-type]
+        (lambda: Detector(None), "`path`: expected a path, got None"),  # type: ignore[arg-type]
+        (lambda: Detector(shipped("detector_street"), threads=-1), "`threads`: expected a whole number from 0"),
+        (
+            lambda: Detector(shipped("detector_street"), score_threshold=NAN),
+            "`score_threshold`: expected a number, got nan",
+        ),
+        (lambda: track_sphere([], 5, 0.1), "`cameras`: expected a path, got 5"),  # type: ignore[arg-type]
     ],
 )
 def test_wrong_arguments_are_refused_by_name(call: Callable[[], object], message: str) -> None:
