@@ -136,6 +136,7 @@ REPRODUCE = {
     "phd-equalisation": (".coloured:equalisation", "equal likelihoods keep the weak target"),
     "association": (".association:reproduce", "people and cars linked on given detections, with peers"),
     "end-to-end": (".end_to_end:reproduce", "costs learnt through the flow"),
+    "corrections": (".corrections:reproduce", "a simulated annotator who reviews results"),
     "omnidirectional": (".fisheye:reproduce", "people under ceiling fisheye cameras"),
     "stereo-sphere": (".sphere:reproduce", "a ball in space from two cameras"),
     "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video, with peers"),
