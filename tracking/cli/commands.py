@@ -136,9 +136,11 @@ REPRODUCE = {
     "phd-equalisation": (".coloured:equalisation", "equal likelihoods keep the weak target"),
     "association": (".association:reproduce", "people and cars linked on given detections, with peers"),
     "end-to-end": (".end_to_end:reproduce", "costs learnt through the flow"),
+    "corrections": (".corrections:reproduce", "a simulated annotator who reviews results"),
     "omnidirectional": (".fisheye:reproduce", "people under ceiling fisheye cameras"),
     "stereo-sphere": (".sphere:reproduce", "a ball in space from two cameras"),
     "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video, with peers"),
+    "one-floor": (".one_floor:reproduce", "people on one floor through several cameras, on WILDTRACK and Shelf"),
     "sphere-points": (".sphere_points:reproduce", "a thrown ball from its measured pixels"),
 }
 FIT = "fit a model to labelled video (all but body and motion need the train extra)"

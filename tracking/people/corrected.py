@@ -27,12 +27,12 @@ def network_at(tracker: object, first: int) -> SolvedNetwork | None:
 
 
 def correction_files(
-    tracks: Sequence[Track],
+    tracks: list[Track],
     network: SolvedNetwork | None,
     corrections: Path | None,
     source: Source,
     frames: Sequence[int],
-) -> tuple[Sequence[Track], dict[str, Writer], dict[str, Any], list[str]]:
+) -> tuple[list[Track], dict[str, Writer], dict[str, Any], list[str]]:
     """Tracks under the corrections of an earlier result, and what keeps them open to more.
 
     Args:
@@ -67,4 +67,4 @@ def correction_files(
     facts: Mapping[str, Any] = {"corrections": len(found.done), "track_names": found.names}
     every, lost = found.said, len(found.left_out)
     lines = [f"corrections: {every - lost} of {every} done again"]
-    return found.tracks, files, dict(facts), [*lines, *(f"left out: {line}" for line in found.left_out)]
+    return list(found.tracks), files, dict(facts), [*lines, *(f"left out: {line}" for line in found.left_out)]

@@ -14,6 +14,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks, write_acting_tracks
 from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
 from tsuiseki.tracking.formats.result_folder import filled_frames
 from tsuiseki.tracking.formats.single import write_boxes
@@ -33,13 +34,16 @@ from tsuiseki.tracking.review.corrections import (
 )
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
+from tsuiseki.tracking.review.refit import EVERY, refitted
 from tsuiseki.tracking.review.solving import CorrectedFlow
-from tsuiseki.tracking.review.tracks import Reporter, track_ids
+from tsuiseki.tracking.review.tracks import Reporter, acting, track_ids
 from tsuiseki.tracking.types import IntArray, Track
+from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.video.source import image_size, open_source
 
 # The tracks as the tracker left them, kept as soon as they are corrected.
 SOLVED_FILE = "tracks.solved.txt"
+ACTIONS_FILE, SOLVED_ACTIONS = "tracks.json", "tracks.solved.json"
 # Seconds of a gap that is filled where the result does not say it.
 FILL = 2.0
 # Questions that are found at a time.
@@ -127,8 +131,8 @@ class Session:
         self._log = CorrectionLog()
         if self.corrections_file.is_file():
             self._log = read_corrections(self.corrections_file, self._video)
-        self._flow, self._reporter = CorrectedFlow(network), Reporter(solved)
-        self._flow.correct(self._log.said)
+        self._reporter, self._flow, self._fitted = Reporter(solved), CorrectedFlow(network), 0
+        self._solve(self._log)
         self._asked: list[Question] | None = None
         self._refresh()
         # Of a review that was killed, the last corrections may not be in the tracks yet.
@@ -281,11 +285,21 @@ class Session:
 
     def _said(self, row: Correction | Literal["undo", "redo"]) -> Changes:
         log = self._log.and_then(row)
-        self._flow.correct(log.said)
+        self._solve(log)
         append(self.corrections_file, [row], self._video)
         self._log = log
         self.saved = False
         return self._refresh()
+
+    def _solve(self, log: CorrectionLog) -> None:
+        """Solve under corrections; after every twenty, at costs that are fitted to them."""
+        fitted = len(log.said) // EVERY
+        if fitted == self._fitted:
+            self._flow.correct(log.said)
+            return
+        flow = CorrectedFlow(refitted(self._network, log.said[: EVERY * fitted]))
+        flow.correct(log.said)
+        self._flow, self._fitted = flow, fitted
 
     def _refresh(self) -> Changes:
         """Report anew, and what is other than before."""
@@ -321,12 +335,22 @@ class Session:
             self._note_in_record(tracks)
             if (self.folder / "tracks.csv").is_file():
                 self._replaced("tracks.csv", lambda file: write_table(file, table_of(tracks), {}))
+            if (self.folder / ACTIONS_FILE).is_file():
+                self._replaced(ACTIONS_FILE, lambda file: write_acting_tracks(file, *self._acting(tracks)))
             if (self.folder / "boxes.txt").is_file():
                 boxes = np.full((self.n_frames, 4), np.nan)
                 for track in tracks[:1]:
                     boxes[track.frames] = track.boxes
                 self._replaced("boxes.txt", lambda file: write_boxes(file, boxes))
             self._replaced("tracks.txt", lambda file: write_tracks(file, tracks))
+
+    def _acting(self, tracks: Sequence[Track]) -> tuple[list[ActingTrack], tuple[str, ...]]:
+        """Tracks with actions, and the names of these; what the tracker left is kept beside."""
+        kept = self.folder / SOLVED_ACTIONS
+        if not kept.is_file():
+            self._replaced(SOLVED_ACTIONS, lambda file: file.write_bytes((self.folder / ACTIONS_FILE).read_bytes()))
+        solved, names = read_acting_tracks(kept, needed=False)
+        return acting(tracks, solved), names
 
     def _replaced(self, name: str, write: Callable[[Path], object]) -> None:
         """Write a file of the result, which is there whole or as it was."""
@@ -337,7 +361,8 @@ class Session:
         path = self.folder / RUN_FILE
         record = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
         record.setdefault("facts", {}).update(corrections=len(self._log.said), track_names=self.names())
-        record["files"] = sorted({*record.get("files", []), SOLVED_FILE, "tracks.txt"})
+        ours = (SOLVED_FILE, "tracks.txt", *([SOLVED_ACTIONS] if (self.folder / ACTIONS_FILE).is_file() else []))
+        record["files"] = sorted({*record.get("files", []), *ours})
         record.setdefault("results", {}).setdefault(".", {})["filled"] = filled_frames(tracks)
         with whole_file(path) as file:
             file.write(record_text(record | {"frames": record.pop("frames", {})}).encode())

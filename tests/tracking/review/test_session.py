@@ -178,3 +178,22 @@ def test_no_result_and_a_broken_network_are_one_line(folder, tmp_path):
     (folder / "flow.npz").write_bytes(b"PK nothing")
     with pytest.raises(RequestError, match="expected the network of a result"):
         Session(folder)
+
+
+def test_what_people_do_goes_with_their_corrected_tracks(folder):
+    from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks, write_acting_tracks
+    from tsuiseki.tracking.types.tracks import ActingTrack
+
+    people = []
+    for track in Result.load(folder):
+        doing = np.full((len(track), 2), float(track.id % 2))
+        people.append(ActingTrack(track, doing, doing))
+    write_acting_tracks(folder / "tracks.json", people, ("walking", "standing"))
+    session = Session(folder)
+    one, two = (t.id for t in list(session.tracks())[:2])
+    session.correct(session.made("switch", [one, two], 20))
+    session.close()
+    found, names = read_acting_tracks(folder / "tracks.json")
+    assert names == ("walking", "standing")
+    doing = next(person for person in found if person.id == one).single
+    assert {0.0, 1.0} <= set(doing[:, 0].round(3).tolist())
