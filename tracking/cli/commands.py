@@ -140,6 +140,7 @@ REPRODUCE = {
     "omnidirectional": (".fisheye:reproduce", "people under ceiling fisheye cameras"),
     "stereo-sphere": (".sphere:reproduce", "a ball in space from two cameras"),
     "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video, with peers"),
+    "one-floor": (".one_floor:reproduce", "people on one floor through several cameras, on WILDTRACK and Shelf"),
     "sphere-points": (".sphere_points:reproduce", "a thrown ball from its measured pixels"),
 }
 FIT = "fit a model to labelled video (all but body and motion need the train extra)"
