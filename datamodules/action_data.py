@@ -317,6 +317,10 @@ class ActionData(lightning.LightningDataModule):
         """Every validation crop once."""
         return DataLoader(ValidationBatches(self.validation_crops, self.streams, self.cutting.size), batch_size=None)
 
+    def test_dataloader(self) -> DataLoader[ActionBatch]:
+        """The same."""
+        return self.val_dataloader()
+
 
 def _check_apart(found: dict[str, list[ActionSequence]]) -> None:
     """Refuse clips of one name, which would share their crops, and clips with different actions."""

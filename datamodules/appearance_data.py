@@ -265,3 +265,7 @@ class AppearanceData(lightning.LightningDataModule):
     def val_dataloader(self) -> DataLoader[Sample]:
         """Every validation crop once."""
         return DataLoader(ValidationCrops(self.validation_crops, self.size), batch_size=64, collate_fn=collate)
+
+    def test_dataloader(self) -> DataLoader[Sample]:
+        """The same."""
+        return self.val_dataloader()

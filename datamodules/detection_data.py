@@ -225,7 +225,7 @@ class DetectionData(lightning.LightningDataModule):
                 self.composition,
                 self.seed,
             )
-        if stage in ("fit", "validate"):
+        if stage in ("fit", "validate", "test"):
             self.validation = ValidationExamples([Footage(source) for source in self.sources["val"]], self.card)
 
     def train_dataloader(self) -> DataLoader[Example]:
@@ -245,6 +245,10 @@ class DetectionData(lightning.LightningDataModule):
     def val_dataloader(self) -> DataLoader[Example]:
         """All validation images in order."""
         return DataLoader(self.validation, batch_size=self.batch_size, collate_fn=collate)
+
+    def test_dataloader(self) -> DataLoader[Example]:
+        """The same."""
+        return self.val_dataloader()
 
 
 def collate(examples: list[Example]) -> DetectionBatch:

@@ -22,7 +22,6 @@ from pathlib import Path
 from tsuiseki.tracking.cli import main
 
 HOURS, RATE, STRETCH = 1000, 25.0, 60.0
-PEOPLE = ["track", "people"]
 
 
 def clips(folder: Path, videos: int, frames: int) -> list[str]:
@@ -30,8 +29,7 @@ def clips(folder: Path, videos: int, frames: int) -> list[str]:
     found = [folder / f"street-{seed}" for seed in range(videos)]
     for seed, path in enumerate(found):
         size = ["--frames", str(frames), "--width", "640", "--height", "360", "--people", "8", "--seed", str(seed)]
-        if not path.exists():
-            main(["simulate", "street", *size, "--out", str(path)])
+        assert path.exists() or main(["simulate", "street", *size, "--out", str(path)]) == 0
     return [str(path) for path in found]
 
 
@@ -43,18 +41,18 @@ def tsuiseki(*calls: list[str]) -> None:
 
 def one_process(videos: list[str], out: Path) -> None:
     """All videos by one thread."""
-    tsuiseki(*([*PEOPLE, video, "--threads", "1", "--out", str(out / Path(video).stem)] for video in videos))
+    tsuiseki(*(["track", "people", video, "--threads", "1", "--out", str(out / Path(video).stem)] for video in videos))
 
 
 def shell_loop(videos: list[str], out: Path) -> None:
     """A process a video, which takes all cores."""
     for video in videos:
-        tsuiseki([*PEOPLE, video, "--out", str(out / Path(video).stem)])
+        tsuiseki(["track", "people", video, "--out", str(out / Path(video).stem)])
 
 
 def batch(videos: list[str], out: Path, *more: str) -> None:
     """`tsuiseki batch`."""
-    tsuiseki(["batch", *PEOPLE, *videos, "--out", str(out), *more])
+    tsuiseki(["batch", "track", "people", *videos, "--out", str(out), *more])
 
 
 def seconds_of_tasks(out: Path) -> dict[str, tuple[float, float]]:
@@ -112,11 +110,8 @@ def measure() -> None:
             tasks = seconds_of_tasks(out)
     for workers in (1, 2, 4, 8, 16, 32, 64):
         hours, work, longest = played(tasks, workers)
-        print(
-            f"{workers:3} workers: {hours:8.1f} h of {work:.0f} machine-hours, busy {work / hours / workers:.0%}, ",
-            end="",
-        )
-        print(f"longest task {60 * longest:.1f} min")
+        busy = f"{work:.0f} machine-hours, {work / hours / workers:.0%} busy, longest task {60 * longest:.1f} min"
+        print(f"{workers:3} workers: {hours:8.1f} h, {busy}")
 
 
 if __name__ == "__main__":

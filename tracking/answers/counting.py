@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.answers.companions import with_hidden
 from tsuiseki.tracking.answers.doubt import Doubt
 from tsuiseki.tracking.answers.line_tables import Columns, flows, line_tables, sides, turns
 from tsuiseki.tracking.answers.paths import Paths, paths_of
@@ -106,38 +107,43 @@ def count(
         raise RequestError(f"expected a frame rate above 0, got {rate:g}; give the video's as `fps`")
     if settings.anchor == "floor":
         scene = scene.on_floor()
-    tracks = boxes_of(result)
-    if settings.anchor is None and scene.unit == "pixels" and any(isinstance(one, BodyTrack) for one in result):
+    tracks, bodies = boxes_of(result), any(isinstance(one, BodyTrack) for one in result)
+    if settings.anchor is None and scene.unit == "pixels" and bodies:
         settings = replace(settings, anchor="centre")
     paths = paths_of(tracks, scene, settings)
     frames = getattr(result, "frames", {}).get("frame", ())
     first, length = min(frames, default=0), max([-1, *frames, *(int(track.frames[-1]) for track in tracks)]) + 1
-    extent = scene.size or getattr(result, "size", None) or scene.pixels(paths.points).max(axis=0, initial=1.0)
-    size = np.asarray(extent, dtype=np.float64)
-    tables, occupancy = _tables(paths, scene, settings, (first, length), rate, size)
+    known = scene.size or getattr(result, "size", None)
+    # Animals are seen from above: nobody stands before them.
+    every = paths if bodies else paths_of(with_hidden(tracks, known, length, rate), scene, settings)
+    size = np.asarray(known or scene.pixels(paths.points).max(axis=0, initial=1.0), dtype=np.float64)
+    span, doubt = (first, length), Doubt(every, scene, rate, length)
+    lines, crossings = line_tables(every, scene, settings, doubt)
+    zones, occupancy = zone_tables(every, scene, settings, doubt, span)
+    tables = {
+        "lines": lines,
+        "crossings": crossings,
+        "flows": flows(scene, crossings, settings.interval, length / rate),
+        "turns": turns(crossings),
+        **zones,
+        **_of_paths(paths, scene, settings, span, rate, size),
+    }
     names = {track.id: track.class_name for track in tracks}
     for name in ("crossings", "people"):
         tables[name]["class"] = [names[number] for number in tables[name]["id"]]
     return Answers(tables, occupancy, scene, length, rate, size, paths)
 
 
-def _tables(
+def _of_paths(
     paths: Paths, scene: Scene, settings: CountSettings, span: tuple[int, int], rate: float, size: FloatArray
-) -> tuple[dict[str, Columns], dict[str, IntArray]]:
-    doubt = Doubt(paths, scene, rate, span[1])
-    lines, crossings = line_tables(paths, scene, settings, doubt)
-    zones, occupancy = zone_tables(paths, scene, settings, doubt, span)
+) -> dict[str, Columns]:
+    """The tables that show what was followed, without who may have been hidden."""
     return {
-        "lines": lines,
-        "crossings": crossings,
-        "flows": flows(scene, crossings, settings.interval, span[1] / rate),
-        "turns": turns(crossings),
         "sides": sides(paths, scene.pixels(paths.points), size),
         "counts": counts_table(paths, span, rate),
-        **zones,
         "people": people(paths, rate),
         "gatherings": gathering_table(paths, settings.gathering, rate),
-    }, occupancy
+    }
 
 
 def boxes_of(result: Sequence[Any]) -> list[Track]:

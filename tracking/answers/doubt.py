@@ -17,11 +17,11 @@ from tsuiseki.tracking.answers.polygons import inside
 from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Fitted on generated streets of seeds below 50, each with three simulated detectors: weights of a constant and of
-# `crossing_features`; the share of broken paths ahead of which a line was crossed; missed crossings for each one found,
-# as a factor and a power of the share of places that were filled in; and those of any line.
-CROSSING_WEIGHTS = np.array([5.2, -2.3, -1.3])
-BROKEN, FACTOR, POWER, ANY = 0.65, 1.4, 2.3, 0.05
+# Fitted on generated streets of seeds below 50 and 1100 to 1119, each with three simulated detectors: weights of a
+# constant and of `crossing_features`; the share of broken paths ahead of which a line was crossed; missed crossings for
+# each one found, as a factor and a power of the share of places that were filled in; and those of any line.
+CROSSING_WEIGHTS = np.array([5.6, -4.2, -1.9])
+BROKEN, FACTOR, POWER, ANY = 0.4, 1.6, 2.3, 0.04
 # Seconds that a broken path is thought on, and heights from the border of the picture within which it leaves.
 REACH, EDGE = 2.0, 0.3
 LEVEL = 0.9

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,13 +56,14 @@ class Paths:
         return np.repeat(self.starts, np.diff(np.append(self.starts, len(self))))
 
 
-def paths_of(tracks: Iterable[Track], scene: Scene, settings: CountSettings) -> Paths:
-    """The paths of tracks through a scene, which is in metres for the anchor ``floor``.
+def paths_of(tracks: Iterable[Track | Sequence[Track]], scene: Scene, settings: CountSettings) -> Paths:
+    """The paths of tracks, or of chains of tracks, through a scene, which is in metres for the anchor ``floor``.
 
     Raises:
         RequestError: the anchor does not fit the scene; see `anchored`.
     """
-    own = [track for track in tracks if len(track)]
+    chains = [[one] if isinstance(one, Track) else [*one] for one in tracks]
+    own = [track for chain in chains for track in chain if len(track)]
     lengths = np.array([len(track) for track in own], dtype=np.int64)
     ids = np.repeat(np.array([track.id for track in own], dtype=np.int64), lengths)
     frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in own)])
@@ -70,7 +71,8 @@ def paths_of(tracks: Iterable[Track], scene: Scene, settings: CountSettings) -> 
     scores = np.concatenate([np.empty(0), *(track.scores for track in own)])
     observed = np.concatenate([np.empty(0, np.bool_), *(track.observed for track in own)])
     points, heights, metres = anchored(boxes, scene, settings.anchor)
-    new = np.diff(ids, prepend=-1) != 0
+    new = np.zeros(len(ids), dtype=np.bool_)
+    new[np.cumsum([0, *(sum(map(len, chain)) for chain in chains)])[:-1].clip(max=max(len(ids) - 1, 0))] = len(ids) > 0
     rows, gaps, shares = _bridged(frames, new)
 
     def bridged(values: Any) -> Any:

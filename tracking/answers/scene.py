@@ -272,21 +272,26 @@ def scene_text(scene: Scene, camera: str = "") -> str:
 
 
 def _fields(entry: Any, known: Sequence[str], where: str, needed: Sequence[str] = ()) -> None:
+    """Refuse an entry that is no mapping, has a field that is not ``known``, or lacks one that is ``needed``."""
+    more = ", ".join(name for name in known if name not in needed)
+    takes = f"{', '.join(needed)}{' and, where wanted, ' if needed and more else ''}{more}"
     if not isinstance(entry, dict):
-        raise RequestError(f"{where}: expected the fields {', '.join(known)}, got {str(entry)[:60]!r}")
+        raise RequestError(f"{where}: expected the fields {takes}, got {str(entry)[:60]!r}")
     unknown = [str(name) for name in entry if name not in known]
     if unknown:
-        raise RequestError(f"{where}: expected the fields {', '.join(known)}, got {unknown[0][:60]!r}")
+        raise RequestError(f"{where}: expected the fields {takes}, got {unknown[0][:60]!r}")
     missing = [name for name in needed if name not in entry]
     if missing:
-        raise RequestError(f"{where}: expected the field {missing[0]}, found none")
+        raise RequestError(f"{where}: expected the fields {takes}, found no {missing[0]}")
 
 
 def _entries(content: dict[str, Any], name: str, where: str) -> list[Any]:
     entries = content.get(name)
     entries = [] if entries is None else entries
     if not isinstance(entries, list) or len(entries) > MOST:
-        raise RequestError(f"{where}: {name}: expected a list of up to {MOST} entries, got {str(entries)[:60]!r}")
+        raise RequestError(
+            f"{where}: {name}: expected a list of up to {MOST} entries (- each), got {str(entries)[:60]!r}"
+        )
     return entries
 
 
@@ -338,7 +343,7 @@ def _polygon(value: Any, where: str) -> FloatArray:
 
 
 def _points(value: Any, where: str) -> FloatArray:
-    expected = f"{where}: expected points x, y, got {str(value)[:80]}"
+    expected = f"{where}: expected points such as [100, 400], got {str(value)[:80]}"
     if not isinstance(value, list) or not all(
         isinstance(point, list) and len(point) == 2 and all(map(_is_number, point)) for point in value
     ):

@@ -177,12 +177,13 @@ class Looks(Clock):
 
     Attributes:
         rate: looks a second.
+        stride: as given.
         even: whether all of them came in their turn.
     """
 
     def __init__(self, frame_rate: float, stride: float = 1.0) -> None:
         super().__init__()
-        self._frame_rate, self.rate = frame_rate, frame_rate / stride
+        self._frame_rate, self.rate, self.stride = frame_rate, frame_rate / stride, stride
         self.even = self.all = True
         self._count, self._start = 0, 0.0
         self._frames, self._seconds = array("q"), array("d")

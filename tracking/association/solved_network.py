@@ -32,6 +32,7 @@ class SolvedNetwork:
         track: ``(N,)`` id, 0 for none.
         fewest: detections that a track needs.
         fill: longest gap that is filled, frames.
+        rate: frames a second.
     """
 
     frames: IntArray
@@ -42,6 +43,7 @@ class SolvedNetwork:
     track: IntArray
     fewest: int = 1
     fill: int = 0
+    rate: float = 25.0
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -52,7 +54,7 @@ class SolvedNetwork:
         table = {name: getattr(self, name) for name in COLUMNS}
         table |= {name: scaled(getattr(graph, name)) for name in COSTS} | {"tail": graph.tail, "head": graph.head}
         with path.open("wb") as file:
-            np.savez_compressed(file, fewest=self.fewest, fill=self.fill, **table)
+            np.savez_compressed(file, fewest=self.fewest, fill=self.fill, rate=self.rate, **table)
 
     @classmethod
     def read(cls, path: Path) -> SolvedNetwork:
@@ -71,6 +73,7 @@ class SolvedNetwork:
                 graph=graph,
                 fewest=int(table["fewest"]),
                 fill=int(table["fill"]),
+                rate=float(table["rate"]),
             )
             lengths = {len(getattr(network, name)) for name in COLUMNS} | {len(graph)}
             ends = np.concatenate([graph.tail, graph.head])
@@ -81,12 +84,13 @@ class SolvedNetwork:
         return network
 
 
-def network_of_tracks(tracks: Sequence[Track], fill: int) -> SolvedNetwork:
+def network_of_tracks(tracks: Sequence[Track], fill: int, rate: float) -> SolvedNetwork:
     """A network whose only flow is these tracks: they can be corrected, and nothing in them is in doubt.
 
     Args:
         tracks: of one video.
         fill: longest gap that is filled, frames.
+        rate: frames a second.
     """
     columns = [[getattr(t, n)[t.observed] for t in tracks] for n in ("frames", "boxes", "scores", "origin")]
     numbers = [np.full(int(t.observed.sum()), t.id) for t in tracks]
@@ -100,7 +104,7 @@ def network_of_tracks(tracks: Sequence[Track], fill: int) -> SolvedNetwork:
     count, links = len(order), len(following)
     costs = np.full(count, -ALONE), np.full(count, ALONE / 4), np.full(count, ALONE / 4)
     graph = FlowGraph(*costs, place[following], place[following + 1], np.zeros(links))
-    return SolvedNetwork(frames[order], boxes[order], scores[order], origin[order], graph, track[order], 1, fill)
+    return SolvedNetwork(frames[order], boxes[order], scores[order], origin[order], graph, track[order], 1, fill, rate)
 
 
 # What the detections of given tracks save, so that each alone is a track.

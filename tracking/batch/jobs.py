@@ -219,17 +219,17 @@ class Place:
         other = other_of(self.made, settings)
         raise RequestError(f"{self.folder} holds {other}; choose another `out` or add `overwrite`")
 
-    def begin(self, key: str, settings: Mapping[str, Any], overwrite: bool) -> bool:
-        """Take the place for a job; False where its result is there.
+    def begin(self, key: str, settings: Mapping[str, Any], overwrite: bool, redo: bool = False) -> bool:
+        """Take the place for a job; False where its result is there, unless it is to be done again.
 
         Raises:
             RequestError: another result is there.
         """
         made = self.made
-        if made.get("key") == key and self.there:
+        if made.get("key") == key and self.there and not redo:
             return False
         # What was left behind in part, of whatever settings, is nobody's result.
-        if self.there and not overwrite:
+        if self.there and not overwrite and made.get("key") != key:
             self._refuse(settings)
         (self.folder / RUN_FILE).unlink(missing_ok=True)
         (self.folder / SCORES).unlink(missing_ok=True)

@@ -26,6 +26,7 @@ from tsuiseki.tracking.features.view_choice import ViewChoice, ViewedDetector, V
 from tsuiseki.tracking.features.views import TileView
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
+from tsuiseki.tracking.people.tracker import PeopleTracker
 from tsuiseki.tracking.people.tracking import OpenedPeople, open_people
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
@@ -296,8 +297,11 @@ class Again:
         stretches.check_end(last)
 
 
-def again(run: Run, opened: OpenedPeople, plan: LookingPlan, files: Sequence[Path]) -> Iterator[tuple[int, Detections]]:
-    """What was seen in every frame, for ``run``, in order; see `Again`."""
+def again(
+    run: Run, opened: OpenedPeople, plan: LookingPlan, files: Sequence[Path], tracker: PeopleTracker | None = None
+) -> tuple[OpenedPeople, Iterator[tuple[int, Detections]]]:
+    """What was seen in every frame, for ``run``, in order; see `Again`. Another ``tracker`` may take it."""
     video = Again(plan, files, opened, run.times)
     pairs = ((frame, video.found) for frame in run.frames(video))
-    yield from ((frame.index, found) for frame, found in opened.inputs.in_order(pairs, run.times))
+    found = ((frame.index, here) for frame, here in opened.inputs.in_order(pairs, run.times))
+    return opened if tracker is None else replace(opened, tracker=tracker), found

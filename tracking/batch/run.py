@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
+from tsuiseki.tracking.batch.continuous import in_order
 from tsuiseki.tracking.batch.executors import Executor, Processes
 from tsuiseki.tracking.batch.jobs import STATE, Job, Place, function_of
 from tsuiseki.tracking.batch.page import summary_of, write_pages
@@ -22,7 +23,7 @@ from tsuiseki.tracking.batch.tasks import TOKEN, Task
 from tsuiseki.tracking.cli.commands import EVALUATE, TRACK
 from tsuiseki.tracking.cli.options import Output
 from tsuiseki.tracking.cli.parser import call, is_shared, options_of
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.options import NO_OPTION
 from tsuiseki.tracking.output import held, whole_file
@@ -45,12 +46,15 @@ class BatchOptions(Output):
             Ray here.
         gpus: on Ray, share of a GPU that a task takes, such as 0.25.
         stretch: seconds of video that one task of track people looks at; no more is lost when a process dies.
+        continuous: the files of track people follow each other, and who is in several keeps the id; by the times in
+            their names, such as 20260131_235959, or the seconds in the column start of a manifest.
     """
 
     workers: int = 0
     ray: str | None = None
     gpus: float = 0.0
     stretch: float = 60.0
+    continuous: bool = False
 
     def check(self) -> None:
         """See `Shared.check`."""
@@ -98,6 +102,7 @@ def batch(
     ray: str | None = None,
     gpus: float = 0.0,
     stretch: float = 60.0,
+    continuous: bool = False,
     overwrite: bool = False,
     **options: Any,
 ) -> BatchResult:
@@ -111,6 +116,7 @@ def batch(
         ray: see `BatchOptions`; ``"here"`` starts Ray on this machine.
         gpus: on Ray, share of a GPU that a task takes.
         stretch: seconds of video that one task of ``track people`` looks at.
+        continuous: the files follow each other, see `BatchOptions`.
         overwrite: replace results of other settings.
         options: of the command, by their names with underscores.
 
@@ -121,7 +127,15 @@ def batch(
         RequestError: an option, a source or the folder is wrong, or Ray does not answer.
         RunError: the disk is full, or Ray has gone; the same call goes on from there.
     """
-    how = BatchOptions(out=Path(out), overwrite=overwrite, workers=workers, ray=ray, gpus=gpus, stretch=stretch)
+    how = BatchOptions(
+        out=Path(out),
+        overwrite=overwrite,
+        workers=workers,
+        ray=ray,
+        gpus=gpus,
+        stretch=stretch,
+        continuous=continuous,
+    )
     how.check()
     given = [sources] if isinstance(sources, str | Path) else sources
     plain = json.loads(json.dumps(options, default=str))
@@ -135,6 +149,10 @@ def batch(
 def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callable[[str], object] = str) -> BatchResult:
     """`batch` with what was checked; ``said`` is told in a line what is finished."""
     jobs = jobs_of(sources, job)
+    if how.continuous:
+        if job.command != ("track", "people"):
+            raise RequestError(f"expected `continuous` with track people, got it with {' '.join(job.command)}")
+        jobs = in_order(jobs)
     # What is wrong with the options shows before anything is done, and so do results of others.
     for each in jobs if not how.overwrite else ():
         Place.of(how.out, each).refuse_others(each)
@@ -155,7 +173,8 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callabl
         journal.note("batch", command=command, sizes={each.name: _size(each) for each in jobs})
         schedule: Schedule
         executor, alone = _executor(how)
-        make = partial(_task, batch=how.out.resolve(), token=token, how=how, alone=alone)
+        files = tuple(jobs) if how.continuous else ()
+        make = partial(_task, files=files, batch=how.out.resolve(), token=token, how=how, alone=alone)
 
         def changed() -> None:
             write_pages(how.out, command, schedule.rows)
@@ -163,9 +182,14 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callabl
             row = next(row for row in reversed(ended) if row.name == schedule.last)
             said(f"[{len(ended)}/{len(jobs)}] {row.name}: {row.status}{f', {row.line}' if row.line else ''}")
 
-        schedule = Schedule(jobs, make, journal, changed)
+        schedule = Schedule(jobs, make, journal, changed, how.continuous)
         stack.callback(executor.close)
-        schedule.run(executor)
+        try:
+            schedule.run(executor)
+        except KeyboardInterrupt as error:
+            raise Interrupted(signal_of(error), "what is finished is kept; the same command goes on") from error
+        for each in jobs if how.continuous else ():
+            Place.of(how.out, each).clear()
         write_pages(how.out, command, schedule.rows)
     return BatchResult(schedule.rows, how.out)
 
@@ -180,9 +204,18 @@ def _executor(how: BatchOptions) -> tuple[Executor, bool]:
 
 
 def _task(
-    order: int, turn: int, part: int, kind: Any, job: Job, batch: Path, token: str, how: BatchOptions, alone: bool
+    order: int,
+    turn: int,
+    part: int,
+    kind: Any,
+    job: Job,
+    files: tuple[Job, ...],
+    batch: Path,
+    token: str,
+    how: BatchOptions,
+    alone: bool,
 ) -> Task:
-    return Task(order, turn, part, kind, job, batch, token, how.overwrite, how.stretch, alone)
+    return Task(order, turn, part, kind, job, batch, token, how.overwrite, how.stretch, alone, files)
 
 
 def _size(job: Job) -> float:

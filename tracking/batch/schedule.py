@@ -7,7 +7,7 @@ import json
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any, Literal
 
@@ -18,7 +18,7 @@ from tsuiseki.tracking.errors import RunError
 
 # Attempts at a task whose process died or whose network failed.
 ATTEMPTS = 3
-TURNS: dict[Kind, int] = {"finish": 0, "look": 1, "begin": 2, "whole": 1}
+TURNS: dict[Kind, int] = {"finish": 0, "join": 0, "look": 1, "begin": 2, "whole": 1}
 JOURNAL = "journal.jsonl"
 
 
@@ -71,6 +71,7 @@ class Schedule:
         task: makes a task: order, turn, part, kind and job.
         journal: is told.
         changed: is called whenever a video is finished.
+        continuous: the videos follow each other, and are finished together.
 
     Attributes:
         rows: what became of each so far.
@@ -83,6 +84,7 @@ class Schedule:
         task: Callable[[int, int, int, Kind, Job], Task],
         journal: Journal,
         changed: Callable[[], None],
+        continuous: bool = False,
     ) -> None:
         self.rows = [Row(job.name, job.source) for job in jobs]
         self._jobs, self._task, self._journal, self._changed = jobs, task, journal, changed
@@ -90,6 +92,7 @@ class Schedule:
         self._ready: list[Task] = []
         self._left: Counter[int] = Counter()
         self._tries: Counter[str] = Counter()
+        self._continuous, self._there, self._joining = continuous, set[int](), set[int]()
         for order in range(len(jobs)):
             self._add(order, "begin")
 
@@ -114,8 +117,9 @@ class Schedule:
                 under_way -= 1
                 self._take(task, outcome)
 
-    def _add(self, order: int, kind: Kind, part: int = 0) -> None:
-        heapq.heappush(self._ready, self._task(order, TURNS[kind], part, kind, self._jobs[order]))
+    def _add(self, order: int, kind: Kind, part: int = 0, **more: Any) -> None:
+        task = self._task(order, TURNS[kind], part, kind, self._jobs[order])
+        heapq.heappush(self._ready, replace(task, **more))
 
     def _take(self, task: Task, outcome: Outcome) -> None:
         row = self.rows[task.order]
@@ -131,10 +135,10 @@ class Schedule:
             if self._tries[str(task)] < ATTEMPTS:
                 heapq.heappush(self._ready, task)
                 return
-            self._end(row, "failed", f"{outcome.line} ({ATTEMPTS} attempts)")
-        elif outcome.status == "failed":
+            self._fail(task, f"{outcome.line} ({ATTEMPTS} attempts)")
+        elif outcome.status == "failed" or (outcome.status == "unfit" and self._continuous):
             self._known(row, outcome)
-            self._end(row, "failed", outcome.line)
+            self._fail(task, outcome.line)
         elif outcome.status == "unfit":
             self._add(task.order, "whole")
             row.line = outcome.line
@@ -145,16 +149,29 @@ class Schedule:
             row.parts[1] += 1
             self._left[task.order] -= 1
             if self._left[task.order] == 0:
-                self._add(task.order, "finish")
+                self._looked(task.order)
+        elif task.kind == "join":
+            for order in sorted(self._joining):
+                self._add(order, "finish")
         else:
             self._known(row, outcome)
             self._end(row, "done", outcome.line)
+
+    def _fail(self, task: Task, line: str) -> None:
+        """Give up a video; where its files were to be joined, all of them."""
+        for order in sorted(self._joining) if task.kind == "join" else [task.order]:
+            self._end(self.rows[order], "failed", line)
+        if task.kind in ("begin", "look"):
+            self._join()
 
     def _begun(self, task: Task, outcome: Outcome, row: Row) -> None:
         facts = outcome.facts
         if facts.get("there"):
             self._known(row, outcome)
-            self._end(row, "kept", "the result was there")
+            self._there.add(task.order)
+            if not self._continuous:
+                self._end(row, "kept", "the result was there")
+            self._join()
             return
         parts, done = facts.get("parts", 0), facts.get("done", [])
         row.parts = [parts, len(done)]
@@ -162,8 +179,38 @@ class Schedule:
         for part in range(parts):
             if part not in done:
                 self._add(task.order, "look", part)
-        if parts == len(done):
-            self._add(task.order, "finish" if parts else "whole")
+        if self._continuous and not parts:
+            self._end(row, "failed", "this video cannot be looked at in stretches, as `continuous` needs")
+            self._join()
+        elif parts == len(done) and parts:
+            self._looked(task.order)
+        elif not parts:
+            self._add(task.order, "whole")
+
+    def _looked(self, order: int) -> None:
+        """All stretches of a video are done."""
+        if not self._continuous:
+            self._add(order, "finish")
+            return
+        self._joining.add(order)
+        self._join()
+
+    def _join(self) -> None:
+        """Of files that follow each other: go on where all are looked at; look again where only some were there."""
+        if not self._continuous:
+            return
+        failed = {order for order, row in enumerate(self.rows) if row.status == "failed"}
+        if len(self._there | self._joining | failed) < len(self.rows):
+            return
+        if self._there and not self._joining:
+            for order in sorted(self._there):
+                self._end(self.rows[order], "kept", "the result was there")
+        elif self._there:
+            for order in sorted(self._there):
+                self._add(order, "begin", redo=True)
+            self._there = set()
+        elif self._joining:
+            self._add(min(self._joining), "join", files=tuple(self._jobs[order] for order in sorted(self._joining)))
 
     def _known(self, row: Row, outcome: Outcome) -> None:
         row.frames, row.tracks = outcome.facts.get("frames", 0), outcome.facts.get("tracks")

@@ -15,7 +15,7 @@ import os
 import re
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -23,7 +23,7 @@ from typing import Any, Literal
 from tsuiseki.tracking.batch.jobs import STATE, Job, Place, key_of, settings_of
 from tsuiseki.tracking.errors import RequestError, RunError
 
-Kind = Literal["begin", "look", "finish", "whole"]
+Kind = Literal["begin", "look", "join", "finish", "whole"]
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 TOKEN = "token"
 
@@ -43,6 +43,8 @@ class Task:
         overwrite: results of other settings.
         stretch: seconds that one task looks at.
         alone: no other task runs beside it, so it may take all cores.
+        files: all jobs of files that are tracked as one video; none where each is one by itself.
+        redo: do it again although the result is there.
     """
 
     order: int
@@ -55,6 +57,8 @@ class Task:
     overwrite: bool = field(compare=False, default=False)
     stretch: float = field(compare=False, default=60.0)
     alone: bool = field(compare=False, default=False)
+    files: tuple[Job, ...] = field(compare=False, default=())
+    redo: bool = field(compare=False, default=False)
 
     def __str__(self) -> str:
         return f"{self.job.name} {self.kind}{f' {self.part + 1}' if self.kind == 'look' else ''}"
@@ -128,11 +132,12 @@ def _begin(task: Task) -> Outcome:
     from tsuiseki.tracking.batch.looking import LookingPlan, cut
 
     place, given = Place.of(task.batch, task.job), task.job.source
-    key = key_of(task.job, given, task.stretch if task.job.command == ("track", "people") else None)
-    if not place.begin(key, settings_of(task.job, given), task.overwrite):
+    people = task.job.command == ("track", "people")
+    key = key_of(task.job, given, [task.stretch if people else None, [(job.name, job.start) for job in task.files]])
+    if not place.begin(key, settings_of(task.job, given), task.overwrite, task.redo):
         return Outcome("done", facts={"there": True, **_known(place)})
     source = _source(task)
-    if task.job.command != ("track", "people"):
+    if not people:
         return Outcome("done", facts={"parts": 0})
     path = place.state / "plan.json"
     if path.exists():
@@ -186,8 +191,20 @@ def _finish(task: Task) -> Outcome:
     place, source = Place.of(task.batch, task.job), _source(task)
     plan = LookingPlan.read(place.state / "plan.json")
     files = [_file(place, part) for part in range(len(plan.parts))]
-    found = task.job.arguments(source, place.folder)
-    return _ended(partial(track, **found, look=partial(again, plan=plan, files=files)), task, place)
+    found, tracker = task.job.arguments(source, place.folder), None
+    if task.files:
+        from tsuiseki.tracking.batch.continuous import GivenTracks, joined_tracks
+
+        tracker = GivenTracks(joined_tracks(place.state / "joined.npz"))
+    return _ended(partial(track, **found, look=partial(again, plan=plan, files=files, tracker=tracker)), task, place)
+
+
+def _join(task: Task) -> Outcome:
+    from tsuiseki.tracking.batch.continuous import join_files
+
+    states = [Place.of(task.batch, job).state for job in task.files]
+    join_files(task.files, [_source(replace(task, job=job)) for job in task.files], states)
+    return Outcome("done")
 
 
 def _whole(task: Task) -> Outcome:
@@ -214,7 +231,8 @@ def _ended(call: Callable[[], int | None], task: Task, place: Place) -> Outcome:
         return Outcome("full", f"no space is left for {task.batch}")
     if status:
         return Outcome("failed", complaints[-1] if complaints else f"ended with status {status}", _known(place))
-    place.clear()
+    if not task.files:  # those that follow each other may be needed again until all are finished
+        place.clear()
     printed = [line for line in said.getvalue().splitlines() if line.strip()]
     return Outcome("done", printed[-1] if printed else "", _known(place))
 
@@ -246,4 +264,10 @@ def plain(line: str) -> str:
     return re.sub(r"\s+", " ", line).strip()[:400]
 
 
-WORK: dict[Kind, Callable[[Task], Outcome]] = {"begin": _begin, "look": _look, "finish": _finish, "whole": _whole}
+WORK: dict[Kind, Callable[[Task], Outcome]] = {
+    "begin": _begin,
+    "look": _look,
+    "join": _join,
+    "finish": _finish,
+    "whole": _whole,
+}

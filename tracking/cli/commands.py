@@ -106,6 +106,7 @@ TRACK = {
     "points": (".points.measured:points", "targets from the measurements of a sensor"),
     "deformable": (".bodies.run:deformable", "bodies that bend, such as fish from above"),
     "animals": (".animals.run:animals", "several animals before a fixed camera"),
+    "floor": (".floor.run:floor", "people on one floor that several cameras see"),
     "fisheye": (".fisheye.run:fisheye", "people under ceiling cameras, and where on the floor"),
 }
 EVALUATE = {
@@ -117,6 +118,7 @@ EVALUATE = {
     "points": "tracked points: OSPA, GOSPA and more",
     "states": "bodies that bend: position, heading, identity",
     "action": "what people do: F1 and average precision",
+    "floor": "people on one floor: IDF1, MOTA, HOTA, MODA and more",
 }
 BATCH = {
     "track": (".run:track", "track what is in each of many videos"),
@@ -134,6 +136,7 @@ REPRODUCE = {
     "phd-equalisation": (".coloured:equalisation", "equal likelihoods keep the weak target"),
     "association": (".association:reproduce", "people and cars linked on given detections, with peers"),
     "end-to-end": (".end_to_end:reproduce", "costs learnt through the flow"),
+    "corrections": (".corrections:reproduce", "a simulated annotator who reviews results"),
     "omnidirectional": (".fisheye:reproduce", "people under ceiling fisheye cameras"),
     "stereo-sphere": (".sphere:reproduce", "a ball in space from two cameras"),
     "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video, with peers"),

@@ -208,6 +208,27 @@ def detection(
     given.report(detection_table(scores, iou), evaluation_values(scores))
 
 
+def floor(given: Comparison, distance: float = 1.0, near: float = 0.5) -> None:
+    """Score people on a floor: IDF1, MOTA and HOTA by distance, MODA and MODP, GOSPA.
+
+    Args:
+        truth: a folder of WILDTRACK or Shelf or its table of places, or a CSV with time,id,x,y in seconds and metres.
+        results: world.csv of tsuiseki track floor, or folders with it; several are compared.
+        distance: metres within which a track is on a person, for IDF1, MOTA, HOTA and GOSPA.
+        near: metres within which a detection is right, for MODA, MODP, recall and precision.
+    """
+    from dataclasses import asdict
+
+    from tsuiseki.tracking.evaluation.on_floor import evaluate_floor_files
+    from tsuiseki.tracking.evaluation.tables import on_floor_table
+
+    for name, value in (("distance", distance), ("near", near)):
+        if not value > 0:
+            raise RequestError(f"`{name}`: expected metres above 0, got {value:g}")
+    scores = evaluate_floor_files(given.truth, given.named(), distance, near)
+    given.report(on_floor_table(scores), {name: asdict(one) for name, one in scores.items()})
+
+
 def people(given: PlottedComparison, labels: Labels, classes: list[int | str] | None = None) -> None:
     """Score tracked people against ground truth: HOTA, DetA, AssA, MOTA, MOTP, IDF1, switches, errors.
 

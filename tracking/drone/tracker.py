@@ -14,6 +14,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.costs import window_means
 from tsuiseki.tracking.association.learnt_costs import CostChanges
+from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
@@ -69,6 +70,10 @@ class DroneTracker:
         tracks = self._flow.tracks()
         half = round(self.settings.window / 2 * self._frame_rate)
         return [acting_track(track, doing, half) for track, doing in zip(tracks, self._flow.actions, strict=True)]
+
+    def network(self) -> SolvedNetwork | None:
+        """What the tracks were chosen from when they were last asked for."""
+        return self._flow.network() if isinstance(self._flow, FlowTracker) else None
 
     def facts(self) -> dict[str, Any]:
         """What ``run.json`` tells of the tracker, as of the last time that the tracks were asked for."""

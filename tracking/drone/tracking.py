@@ -15,6 +15,7 @@ import numpy as np
 from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity, CostChanges, CostNetwork
+from tsuiseki.tracking.association.solved_network import NETWORK_FILE
 from tsuiseki.tracking.cli.options import Video
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.drone.models import DroneMethod, DroneModels, as_detections
@@ -32,7 +33,7 @@ from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.tracker import FrameLog, shifted
 from tsuiseki.tracking.people.whole_flow import long_tracks
-from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
@@ -171,6 +172,7 @@ def link(
     watching = models.observers
     log, facts = FrameLog(), dict[str, Any](devices_of(watching.detect, watching.describe, watching.recognise))
     logged = _logged(observations, log)
+    files: dict[str, Writer] = {}
     if models.given is not None:
         people = _named(logged, models, models.given, settings, source.frame_rate, log)
     else:
@@ -184,6 +186,10 @@ def link(
         with times.measure("link"):
             people = [replace(one, track=shifted(one.track, log.frames[0])) for one in tracker.people()]
         facts["flow"] = tracker.facts()
+        network = tracker.network()
+        if network is not None:
+            moved = replace(network, frames=network.frames + log.frames[0])
+            files[NETWORK_FILE] = lambda path, _: moved.write(path)
     tracks = [person.track for person in people]
     result: DroneResult = DroneResult.of(
         source,
@@ -195,6 +201,7 @@ def link(
         files={
             "tracks.txt": lambda path, _: write_tracks(path, tracks),
             "tracks.json": lambda path, _: write_acting_tracks(path, people, models.names),
+            **files,
         },
         painter=Overlay(tracks, source.frame_rate, captions_of(people, models.names, threshold), 0.0).draw,
         names=models.names,

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.evaluation.action_scores import ActionScores
     from tsuiseki.tracking.evaluation.detection import DetectionScores
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
+    from tsuiseki.tracking.evaluation.on_floor import OnFloorScores
     from tsuiseki.tracking.evaluation.points import PointScores
     from tsuiseki.tracking.evaluation.result_files import DetectionEvaluation
     from tsuiseki.tracking.evaluation.states import StateScores
@@ -140,6 +141,16 @@ def point_table(results: Mapping[str, PointScores]) -> Table:
         numbers = (s.ospa1, s.ospa2, s.ospa_tracks, s.gospa, s.missed, s.false, s.cardinality_error)
         rows.append([name, *(f"{value:.2f}" for value in numbers), str(s.switches)])
     return score_table(("Result",), POINT_COLUMNS, [rows])
+
+
+def on_floor_table(results: Mapping[str, OnFloorScores]) -> Table:
+    """The scores of several results, a row each."""
+    headings = ("IDF1", "MOTA", "HOTA", "switches", "MODA", "MODP", "Rcll", "Prcn", "GOSPA m")
+    rows = []
+    for name, s in results.items():
+        shares = [f"{v:.3f}" for v in (s.moda, s.modp, s.recall, s.precision)]
+        rows.append([name, *(f"{v:.3f}" for v in (s.idf1, s.mota, s.hota)), str(s.switches), *shares, f"{s.gospa:.2f}"])
+    return score_table(("Result",), headings, [rows])
 
 
 def state_table(results: Mapping[str, StateScores]) -> Table:

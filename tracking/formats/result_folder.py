@@ -112,6 +112,8 @@ def _of_table(folder: Path, _: Mapping[str, Any]) -> tuple[list[Any], tuple[str,
 def _of_floor(folder: Path, _: Mapping[str, Any]) -> tuple[list[Any], tuple[str, ...]]:
     """People on a floor: their boxes in ``tracks.txt``, and where they are in the rows of ``world.csv``."""
     path = folder / "world.csv"
+    if "cameras" in read_named_rows(path, "places on a floor").names:
+        return tracks_of(read_table(path)[0]), ()
     rows = read_named_rows(path, "places on a floor", ("id", *PLACES)).rows
     ids = np.array([finite_number(path, line, "id", row["id"]) for line, row in rows])
     values = np.array([[finite_number(path, line, n, row[n]) for n in PLACES] for line, row in rows]).reshape(-1, 7)

@@ -32,7 +32,7 @@ from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, FloorTrack
 Columns: TypeAlias = dict[str, NDArray[Any]]
 CORNERS = ("x1", "y1", "x2", "y2")
 ROTATED = ("rx", "ry", "rw", "rh", "angle")
-TEXTS = ("status", "class_name")
+TEXTS = ("status", "class_name", "cameras")
 WHOLE = ("frame", "id", "detection", "class_id", "detection_class")
 TRIANGLE = np.triu_indices(3)
 # Under this key a file has what is known beside the tracks.

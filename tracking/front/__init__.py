@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.features.exported import Detector as Detector
     from tsuiseki.tracking.fisheye.run import track_fisheye as track_fisheye
     from tsuiseki.tracking.fisheye.settings import CeilingOptions as CeilingOptions
+    from tsuiseki.tracking.floor.run import track_floor as track_floor
+    from tsuiseki.tracking.floor.settings import OneFloorSettings as OneFloorSettings
     from tsuiseki.tracking.formats.mot import read_tracks as read_tracks
     from tsuiseki.tracking.formats.mot import write_tracks as write_tracks
     from tsuiseki.tracking.interchange import as_detections as as_detections
@@ -85,6 +87,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.types import Targets as Targets
     from tsuiseki.tracking.types import Track as Track
     from tsuiseki.tracking.types.labels import GroundTruth as GroundTruth
+    from tsuiseki.tracking.types.measurements import PersonOnFloor as PersonOnFloor
     from tsuiseki.tracking.types.measurements import Scan as Scan
     from tsuiseki.tracking.types.measurements import SensedTargets as SensedTargets
     from tsuiseki.tracking.types.measurements import SensedTrack as SensedTrack

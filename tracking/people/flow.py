@@ -147,6 +147,10 @@ class FlowTracker:
         """Detections that no track used when the tracks were last asked for, and all that were given."""
         return self._given - self._used, self._given
 
+    def follow(self, camera: StandingCamera) -> None:
+        """Ask another one where the camera stood still; before the first frame."""
+        self._flow.input.standing = camera if self.settings.input.follow_camera else None
+
     def numbers_of(self, looks: FrameRuns) -> list[list[int]]:
         """First and last frame of each run of looks, counted from 1."""
         return FrameRuns(self._flow.input.looks.frames(np.array([*looks], dtype=np.int64)).tolist()).from_one()

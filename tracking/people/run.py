@@ -43,9 +43,18 @@ def track(
     finding: PeopleFinding,
     linking: Linking,
     hide: str | None = None,
-    look: Callable[[Run, OpenedPeople], Iterator[tuple[int, Detections]]] | None = None,
+    look: Callable[[Run, OpenedPeople], tuple[OpenedPeople, Iterator[tuple[int, Detections]]]] | None = None,
 ) -> int:
-    """`people`, with detections that may come from elsewhere: ``look`` gives each frame's number and what is there."""
+    """`people`, with detections that may come from elsewhere.
+
+    Args:
+        video: likewise.
+        output: likewise.
+        finding: likewise.
+        linking: likewise.
+        hide: likewise.
+        look: gives what runs instead, and each frame's number with what is there.
+    """
     from tsuiseki.tracking.answers.page import counted, with_page
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
     from tsuiseki.tracking.cli.run import count, frames_expected
@@ -61,7 +70,7 @@ def track(
         if look is None:
             found = opened.inputs.found(run.frames(source, record=video.overlay or wanted is not None), run.times)
         else:
-            found = look(run, opened)
+            opened, found = look(run, opened)
         kept = run.kept("detections.txt", found, None if finding.detections else detection_lines)
         steps = run.steps(kept, total=frames_expected(source))
         settings = {"method": linking.method, "source": video.source, "hide": hide}

@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import warnings
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
@@ -15,22 +14,21 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
-import numpy as np
-
 from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.association.looks import stride_of
-from tsuiseki.tracking.association.solved_network import NETWORK_FILE
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.cli.run import frames_expected
 from tsuiseki.tracking.devices import Device
-from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of, inner_detector, knows_scores
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.interchange import BadBoxes
 from tsuiseki.tracking.options import Seed
+from tsuiseki.tracking.people.corrected import correction_files, network_at
 from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.following import answers_while_it_runs, followed
 from tsuiseki.tracking.people.inputs import (
     GivenDetections,
     PeopleInputs,
@@ -55,14 +53,13 @@ from tsuiseki.tracking.people.methods import (
 from tsuiseki.tracking.people.printed_flow import PrintedFlow
 from tsuiseki.tracking.people.score_choice import above_floor, score_choice
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod, PeoplePreset
-from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers, skipped
+from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers
 from tsuiseki.tracking.people.unused import FirstDetections
-from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.types.class_choice import called
 from tsuiseki.tracking.types.frame_range import parse_frames
-from tsuiseki.tracking.types.tracks import targets_at
 from tsuiseki.tracking.video.source import Source, SourceLike, endless, named, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
@@ -102,6 +99,7 @@ class PeopleKeywords(TypedDict, total=False):
         classes: track these, numbers or names, such as ``["person", "car"]``; by default people, and all that
             ``detections`` and functions give. Each track has its ``class_id``, and each target its ``detection``.
         across_classes: one track may go through several of them; by default each class is tracked apart.
+        corrections: file of what ``tsuiseki review`` was told of an earlier result, which is done again.
     """
 
     detections: GivenDetections | None
@@ -123,6 +121,7 @@ class PeopleKeywords(TypedDict, total=False):
     ground: Ground
     classes: Sequence[int | str] | None
     across_classes: bool
+    corrections: str | Path | None
 
 
 def track_people(
@@ -185,13 +184,13 @@ def follow_people(
     inputs = opened.inputs
     if not inputs.source.has_images:
         raise RequestError(f"{inputs.source.name} has no images to follow people in; use track_people")
-    if not _answers_while_it_runs(opened.tracker):
+    if not answers_while_it_runs(opened.tracker):
         raise RequestError(
             "expected a method that answers while it runs, such as sort, or flow with a `delay`, got one that decides "
             "at the end; use track_people"
         )
-    followed = _followed(replace(inputs, batch_size=1 if inputs.source.live else inputs.batch_size), opened.tracker)
-    return progress(followed, "following", frames_expected(inputs.source)) if shown else followed
+    shown_frames = followed(replace(inputs, batch_size=1 if inputs.source.live else inputs.batch_size), opened.tracker)
+    return progress(shown_frames, "following", frames_expected(inputs.source)) if shown else shown_frames
 
 
 @dataclass(frozen=True)
@@ -203,12 +202,14 @@ class OpenedPeople:
         tracker: a fresh one.
         floor: score under which given detections were left out, see `above_floor`; None for none.
         bad: counts the boxes that are none; None where networks find all, or a file is read.
+        corrections: of an earlier result, which are done again; None for none.
     """
 
     inputs: PeopleInputs
     tracker: PeopleTracker
     floor: float | None = None
     bad: BadBoxes | None = None
+    corrections: Path | None = None
 
 
 def open_people(
@@ -253,7 +254,8 @@ def open_people(
         fresh = partial(_fresh_tracker, inputs, linking, learnt, seed)
     else:
         fresh = partial(_own_tracker, inputs, linking, apart)
-    return OpenedPeople(inputs, ByClass(fresh, chosen.plain) if chosen is not None and apart else fresh(), floor, bad)
+    tracker = ByClass(fresh, chosen.plain) if chosen is not None and apart else fresh()
+    return OpenedPeople(inputs, tracker, floor, bad, linking.corrections)
 
 
 def _own_tracker(inputs: PeopleInputs, linking: Linking, copied: bool) -> PeopleTracker:
@@ -295,10 +297,12 @@ def _opened(
     seed: int = 0,
     delay: float | None = None,
     preset: PeoplePreset = "default",
+    corrections: str | Path | None = None,
     **finding: Any,
 ) -> OpenedPeople:
     """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
-    linking = Linking(method=method, affinity=affinity, moving_camera=moving_camera, delay=delay, preset=preset)
+    given: dict[str, Any] = {"method": method, "affinity": affinity, "moving_camera": moving_camera, "delay": delay}
+    linking = Linking(**given, preset=preset, corrections=a_path(corrections, "corrections") if corrections else None)
     linking.check()
     Seed(seed).check()
     video = open_source(source, parse_frames(frames), frame_rate)
@@ -328,6 +332,9 @@ def people_result(
     every, log = run_trackers(found, {name: opened.tracker}, times, opened.inputs.looked)
     tracks = every[name]
     facts, lines = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
+    network = network_at(opened.tracker, log.frames[0] if log.frames else 0)
+    tracks, files, known, more = correction_files(tracks, network, opened.corrections, video, log.frames)
+    facts, lines = facts | known, lines + more
     if names := {str(n): name for track in tracks for n, name in track.names.items() if name and n == track.class_id}:
         facts["classes"] = names
     if unused := _lines_on_unused(opened, log.first, tracks):
@@ -342,25 +349,11 @@ def people_result(
         frames=log.columns(tracks),
         files={
             "tracks.txt": lambda path, _: write_tracks(path, tracks),
-            **network_files(opened.tracker, log.frames[0] if log.frames else 0),
+            **files,
         },
         painter=Overlay(tracks, video.frame_rate).draw,
     )
     return with_page(result), [*lines, *unused]
-
-
-def network_files(tracker: object, first: int) -> dict[str, Writer]:
-    """The network of a flow that was solved whole, as a file of the result, so that the tracks can be corrected.
-
-    Args:
-        tracker: that was asked for its tracks.
-        first: number of its first frame.
-    """
-    network = tracker.network() if isinstance(tracker, FlowTracker) else None
-    if network is None:
-        return {}
-    moved = replace(network, frames=network.frames + first)
-    return {NETWORK_FILE: lambda path, _: moved.write(path)}
 
 
 def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any], list[str]]:
@@ -426,42 +419,3 @@ def _lines_on_unused(opened: OpenedPeople, first: FirstDetections, tracks: Seque
         line = given.line(sum(int(t.observed.sum()) for t in ours), len(ours), getattr(one, "settings", None))
         lines += [] if line is None else [line if number == -1 else f"class {number}: {line}"]
     return lines
-
-
-def _answers_while_it_runs(tracker: PeopleTracker) -> bool:
-    """One that may have a delay has one, or else it can forget; see `people.tracker`."""
-    inner = inner_tracker(tracker)
-    if isinstance(inner, ByClass):
-        return all(map(_answers_while_it_runs, inner.trackers.values()))
-    return inner.delay is not None if hasattr(inner, "delay") else hasattr(inner, "forget")
-
-
-def _followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Frame, Targets]]:
-    forget = getattr(inner_tracker(tracker), "forget", None)
-    waiting: deque[Frame] = deque()
-    first, looked = 0, inputs.looked
-    last = Targets.empty(0)
-    for number, (frame, found) in enumerate(inputs.with_frames()):
-        first = frame.index - number
-        waiting.append(frame)
-        seen = looked is None or looked[frame.index : frame.index + 1].any()
-        targets = tracker.update(found) if seen else skipped(tracker)
-        if targets is not None:
-            while waiting[0].index - first < targets.frame:
-                # With a delay, frames that nobody looked at are not answered by themselves.
-                yield waiting[0], expected(last, waiting.popleft().index)
-            last = replace(targets, frame=waiting[0].index)
-            yield waiting.popleft(), last
-        if forget is not None:
-            forget()
-    if waiting:
-        tracks = tracker.tracks()
-        yield from ((frame, targets_at(tracks, frame.index - first, frame.index)) for frame in waiting)
-
-
-def expected(targets: Targets, frame: int) -> Targets:
-    """The same people in a frame that nothing is known of."""
-    here = targets.select(targets.status != "lost")
-    nothing = np.column_stack([np.full(len(here), -1), here.classes])
-    status = np.full(len(here), "searching")
-    return replace(here, frame=frame, scores=np.zeros(len(here)), status=status, origin=nothing)

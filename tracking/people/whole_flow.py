@@ -170,7 +170,8 @@ class WholeFlow:
             self._record.graph(len(every), self._joins),
             np.array([row.get(key, 0) for key in keys], dtype=np.int64),
             max(min(self.settings.fewest(rate), self._frame), 1),
-            round(self.settings.fill * rate),
+            round(self.settings.fill * rate * self.input.looks.stride),
+            rate * self.input.looks.stride,
         )
 
     def _absorb(self) -> None:

@@ -163,9 +163,8 @@ def _ask(demands: Demands, one: Correction, numbers: list[int], sentence: str) -
     known = [n for n in numbers if n != NOTHING]
     if one.kind in ("same", "not_same"):
         demands.pair(numbers[0], numbers[1], one.kind == "same", sentence)
-        if one.kind == "same":
-            demands.use(numbers[0], True, sentence)
-            demands.use(numbers[1], True, sentence)
+        for n in numbers:
+            demands.use(n, True, sentence)
     elif one.kind == "switch":
         a, b, a_after, b_after = numbers
         demands.link(a, b_after, sentence)

@@ -1,26 +1,43 @@
-"""Decisions that a flow was least certain of, as questions that are answered with yes or no."""
+"""Decisions that a flow was least certain of, as questions that are answered with yes or no.
+
+What the other way costs more (`marginals`) says how likely a decision is wrong, and the tracks say how many detections
+it would spoil. Questions come by the product. Neighbouring links of a track that are about as doubtful are one question
+about the boxes before and after them; two people who may have been exchanged are one, too.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable, Set
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 
 from tsuiseki.tracking.association.marginals import Marginals, marginals
 from tsuiseki.tracking.association.network_flow import FlowSolution, track_labels
-from tsuiseki.tracking.association.residual_flow import ResidualFlow
+from tsuiseki.tracking.association.residual_flow import FREE, ResidualFlow
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
-from tsuiseki.tracking.review.corrections import Box, Correction, boxes_of
+from tsuiseki.tracking.review.corrections import Box, Correction, Kind, boxes_of
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 QuestionKind = Literal["link", "start", "end", "detection", "exchange"]
 # Decisions whose other way costs this much more are certain.
-LIMIT = 4.0
-# Detections that are shown before and after those that a question is about.
-AROUND = 12
+LIMIT = 6.0
+# Logits of the probability that decisions are wrong whose other way costs nothing, and by how much a cost lowers them,
+# fitted on MOT17 val-half: of links from frame to frame, what each doubling of their gap adds, of two people who may be
+# exchanged, of two tracks that may be one, of those at which a person parted tracks, of tracks that may be nobody, and
+# of those that were left out.
+LINK, GAP, EXCHANGED, APART, PARTED = -1.6, 0.45, -1.5, -2.0, -1.5
+NOBODY, LEFT_OUT, SLOPE = -2.0, -1.0, 0.45
+# A question is about up to so many detections on both sides of a link, as far as links are this share as doubtful.
+STRETCH, AS_DOUBTFUL = 10, 0.3
+# Detections further on that are another person's, too, where a link is wrong.
+FAR = 5
+# Exchanges that are weighed at most, and detections that are shown before and after those that a question is about.
+WEIGHED, AROUND = 100, 12
 
 
 @dataclass(frozen=True)
@@ -45,7 +62,8 @@ class Question:
         frame: to look at, from 0.
         boxes_a: the people as solved.
         boxes_b: the same the other way.
-        margin: how much more the other way costs; the probability that it is right is about ``1 / (1 + exp(margin))``.
+        margin: how much more the other way costs.
+        wrong: how likely the answer is no.
         sentence: the question.
         yes: what is said with yes.
         no: with no.
@@ -57,6 +75,7 @@ class Question:
     boxes_a: tuple[ShownBox, ...]
     boxes_b: tuple[ShownBox, ...]
     margin: float
+    wrong: float
     sentence: str
     yes: Correction
     no: Correction
@@ -64,37 +83,14 @@ class Question:
 
 @dataclass(frozen=True)
 class Change:
-    """What a cycle of the residual network changes.
+    """Links that are given up, and links that take their place."""
 
-    Attributes:
-        removed: links that are given up.
-        added: links that take their place.
-        dropped: detections that are in no track any more.
-        gained: detections that come into one.
-    """
+    removed: tuple[tuple[int, int], ...] = ()
+    added: tuple[tuple[int, int], ...] = ()
 
-    removed: tuple[tuple[int, int], ...]
-    added: tuple[tuple[int, int], ...]
-    dropped: tuple[int, ...]
-    gained: tuple[int, ...]
 
-    @classmethod
-    def of(cls, flow: ResidualFlow, arcs: IntArray) -> Change:
-        """The change of some arcs."""
-        count = flow.count
-        used = flow.used[arcs]
-        links, detections = arcs >= 3 * count, arcs < count
-
-        def ends(which: BoolArray) -> tuple[tuple[int, int], ...]:
-            chosen = arcs[which] - 3 * count
-            return tuple(zip(flow.graph.tail[chosen].tolist(), flow.graph.head[chosen].tolist(), strict=True))
-
-        return cls(
-            ends(links & used),
-            ends(links & ~used),
-            tuple(arcs[detections & used].tolist()),
-            tuple(arcs[detections & ~used].tolist()),
-        )
+# How likely decisions are wrong, how many detections that spoils, their arcs, and what words one of them.
+_Kind = tuple[FloatArray, FloatArray | IntArray, IntArray, Callable[[int, float, set[int]], Question | None]]
 
 
 class Questioner:
@@ -104,132 +100,248 @@ class Questioner:
         network: of the flow.
         flow: settled as far as a person did.
         ids: ``(N,)`` ids of detections, 0 for none.
+        parted: detections at which a person parted tracks.
     """
 
-    def __init__(self, network: SolvedNetwork, flow: ResidualFlow, ids: IntArray) -> None:
+    def __init__(
+        self, network: SolvedNetwork, flow: ResidualFlow, ids: IntArray, parted: Set[int] = frozenset()
+    ) -> None:
         self.network, self.flow, self.ids = network, flow, ids
+        self._parted = np.isin(np.arange(flow.count), list(parted))
         self.found: Marginals = marginals(flow, LIMIT)
-        self._follower = flow.solution().follower
+        solution = flow.solution()
+        self._follower, self._labels = solution.follower, track_labels(solution)
+        order = np.lexsort((network.frames, self._labels))
+        self._rank, self._before = np.empty(flow.count, np.int64), np.full(flow.count, -1)
+        self._rank[order] = np.arange(flow.count) - np.searchsorted(self._labels[order], self._labels[order])
+        self._length = np.bincount(self._labels + 1, minlength=1)[self._labels + 1]
+        linked = np.flatnonzero(self._follower >= 0)
+        self._before[self._follower[linked]] = linked
 
-    def doubtful(self) -> tuple[IntArray, FloatArray]:
-        """``(Q,)`` decisions whose other way costs less than the limit, one a way, and ``(Q,)`` what it costs."""
-        cost = self.found.cost
-        arcs = np.flatnonzero(cost < LIMIT)
-        # What changes together costs the same; a link says it best, of all arcs those stand last.
-        arcs = arcs[np.lexsort((-arcs, cost[arcs]))]
-        key = np.rint(cost[arcs] * 1e6).astype(np.int64)
-        first = np.append(True, np.diff(key) != 0)[: len(arcs)]
-        return arcs[first], cost[arcs[first]]
+    def ranked(self, limit: int, without: Set[str] = frozenset()) -> list[Question]:
+        """Questions, first those whose wrong answer probably spoils most.
 
-    def change(self, arc: int) -> Change:
-        """What changes where a decision goes the other way."""
-        return Change.of(self.flow, self.found.cycle(arc))
+        Args:
+            limit: how many at most.
+            without: keys of what is not to be asked.
+        """
+        found: dict[str, tuple[float, Question]] = {}
+        for wrong, spoilt, arcs, ask in (self._links(), self._joins(), self._exchanges(), self._tracks()):
+            weight, taken, asked = wrong * spoilt, set[int](), 0
+            for n in np.argsort(-weight, kind="stable").tolist():
+                if asked == limit or weight[n] <= 0:
+                    break
+                question = None if int(arcs[n]) in taken else ask(int(arcs[n]), float(wrong[n]), taken)
+                if question is not None and question.key not in without:
+                    found[question.key] = float(weight[n]), question
+                    asked += 1
+        return [question for _, question in sorted(found.values(), key=lambda one: -one[0])[:limit]]
 
-    def matters(self, change: Change) -> bool:
-        """Whether anything of it is in a reported track."""
-        about = [n for link in change.removed for n in link] + [*change.dropped]
-        gained = [n for link in change.added for n in link]
-        return any(self.ids[n] for n in about) or any(self.ids[n] for n in gained)
+    def _links(self) -> _Kind:
+        """Links of tracks, as one person or two: what it costs to end one track and start another there."""
+        first, flow = 3 * self.flow.count, self.flow
+        arcs = first + np.flatnonzero(flow.used[first:] & (self.ids[flow.graph.tail] > 0))
+        i, j = self._ends(arcs)
+        gap = np.maximum(self.network.frames[j] - self.network.frames[i], 1)
+        wrong = probability(self.found.through[arcs], LINK + GAP * np.log2(gap))
+        self._doubt = np.zeros(flow.count)
+        self._doubt[j] = wrong
+        return wrong, np.minimum(self._rank[i] + 1, self._length[j] - self._rank[j]), arcs, self._ask_of_link
 
-    def question(self, arc: int) -> Question | None:
-        """The decision in words; None where it is nothing that a person could see."""
-        change = self.change(arc)
-        if not self.matters(change):
-            return None
-        kind, yes, no, sentence, about = self._worded(change)
-        if not about:
-            return None
-        boxes_a, boxes_b = self._shown(change, about)
-        said = json.dumps([[c.written() for c in (one, *one.parts)] for one in (yes, no)])
-        key = f"{kind}-{hashlib.sha1(said.encode(), usedforsecurity=False).hexdigest()[:12]}"
-        frame = int(self.network.frames[about[0]])
-        margin = float(self.found.cost[arc])
-        return Question(key, kind, frame, boxes_a, boxes_b, margin, sentence, yes, no)
+    def _ask_of_link(self, arc: int, wrong: float, taken: set[int]) -> Question | None:
+        (i,), (j,) = self._ends(np.array([arc]))
+        i, j, links = int(i), int(j), [(int(i), int(j))]
+        for _ in range(STRETCH):
+            if self._before[i] >= 0 and self._doubt[i] >= AS_DOUBTFUL * wrong:
+                i = int(self._before[i])
+            after = int(self._follower[j])
+            if after >= 0 and self._doubt[after] >= AS_DOUBTFUL * wrong:
+                j = after
+        stretch = [i]
+        while stretch[-1] != j:
+            stretch.append(int(self._follower[stretch[-1]]))
+            taken.add(self.flow.link(*stretch[-2:]))
+        sentence = f"Is {self._name(i)} in frame {self._frame(i) + 1} the same as in frame {self._frame(j) + 1}?"
+        # Who is another person before and after is so for some time: no single box is to blame.
+        far = self._along(i, self._before), self._along(j, self._follower)
+        parts = tuple(self._one("not_same", *pair) for pair in dict.fromkeys([(i, j), far]))
+        yes, no = Correction("right", self._boxes(np.array(stretch))), Correction("several", parts=parts)
+        return self._question("link", Change(tuple(links)), [i, j], arc, wrong, sentence, yes, no)
 
-    def _worded(self, change: Change) -> tuple[QuestionKind, Correction, Correction, str, list[int]]:
-        """Kind, what yes and no say, the question, and the detections that it is about."""
-        removed, added = self._by_gap(change.removed), self._by_gap(change.added)
-        if len(removed) == len(added) == 2 and not change.dropped and not change.gained:
-            frame = max(self._frame(j) for _, j in removed)
-            one, two = (self._name(link[0]) for link in removed)
-            sentence = f"Do {one} and {two} stay themselves around frame {frame + 1}, and are not exchanged?"
-            yes, no = self._several("same", removed), self._several("same", added)
-            return "exchange", yes, no, sentence, [n for link in removed for n in link]
-        if change.dropped or change.gained:
-            return self._on_detection(change)
-        if removed:
-            i, j = removed[0]
-            sentence = f"Is {self._name(i)} in frame {self._frame(i) + 1} the same as in frame {self._frame(j) + 1}?"
-            return "link", self._one("same", i, j), self._one("not_same", i, j), sentence, [i, j]
-        if added:
-            i, j = added[0]
-            sentence = (
-                f"Are {self._name(i)}, last found in frame {self._frame(i) + 1}, and {self._name(j)}, first found in "
-                f"frame {self._frame(j) + 1}, two people?"
+    def _along(self, n: int, step: IntArray) -> int:
+        for _ in range(FAR):
+            n = int(step[n]) if step[n] >= 0 else n
+        return n
+
+    def _joins(self) -> _Kind:
+        """Tracks that may go on as another."""
+        first, graph = 3 * self.flow.count, self.flow.graph
+        i, j = graph.tail, graph.head
+        apart = (self._follower[i] < 0) & (self._before[j] < 0) & (self.ids[i] > 0) & (self.ids[j] > 0)
+        arcs = first + np.flatnonzero(apart & (self.found.cost[first:] < LIMIT))
+        i, j = self._ends(arcs)
+        logit = np.where(self._parted[i] | self._parted[j], PARTED, APART)
+        wrong = scipy.special.expit(logit - self.found.cost[arcs])
+        # An end goes on as one other at most.
+        several = np.maximum(np.bincount(i, wrong, self.flow.count)[i], np.bincount(j, wrong, self.flow.count)[j])
+        wrong = wrong / np.maximum(several, 1)
+        return wrong, np.minimum(self._length[i], self._length[j]), arcs, self._ask_of_join
+
+    def _ask_of_join(self, arc: int, wrong: float, _: set[int]) -> Question | None:
+        (i,), (j,) = self._ends(np.array([arc]))
+        i, j = int(i), int(j)
+        sentence = (
+            f"Are {self._name(i)}, last found in frame {self._frame(i) + 1}, and {self._name(j)}, first found in frame "
+            f"{self._frame(j) + 1}, two people?"
+        )
+        yes, no = self._one("not_same", i, j), self._one("next", i, j)
+        return self._question("end", Change(added=((i, j),)), [i, j], arc, wrong, sentence, yes, no)
+
+    def _exchanges(self) -> _Kind:
+        """Two tracks that may go on as each other."""
+        first = 3 * self.flow.count
+        cost = self.found.cost[first:]
+        here = np.flatnonzero(~self.flow.used[first:] & (cost < np.minimum(self.found.through[first:], LIMIT)))
+        # What changes together costs the same.
+        _, one = np.unique(np.rint(cost[here] * 1e6), return_index=True)
+        arcs, spoilt, self._changes = [], [], {}
+        for arc in (first + here[one[:WEIGHED]]).tolist():
+            cycle = self.found.cycle(arc)
+            links, used = cycle[cycle >= first], self.flow.used[cycle[cycle >= first]]
+            removed, added = (
+                tuple(zip(*map(np.ndarray.tolist, self._ends(part)), strict=True))
+                for part in (links[used], links[~used])
             )
-            return "end", self._one("not_same", i, j), self._one("same", i, j), sentence, [i, j]
-        return "start", self._one("real", 0), self._one("real", 0), "", []
+            if len(links) == len(cycle) == 4 and len(removed) == len(added) == 2:
+                self._changes[arc] = Change(removed, added)
+                arcs.append(arc)
+                spoilt.append(self._exchanged(removed))
+        found = np.array(arcs, dtype=np.int64)
+        wrong = probability(self.found.cost[found], EXCHANGED)
+        return wrong, np.array(spoilt, dtype=np.float64), found, self._ask_of_exchange
 
-    def _on_detection(self, change: Change) -> tuple[QuestionKind, Correction, Correction, str, list[int]]:
-        if change.dropped:
-            n, sure, other = change.dropped[0], "real", "not_person"
-            sentence = f"Is the box of {self._name(n)} in frame {self._frame(n) + 1} a person?"
+    def _exchanged(self, removed: tuple[tuple[int, int], ...]) -> int:
+        """How many detections get into another track, the shorter sides of both."""
+        (i, j), (k, other) = removed
+        if min(self.ids[i], self.ids[k]) == 0 or self._labels[i] == self._labels[k]:
+            return 0
+        heads = int(self._rank[i] + self._rank[k]) + 2
+        return min(heads, int(self._length[j] - self._rank[j] + self._length[other] - self._rank[other]))
+
+    def _ask_of_exchange(self, arc: int, wrong: float, _: set[int]) -> Question | None:
+        change = self._changes[arc]
+        (i, j), (k, other) = change.removed
+        sentence = (
+            f"Do {self._name(i)} and {self._name(k)} stay themselves from frame {self._frame(i) + 1} to "
+            f"{self._frame(j) + 1}, and are not exchanged?"
+        )
+        yes, no = (
+            Correction("several", parts=tuple(self._one("next", *link) for link in links))
+            for links in (change.removed, change.added)
+        )
+        return self._question("exchange", change, [i, j, k, other], arc, wrong, sentence, yes, no)
+
+    def _tracks(self) -> _Kind:
+        """Tracks that may be nobody, and those that were left out as nobody and may be people."""
+        count, labels = self.flow.count, self._labels
+        used = np.flatnonzero(labels >= 0)
+        total = np.zeros(int(labels.max(initial=-1)) + 1)
+        cost, status = self.flow.cost / 1e6, self.flow.status
+        for arcs, whose in (
+            (used, used),
+            (count + used[self.flow.used[count + used]], used[self.flow.used[count + used]]),
+            (2 * count + used[self.flow.used[2 * count + used]], used[self.flow.used[2 * count + used]]),
+        ):
+            np.add.at(total, labels[whose], cost[arcs])
+        links = np.flatnonzero(self.flow.used[3 * count :])
+        np.add.at(total, labels[self.flow.graph.tail[links]], cost[3 * count + links])
+        settled = np.zeros(len(total), dtype=np.bool_)
+        settled[labels[used[status[used] != FREE]]] = True
+        middle = used[(self._rank[used] == self._length[used] // 2) & ~settled[labels[used]]]
+        margin = np.maximum(-total[labels[middle]], 0)
+        out = self.ids[middle] == 0
+        return (
+            probability(np.where(out, 0, margin), np.where(out, LEFT_OUT, NOBODY)),
+            self._length[middle],
+            middle,
+            self._ask_of_track,
+        )
+
+    def _ask_of_track(self, n: int, wrong: float, _: set[int]) -> Question | None:
+        every = np.flatnonzero(self._labels == self._labels[n])
+        nobody = Correction("delete", self._boxes(every))
+        if self.ids[n]:
+            sentence, yes, no = f"Is {self._name(n)} a person?", self._one("real", n), nobody
         else:
-            n, sure, other = change.gained[0], "not_person", "real"
-            sentence = f"Is the box in frame {self._frame(n) + 1}, which is in no track, no person?"
-        return "detection", self._one(sure, n), self._one(other, n), sentence, [n]
+            sentence = f"Is the track around frame {self._frame(n) + 1}, which was left out, nobody?"
+            yes, no = nobody, self._one("real", n)
+        return self._question("detection", Change(), [n], n, wrong, sentence, yes, no)
 
-    def _one(self, kind: str, *detections: int) -> Correction:
-        return Correction(kind, self._boxes(detections))  # type: ignore[arg-type]
+    def _question(
+        self,
+        kind: QuestionKind,
+        change: Change,
+        about: list[int],
+        arc: int,
+        wrong: float,
+        sentence: str,
+        yes: Correction,
+        no: Correction,
+    ) -> Question:
+        boxes = self._shown(change, about, whole=kind != "detection")
+        said = json.dumps([yes.written(), no.written()])
+        key = f"{kind}-{hashlib.sha1(said.encode(), usedforsecurity=False).hexdigest()[:12]}"
+        cost = self.found.through if kind == "link" else self.found.cost
+        return Question(key, kind, self._frame(about[0]), *boxes, float(cost[arc]), wrong, sentence, yes, no)
 
-    def _several(self, kind: str, links: list[tuple[int, int]]) -> Correction:
-        return Correction("several", parts=tuple(self._one(kind, *link) for link in links))
+    def _ends(self, arcs: IntArray) -> tuple[IntArray, IntArray]:
+        return self.flow.tail[arcs] // 2, self.flow.head[arcs] // 2
 
-    def _boxes(self, detections: tuple[int, ...]) -> tuple[Box, ...]:
-        rows = list(detections)
+    def _one(self, kind: Kind, *detections: int) -> Correction:
+        return Correction(kind, self._boxes(np.array(detections)))
+
+    def _boxes(self, rows: IntArray) -> tuple[Box, ...]:
         return boxes_of(self.network.frames[rows].tolist(), self.network.boxes[rows].tolist())
-
-    def _by_gap(self, links: tuple[tuple[int, int], ...]) -> list[tuple[int, int]]:
-        """Links, the longest first: there the doubt is."""
-        return sorted(links, key=lambda link: self._frame(link[0]) - self._frame(link[1]))
 
     def _frame(self, n: int) -> int:
         return int(self.network.frames[n])
 
     def _name(self, n: int) -> str:
-        return f"person {self.ids[n]}" if self.ids[n] else "a box that is in no track"
+        return f"person {self.ids[n]}"
 
-    def _shown(self, change: Change, about: list[int]) -> tuple[tuple[ShownBox, ...], tuple[ShownBox, ...]]:
-        """The people around what changes, as solved and the other way."""
-        other = self._follower.copy()
-        for i, _ in change.removed:
-            other[i] = -1
+    def _shown(
+        self, change: Change, about: list[int], *, whole: bool
+    ) -> tuple[tuple[ShownBox, ...], tuple[ShownBox, ...]]:
+        """The people around what changes, as solved and the other way; without ``whole`` they are not there then."""
+        follower = self._follower.copy()
+        follower[[i for i, _ in change.removed]] = -1
         for i, j in change.added:
-            other[i] = j
-        used = self.flow.used[: len(self.ids)].copy()
-        low = min(self._frame(n) for n in about) - AROUND
-        high = max(self._frame(n) for n in about) + AROUND
-        ends = [n for link in (*change.removed, *change.added) for n in link] + [*change.dropped, *change.gained]
-        every = np.flatnonzero((self.network.frames >= low) & (self.network.frames <= high))
-        as_solved = self._cut(self._follower, used, every, ends)
-        used[list(change.dropped)], used[list(change.gained)] = False, True
-        return as_solved, self._cut(other, used, every, ends)
+            follower[i] = j
+        frames, every = self.network.frames, [self._frame(n) for n in about]
+        rows = np.flatnonzero((frames >= min(every) - AROUND) & (frames <= max(every) + AROUND))
+        as_solved = self._cut(self._follower, rows, about)
+        return as_solved, self._cut(follower, rows, about) if whole else ()
 
-    def _cut(self, follower: IntArray, used: BoolArray, rows: IntArray, ends: list[int]) -> tuple[ShownBox, ...]:
+    def _cut(self, follower: IntArray, rows: IntArray, about: list[int]) -> tuple[ShownBox, ...]:
         """Boxes of the tracks that go through some detections, as far as they lie in some rows."""
         place = np.full(len(follower) + 1, -1)
         place[rows] = np.arange(len(rows))
-        part = FlowSolution(used[rows], place[follower[rows]], np.zeros(len(rows)), 0.0)
-        labels = track_labels(part)
-        wanted = {int(labels[place[n]]) for n in ends if place[n] >= 0} - {-1}
-        shown, taken, fresh = [], set[int](), int(self.ids.max(initial=0))
-        for label in sorted(wanted, key=lambda label: int(rows[np.flatnonzero(labels == label)[0]])):
+        rows = rows[np.argsort(self.network.frames[rows], kind="stable")]
+        place[rows] = np.arange(len(rows))
+        used: BoolArray = self.flow.used[rows]
+        labels = track_labels(FlowSolution(used, place[follower[rows]], np.zeros(len(rows)), 0.0))
+        shown, taken, fresh = list[ShownBox](), set[int](), int(self.ids.max(initial=0))
+        for label in sorted({int(labels[place[n]]) for n in about} - {-1}):
             own = rows[labels == label]
-            known = [int(n) for n in self.ids[own] if n]
-            number = known[0] if known else 0
+            number = int(self.ids[own[0]])
             if number == 0 or number in taken:
                 fresh += 1
                 number = fresh
             taken.add(number)
-            shown += [ShownBox(*box, number) for box in self._boxes(tuple(own.tolist()))]
+            shown += [ShownBox(*box, number) for box in self._boxes(own)]
         return tuple(shown)
+
+
+def probability(margin: FloatArray, logit: FloatArray | float) -> FloatArray:
+    """``(Q,)`` how likely decisions are wrong whose other way costs ``(Q,)`` more."""
+    return np.asarray(scipy.special.expit(logit - SLOPE * np.asarray(margin)))

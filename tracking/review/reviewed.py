@@ -12,7 +12,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.review.box_rows import CHUNK, changes, rows_of, spans_of
 from tsuiseki.tracking.review.corrections import Box, Correction
 from tsuiseki.tracking.review.questions import Question, ShownBox
-from tsuiseki.tracking.review.session import Changes, Session
+from tsuiseki.tracking.review.session import Session
 from tsuiseki.tracking.types import Track
 
 
@@ -68,7 +68,7 @@ class Reviewed:
         """Do it; what was done, for the person."""
         session = self._session
         if what == "answer" and isinstance(given.get("key"), str) and isinstance(given.get("yes"), bool):
-            return _sentence("yes" if given["yes"] else "no", session.answer(given["key"], given["yes"]))
+            return _sentence("yes" if given["yes"] else "no", *session.answer(given["key"], given["yes"]).notes)
         if what == "correct":
             try:
                 correction = self._correction(**given)
@@ -76,9 +76,10 @@ class Reviewed:
                 if isinstance(error, RequestError):
                     raise
                 raise RequestError("expected a correction of boxes that are there; load the page again") from error
-            return _sentence(str(correction), session.correct(correction))
+            return _sentence(str(correction), *session.correct(correction).notes)
         if what in ("undo", "redo"):
-            return _sentence(what + "ne" if what == "undo" else "done again", getattr(session, what)())
+            notes = getattr(session, what)().notes
+            return _sentence("; ".join(notes) or ("undone" if what == "undo" else "done again"))
         raise RequestError("expected an answer, a correction, undo or redo")
 
     def _correction(self, kind: Any, frame: int = 0, of: int | None = None, **more: Any) -> Correction:
@@ -125,9 +126,8 @@ def _version() -> str:
     return secrets.token_hex(4)
 
 
-def _sentence(text: str, changes_made: Changes) -> str:
-    notes = "".join(f" {note[:1].upper()}{note[1:]}." for note in changes_made.notes)
-    return f"{text[:1].upper()}{text[1:]}.{notes}"
+def _sentence(*texts: str) -> str:
+    return " ".join(f"{text[:1].upper()}{text[1:]}." for text in texts)
 
 
 def _shown(question: Question) -> dict[str, Any]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks, write_acting_tracks
 from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
 from tsuiseki.tracking.formats.result_folder import filled_frames
 from tsuiseki.tracking.formats.single import write_boxes
@@ -33,15 +34,20 @@ from tsuiseki.tracking.review.corrections import (
 )
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
+from tsuiseki.tracking.review.refit import EVERY, refitted
 from tsuiseki.tracking.review.solving import CorrectedFlow
-from tsuiseki.tracking.review.tracks import Reporter, track_ids
+from tsuiseki.tracking.review.tracks import Reporter, acting, track_ids
 from tsuiseki.tracking.types import IntArray, Track
+from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.video.source import image_size, open_source
 
 # The tracks as the tracker left them, kept as soon as they are corrected.
 SOLVED_FILE = "tracks.solved.txt"
+ACTIONS_FILE, SOLVED_ACTIONS = "tracks.json", "tracks.solved.json"
 # Seconds of a gap that is filled where the result does not say it.
 FILL = 2.0
+# Questions that are found at a time.
+MOST_ASKED = 100
 
 
 @dataclass(frozen=True)
@@ -65,7 +71,7 @@ class Progress:
 
     Attributes:
         answered: what was said and not taken back.
-        likely_errors_left: decisions that are probably wrong, from what the other way costs.
+        likely_errors_left: how many of the questions that are left would probably be answered with no.
     """
 
     answered: int
@@ -120,15 +126,14 @@ class Session:
         self._video = Video(self._result.name if self._result.source else "", self.size, self.n_frames)
         path = self.folder / NETWORK_FILE
         fill = round(FILL * self.frame_rate)
-        network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill)
+        network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill, self.frame_rate)
         self._network = network
         self._log = CorrectionLog()
         if self.corrections_file.is_file():
             self._log = read_corrections(self.corrections_file, self._video)
-        self._flow, self._reporter = CorrectedFlow(network), Reporter(solved)
-        self._flow.correct(self._log.said)
-        self._questioner: Questioner | None = None
-        self._asked: list[Question] = []
+        self._reporter, self._flow, self._fitted = Reporter(solved), CorrectedFlow(network), 0
+        self._solve(self._log)
+        self._asked: list[Question] | None = None
         self._refresh()
         # Of a review that was killed, the last corrections may not be in the tracks yet.
         self.saved = self._result.facts.get("corrections", 0) == len(self._log.said)
@@ -176,25 +181,11 @@ class Session:
 
     def questions(self, limit: int = 50) -> list[Question]:
         """What to ask next, the least certain first."""
-        if len(self._asked) < limit:
-            self._asked = self._ranked(limit)
+        if self._asked is None or len(self._asked) < min(limit, MOST_ASKED):
+            flow = self._flow
+            asking = Questioner(flow.network, flow.settled(), self._ids, flow.parted())
+            self._asked = asking.ranked(max(limit, MOST_ASKED))
         return self._asked[:limit]
-
-    def _ranked(self, limit: int) -> list[Question]:
-        asking = self._questions_now()
-        found: dict[str, Question] = {}
-        for arc in asking.doubtful()[0].tolist():
-            question = asking.question(arc)
-            if question is not None:
-                found.setdefault(question.key, question)
-            if len(found) >= limit:
-                break
-        return list(found.values())
-
-    def _questions_now(self) -> Questioner:
-        if self._questioner is None:
-            self._questioner = Questioner(self._flow.network, self._flow.settled(), self._ids)
-        return self._questioner
 
     def answer(self, key: str, yes: bool) -> Changes:
         """Answer a question: yes for as it was solved, no for the other way.
@@ -202,7 +193,7 @@ class Session:
         Raises:
             RequestError: there is no such question now; or see `correct`.
         """
-        found = [question for question in self._asked if question.key == key]
+        found = [question for question in self._asked or [] if question.key == key]
         if not found:
             raise RequestError(f"expected the key of a question that was asked, got {key}; ask for the questions again")
         said = found[0].yes if yes else found[0].no
@@ -294,11 +285,21 @@ class Session:
 
     def _said(self, row: Correction | Literal["undo", "redo"]) -> Changes:
         log = self._log.and_then(row)
-        self._flow.correct(log.said)
+        self._solve(log)
         append(self.corrections_file, [row], self._video)
         self._log = log
         self.saved = False
         return self._refresh()
+
+    def _solve(self, log: CorrectionLog) -> None:
+        """Solve under corrections; after every twenty, at costs that are fitted to them."""
+        fitted = len(log.said) // EVERY
+        if fitted == self._fitted:
+            self._flow.correct(log.said)
+            return
+        flow = CorrectedFlow(refitted(self._network, log.said[: EVERY * fitted]))
+        flow.correct(log.said)
+        self._flow, self._fitted = flow, fitted
 
     def _refresh(self) -> Changes:
         """Report anew, and what is other than before."""
@@ -308,7 +309,7 @@ class Session:
         self._tracks = self._reporter.tracks(network, self._ids, self._flow.demands.shown)
         named = self._flow.demands.names.items()
         self._names = {int(self._ids[n]): name for n, name in named if self._ids[n] and name}
-        self._questioner, self._asked = None, []
+        self._asked = None
         now = {track.id: track for track in self._tracks}
         changed = sorted(n for n in before.keys() | now.keys() if before.get(n) is not now.get(n))
         spans = [_span(before.get(n), now.get(n)) for n in changed]
@@ -317,9 +318,7 @@ class Session:
 
     def progress(self) -> Progress:
         """How far the review is."""
-        asking = self._questions_now()
-        _, margin = asking.doubtful()
-        return Progress(len(self._log.said), float((1 / (1 + np.exp(margin))).sum()))
+        return Progress(len(self._log.said), sum(question.wrong for question in self.questions(MOST_ASKED)))
 
     def save(self) -> None:
         """Write the tracks, and into ``run.json`` how many corrections and names they have; any thread may do it."""
@@ -336,12 +335,22 @@ class Session:
             self._note_in_record(tracks)
             if (self.folder / "tracks.csv").is_file():
                 self._replaced("tracks.csv", lambda file: write_table(file, table_of(tracks), {}))
+            if (self.folder / ACTIONS_FILE).is_file():
+                self._replaced(ACTIONS_FILE, lambda file: write_acting_tracks(file, *self._acting(tracks)))
             if (self.folder / "boxes.txt").is_file():
                 boxes = np.full((self.n_frames, 4), np.nan)
                 for track in tracks[:1]:
                     boxes[track.frames] = track.boxes
                 self._replaced("boxes.txt", lambda file: write_boxes(file, boxes))
             self._replaced("tracks.txt", lambda file: write_tracks(file, tracks))
+
+    def _acting(self, tracks: Sequence[Track]) -> tuple[list[ActingTrack], tuple[str, ...]]:
+        """Tracks with actions, and the names of these; what the tracker left is kept beside."""
+        kept = self.folder / SOLVED_ACTIONS
+        if not kept.is_file():
+            self._replaced(SOLVED_ACTIONS, lambda file: file.write_bytes((self.folder / ACTIONS_FILE).read_bytes()))
+        solved, names = read_acting_tracks(kept, needed=False)
+        return acting(tracks, solved), names
 
     def _replaced(self, name: str, write: Callable[[Path], object]) -> None:
         """Write a file of the result, which is there whole or as it was."""
@@ -352,7 +361,8 @@ class Session:
         path = self.folder / RUN_FILE
         record = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
         record.setdefault("facts", {}).update(corrections=len(self._log.said), track_names=self.names())
-        record["files"] = sorted({*record.get("files", []), SOLVED_FILE, "tracks.txt"})
+        ours = (SOLVED_FILE, "tracks.txt", *([SOLVED_ACTIONS] if (self.folder / ACTIONS_FILE).is_file() else []))
+        record["files"] = sorted({*record.get("files", []), *ours})
         record.setdefault("results", {}).setdefault(".", {})["filled"] = filled_frames(tracks)
         with whole_file(path) as file:
             file.write(record_text(record | {"frames": record.pop("frames", {})}).encode())

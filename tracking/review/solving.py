@@ -20,6 +20,11 @@ from tsuiseki.tracking.types import FloatArray, IntArray
 
 # Deviation of the place of a box that a person drew from where its track leads, heights: at once, and a frame.
 DRAWN, DRIFT = 0.1, 0.03
+# Links over up to so many seconds cost more than two people by so much, less where a person parted them, and more with
+# each second.
+LONGEST, RETURN, PARTED, WAITING = 30.0, 2.5, 0.5, 0.15
+# How far people get, heights and heights a second, for how long, by how much they look larger, and what is too much.
+NEAR, WALK, SETTLED, RESIZED, LEAST_LIKELY = 0.5, 0.5, 4.0, 0.3, 4.0
 # How often pairs are seen to, since one way may break another.
 MOST_ROUNDS = 50
 
@@ -46,6 +51,7 @@ class CorrectedFlow:
         self._dropped = self.flow.used[: len(network)] & (network.track == 0)
         # What was forced and forbidden for pairs: arcs and their status.
         self._ways: dict[Pair, tuple[IntArray, IntArray]] = {}
+        self._grow_returns()
 
     def correct(self, corrections: Sequence[Correction]) -> None:
         """Solve under exactly these corrections; the last one named in a refusal is the one that is too much.
@@ -64,6 +70,7 @@ class CorrectedFlow:
             last = f": {corrections[-1]}" if corrections else ""
             raise RequestError(f"this cannot hold together with what was said before{last}; take it back") from None
         self.demands, self.notes = demands, notes + demands.left_out
+        self._grow_returns()
 
     def labels(self) -> IntArray:
         """``(N,)`` number of the track of each detection, -1 for none; what is taken for clutter counts as none."""
@@ -98,20 +105,20 @@ class CorrectedFlow:
         try:
             try:
                 self.flow.constrain(self._with_ways(wanted))
-                return self._see_to(pairs, wanted)
+                return self._see_to(demands)
             except InfeasibleError:
                 # Ways that were found before do not suit any more.
                 if not self._ways:
                     raise
                 self._ways = {}
                 self.flow.constrain(wanted)
-                return self._see_to(pairs, wanted)
+                return self._see_to(demands)
         except InfeasibleError:
             self._ways, self.flow = kept
             raise
 
-    def _see_to(self, pairs: list[Pair], wanted: IntArray) -> list[str]:
-        notes: list[str] = []
+    def _see_to(self, demands: Demands) -> list[str]:
+        notes, pairs, wanted = list[str](), demands.wanted_pairs(), self._status(demands)
         for _ in range(MOST_ROUNDS if pairs else 0):
             broken = np.flatnonzero(~holds(self.flow, pairs))
             if len(broken) == 0:
@@ -120,7 +127,16 @@ class CorrectedFlow:
             if self._ways.pop(pair, None) is not None:
                 self.flow.constrain(self._with_ways(wanted))
             alone = not self._ways
-            status, exact = satisfy(self.flow, pair, self.network.frames)
+            try:
+                status, exact = satisfy(self.flow, pair, self.network.frames)
+            except InfeasibleError:
+                if not pair.same:
+                    raise
+                # No way leads from one to the other: they follow each other.
+                self._grow_links([(pair.first, pair.last)])
+                wanted, exact = self._status(demands), False
+                status = self.flow.status.copy()
+                status[[pair.first, pair.last, self.flow.link(pair.first, pair.last)]] = FORCED
             arcs = np.flatnonzero(status != self.flow.status)
             self._ways[pair] = (arcs, status[arcs])
             self.flow.constrain(status)
@@ -207,6 +223,23 @@ class CorrectedFlow:
         self.network = replace(self.network, graph=grown)
         self._grow(grown)
 
+    def parted(self) -> set[int]:
+        """Ends and starts of tracks at which a person parted one from another."""
+        labels, pairs = track_labels(self.flow.solution()), self.demands.pairs.items()
+        found = set[int]()
+        for (i, j), same in pairs:
+            if not same and labels[i] >= 0 and labels[j] >= 0:
+                frames = self.network.frames
+                one, other = np.flatnonzero(labels == labels[i]), np.flatnonzero(labels == labels[j])
+                found |= {int(one[frames[one].argmax()]), int(other[frames[other].argmin()])}
+        return found
+
+    def _grow_returns(self) -> None:
+        grown = returns(self.network, self.labels(), np.array([*self.parted()], dtype=np.int64))
+        if len(grown.tail) > len(self.network.graph.tail):
+            self.network = replace(self.network, graph=grown)
+            self._grow(grown)
+
     def _grow(self, graph: FlowGraph) -> None:
         old, more = self.flow.count, len(graph) - self.flow.count
         self._ways = {
@@ -215,6 +248,46 @@ class CorrectedFlow:
         }
         self._dropped = np.append(self._dropped, np.zeros(more, np.bool_))
         self.flow = self.flow.grown(graph)
+
+
+def returns(network: SolvedNetwork, labels: IntArray, parted: IntArray) -> FlowGraph:
+    """The network with links from ends of tracks to starts of others that came too long after to be weighed.
+
+    They cost more than to end one track and start another, so that they change nothing until a person says so.
+
+    Args:
+        network: of the detections.
+        labels: ``(N,)`` number of the track of each, -1 for none.
+        parted: detections that a person says are not who they were taken for.
+    """
+    graph, frames, boxes = network.graph, network.frames, network.boxes
+    order = np.lexsort((frames, labels))
+    order = order[labels[order] >= 0]
+    if len(order) == 0:
+        return graph
+    cut = np.flatnonzero(np.diff(labels[order]))
+    starts, ends = order[np.append(0, cut + 1)], order[np.append(cut, len(order) - 1)]
+    starts = starts[np.argsort(frames[starts], kind="stable")]
+    first = np.searchsorted(frames[starts], frames[ends], side="right")
+    count = np.searchsorted(frames[starts], frames[ends] + LONGEST * network.rate, side="right") - first
+    i = np.repeat(ends, count)
+    j = starts[np.arange(len(i)) - np.repeat(np.cumsum(count) - count - first, count)]
+    new = ~np.isin(i * len(network) + j, graph.tail * len(network) + graph.head)
+    i, j = i[new], j[new]
+    place, height = centres(boxes), boxes[:, 3] - boxes[:, 1]
+    waited = (frames[j] - frames[i]) / network.rate
+    seconds = np.minimum(waited, SETTLED)
+    far = np.hypot(*(place[j] - place[i]).T) / ((height[i] + height[j]) / 2 * (NEAR + WALK * seconds))
+    more = np.where(np.isin(i, parted) | np.isin(j, parted), PARTED, RETURN)
+    more = more + WAITING * waited + (far**2 + (np.log(height[j] / height[i]) / RESIZED) ** 2) / 2
+    likely = more < LEAST_LIKELY
+    i, j, more = i[likely], j[likely], more[likely]
+    return replace(
+        graph,
+        tail=np.append(graph.tail, i),
+        head=np.append(graph.head, j),
+        transition=np.append(graph.transition, graph.exit[i] + graph.entry[j] + more),
+    )
 
 
 def _links_near(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
+from tsuiseki.tracking.types.tracks import ActingTrack
 
 
 class Reporter:
@@ -67,6 +68,35 @@ class Reporter:
         scores, origin = np.nan_to_num(network.scores[rows]), network.origin[rows]
         track = Track(number, network.frames[rows], boxes, scores, origin=origin, names=self._names)
         return fill_gaps(track, GapSettings(network.fill, np.inf, np.inf))
+
+
+def acting(tracks: Sequence[Track], solved: Sequence[ActingTrack]) -> list[ActingTrack]:
+    """Tracks with what people do there: of the solved track that had the box, and in between on straight lines.
+
+    Args:
+        tracks: corrected.
+        solved: with actions.
+    """
+    known = {
+        (frame, *box): (person.single[n], person.multi[n])
+        for person in solved
+        if person.single is not None and person.multi is not None
+        for n, (frame, box) in enumerate(_places(person.track))
+    }
+    return [_acting(track, known) for track in tracks]
+
+
+def _places(track: Track) -> Iterator[tuple[int, tuple[float, ...]]]:
+    return zip(track.frames.tolist(), map(tuple, track.boxes.round(2).tolist()), strict=True)
+
+
+def _acting(track: Track, known: Mapping[tuple[float, ...], tuple[FloatArray, FloatArray]]) -> ActingTrack:
+    found = [(frame, *known[frame, *box]) for frame, box in _places(track) if (frame, *box) in known]
+    if not found:
+        return ActingTrack(track)
+    frames, single, multi = (np.array(column) for column in zip(*found, strict=True))
+    every = (np.stack([np.interp(track.frames, frames, one) for one in both.T], axis=1) for both in (single, multi))
+    return ActingTrack(track, *every)
 
 
 def track_ids(before: IntArray, labels: IntArray, most: int) -> IntArray:

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.camera_files import PlacedCamera
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.motion.points import Ballistic, ConstantVelocity3D, RandomWalk3D
@@ -107,7 +107,7 @@ class FrameTimes(Shared):
     offsets: list[float] | None = None
     timestamps: list[Path] | None = None
 
-    def of_videos(self, sources: Sequence[Source], placed: Sequence[PlacedCamera]) -> list[FloatArray]:
+    def of_videos(self, sources: Sequence[Source], placed: Sequence[CameraOverFloor]) -> list[FloatArray]:
         """``(T,)`` the time of every frame of every video, seconds.
 
         Raises:
@@ -131,7 +131,7 @@ class FrameTimes(Shared):
                 raise RequestError(f"{path}: expected {length} times, one a frame, got {len(stamp)}")
         return self._shifted(stamps)
 
-    def of_pixels(self, pixels: Sequence[FloatArray], placed: Sequence[PlacedCamera]) -> list[FloatArray]:
+    def of_pixels(self, pixels: Sequence[FloatArray], placed: Sequence[CameraOverFloor]) -> list[FloatArray]:
         """Likewise of the rows of every file of measured pixels.
 
         Raises:
@@ -154,7 +154,9 @@ class FrameTimes(Shared):
             if given is not None and len(given) != expected:
                 raise RequestError(f"{name}: expected {expected} values, one a {what}, got {len(given)}")
 
-    def _even(self, lengths: Sequence[int], rates: Sequence[float], placed: Sequence[PlacedCamera]) -> list[FloatArray]:
+    def _even(
+        self, lengths: Sequence[int], rates: Sequence[float], placed: Sequence[CameraOverFloor]
+    ) -> list[FloatArray]:
         starts = [p.offset for p in placed] if self.offsets is None else self.offsets
         return [o + np.arange(n) / r for o, n, r in zip(starts, lengths, rates, strict=True)]
 

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,17 @@ class SensedTrack:
 
     def __len__(self) -> int:
         return len(self.times)
+
+
+@dataclass(frozen=True)
+class PersonOnFloor(SensedTrack):
+    """A person on a floor that several sensors look at; `scans` number the moments.
+
+    Attributes:
+        seen: ``(T, S)`` which sensors detected them.
+    """
+
+    seen: BoolArray
 
 
 def _one_of(name: str, value: object, choices: tuple[object, ...]) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import lightning
 import numpy as np
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
@@ -19,14 +18,14 @@ from tsuiseki.tracking.features.action import STREAMS, ActionInput, StreamName
 from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import BoolArray, FloatArray
-from tsuiseki.trainers.networks.modules import Optimisation, gathered, normalised, plain_hyperparameters
+from tsuiseki.trainers.networks.modules import Optimisation, Tested, gathered, normalised, plain_hyperparameters
 
 OKUTAMA_ACTIONS = 12
 # Exponent of the weight of rare actions (see `positive_weights`), of which 0 is eq. 5.1 as it stands, and the largest.
 RARE_WEIGHT, RARE_LIMIT = 0.5, 5.0
 
 
-class ActionTraining(lightning.LightningModule):
+class ActionTraining(Tested):
     """The streams of an action network, trained side by side, each by its own loss; validates by mAP.
 
     Args:
@@ -136,9 +135,9 @@ class ActionTraining(lightning.LightningModule):
             truth = torch.cat(actions).numpy() > 0
             said = {name: torch.cat([part[name] for part in parts]).double().numpy() for name in self.inputs}
             together = np.mean(list(said.values()), axis=0)
-            self.log("val/map", mean_average_precision(together, truth), prog_bar=True, sync_dist=True)
+            self.log(f"{self.stage}/map", mean_average_precision(together, truth), prog_bar=True, sync_dist=True)
             for name, probabilities in said.items():
-                self.log(f"val/map_{name}", mean_average_precision(probabilities, truth), sync_dist=True)
+                self.log(f"{self.stage}/map_{name}", mean_average_precision(probabilities, truth), sync_dist=True)
         self._validated = []
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:

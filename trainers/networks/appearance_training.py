@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-import lightning
 import numpy as np
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
@@ -17,7 +16,7 @@ from tsuiseki.models.metric_losses import contrastive_loss, softmax_contrastive_
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.retrieval import Retrieval, evaluate_retrieval
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.trainers.networks.modules import Optimisation, gathered, normalised, plain_hyperparameters
+from tsuiseki.trainers.networks.modules import Optimisation, Tested, gathered, normalised, plain_hyperparameters
 
 LossName = Literal["softmax", "triplet", "contrastive"]
 LOSSES = {"softmax": softmax_contrastive_loss, "triplet": triplet_loss, "contrastive": contrastive_loss}
@@ -25,7 +24,7 @@ LOSSES = {"softmax": softmax_contrastive_loss, "triplet": triplet_loss, "contras
 APART = 25
 
 
-class AppearanceTraining(lightning.LightningModule):
+class AppearanceTraining(Tested):
     """An appearance network, its loss and its schedule; validates by rank-1 and mean average precision.
 
     Args:
@@ -96,8 +95,8 @@ class AppearanceTraining(lightning.LightningModule):
         """Log rank-1 and mean average precision of the queries against the gallery."""
         if not self.trainer.sanity_checking:
             scores = self._score()
-            self.log("val/rank1", scores.rank1, prog_bar=True, sync_dist=True)
-            self.log("val/map", scores.mean_average_precision, prog_bar=True, sync_dist=True)
+            self.log(f"{self.stage}/rank1", scores.rank1, prog_bar=True, sync_dist=True)
+            self.log(f"{self.stage}/map", scores.mean_average_precision, prog_bar=True, sync_dist=True)
         self._validated = []
 
     def _score(self) -> Retrieval:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-import lightning
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
@@ -31,7 +30,7 @@ from tsuiseki.trainers.networks.detector_network import (
     detector_card,
     take_over,
 )
-from tsuiseki.trainers.networks.modules import Optimisation, gathered, normalised, plain_hyperparameters
+from tsuiseki.trainers.networks.modules import Optimisation, Tested, gathered, normalised, plain_hyperparameters
 
 # Widths and heights of people in street views, in pixels of a 640x480 input, at strides 8, 16, 32 and 64.
 STREET_ANCHORS: list[list[tuple[float, float]]] = [
@@ -51,7 +50,7 @@ _CANDIDATES = 300
 _NORM_EXAMPLES = 32
 
 
-class DetectorTraining(lightning.LightningModule):
+class DetectorTraining(Tested):
     """A person detector, its loss and its schedule; validates by AP50.
 
     Args:
@@ -159,8 +158,8 @@ class DetectorTraining(lightning.LightningModule):
         if not self.trainer.sanity_checking:
             truth, found = zip(*gathered(self, self._validated), strict=True)
             scores = evaluate_detections(truth, found)
-            self.log("val/ap50", scores.average_precision, prog_bar=True, sync_dist=True)
-            self.log("val/f1", scores.best_f1, sync_dist=True)
+            self.log(f"{self.stage}/ap50", scores.average_precision, prog_bar=True, sync_dist=True)
+            self.log(f"{self.stage}/f1", scores.best_f1, sync_dist=True)
         self._validated = []
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:

@@ -75,6 +75,23 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
+class Tested(LightningModule):
+    """A module that ``Trainer.test`` scores as ``Trainer.validate`` does, under ``test/`` instead of ``val/``."""
+
+    @property
+    def stage(self) -> str:
+        """What the names of scores begin with."""
+        return "test" if self.trainer.testing else "val"
+
+    def test_step(self, batch: Any, batch_index: int) -> None:
+        """As in validation."""
+        self.validation_step(batch, batch_index)
+
+    def on_test_epoch_end(self) -> None:
+        """As in validation."""
+        self.on_validation_epoch_end()
+
+
 def gathered(module: LightningModule, rows: list[T]) -> list[T]:
     """The ``rows`` of all devices together, as one device would have them.
 
@@ -87,7 +104,7 @@ def gathered(module: LightningModule, rows: list[T]) -> list[T]:
     every: list[list[T]] = [[] for _ in range(module.trainer.world_size)]
     torch.distributed.all_gather_object(every, rows)
     # So that all have as many, the last samples are the first ones again.
-    samples: Any = module.trainer.val_dataloaders
+    samples: Any = module.trainer.test_dataloaders if module.trainer.testing else module.trainer.val_dataloaders
     return [row for step in zip(*every, strict=True) for row in step][: len(samples.dataset)]
 
 

@@ -69,3 +69,131 @@ def test_a_second_reviewer_is_refused(folder):
         Session(folder)
     session.close()
     Session(folder).close()
+
+
+def test_questions_are_answered_and_not_asked_again(folder):
+    session = Session(folder)
+    questions = session.questions()
+    assert questions
+    before = session.progress()
+    session.answer(questions[0].key, yes=True)
+    assert questions[0].key not in {question.key for question in session.questions()}
+    assert session.progress().answered == before.answered + 1
+    with pytest.raises(RequestError, match="key"):
+        session.answer("nothing", yes=True)
+
+
+def test_contradictions_are_named_with_both_sentences(folder):
+    session = Session(folder)
+    one = next(iter(session.tracks())).id
+    session.correct(session.made("real", [one], 5))
+    with pytest.raises(RequestError, match=r"is a person.*is no person"):
+        session.correct(session.made("not_person", [one], 5))
+    session.correct(session.made("same", [one, one], 5, 30))
+    with pytest.raises(RequestError, match=r"are the same person.*are not the same person"):
+        session.correct(session.made("not_same", [one, one], 5, 30))
+    assert len(session.corrections_file.read_text().splitlines()) == 3
+
+
+def test_boxes_are_drawn_moved_and_their_tracks_deleted(folder):
+    session = Session(folder)
+    one = next(iter(session.tracks())).id
+    moved = (100.0, 60.0, 30.0, 80.0)
+    session.correct(session.made("box", [one], 10, box=moved))
+    track = session.tracks().by_id[one]
+    assert track.boxes[track.frames == 10].tolist() == [[100, 60, 130, 140]]
+    changes = session.correct(session.made("box", frame=3, box=(5, 5, 20, 60)))
+    (drawn,) = changes.ids
+    assert session.tracks().by_id[drawn].frames.tolist() == [3]
+    session.correct(session.made("delete", [drawn]))
+    assert drawn not in session.tracks().by_id
+
+
+def owner(session, box):
+    """Id of the track that has a box."""
+    (found,) = [
+        t.id
+        for t in session.tracks()
+        for f, (x, y, *_) in zip(t.frames.tolist(), t.boxes.tolist(), strict=True)
+        if f == box.frame and abs(x - box.x) < 5 and abs(y - box.y) < 5
+    ]
+    return found
+
+
+def test_two_boxes_are_parted_and_joined(folder):
+    session = Session(folder)
+    one = next(iter(session.tracks())).id
+    parted = session.made("not_same", [one, one], 5, 35)
+    changes = session.correct(parted)
+    assert any("solved exactly" in note for note in changes.notes)
+    early, late = parted.there
+    assert owner(session, early) != owner(session, late)
+    session.undo()
+    assert owner(session, early) == owner(session, late)
+    other = next(t for t in session.tracks() if t.id != one and t.frames[0] < 5 and t.frames[-1] > 35)
+    crossed = session.made("same", [one, other.id], 5, 35)
+    session.correct(crossed)
+    early, late = crossed.there
+    assert owner(session, early) == owner(session, late)
+
+
+def test_a_line_that_a_crash_cut_short_is_left_out_and_written_over(folder):
+    session = Session(folder)
+    one = next(iter(session.tracks())).id
+    session.correct(session.made("name", [one], 5, name="Anna"))
+    session.close()
+    with session.corrections_file.open("a") as file:
+        file.write('{"kind": "na')
+    session = Session(folder)
+    assert session.names() == {one: "Anna"}
+    session.correct(session.made("name", [one], 5, name="Bea"))
+    session.close()
+    assert Session(folder).names() == {one: "Bea"}
+
+
+@pytest.mark.parametrize("spoil", ["size", "frames"])
+def test_corrections_of_another_video_are_refused(folder, spoil):
+    session = Session(folder)
+    session.correct(session.made("name", [next(iter(session.tracks())).id], 5, name="Anna"))
+    session.close()
+    text = session.corrections_file.read_text()
+    swapped = {"size": ("[400, 200]", "[401, 200]"), "frames": ('"frames": 40', '"frames": 41')}[spoil]
+    session.corrections_file.write_text(text.replace(*swapped))
+    with pytest.raises(RequestError, match="expected corrections of"):
+        Session(folder)
+
+
+def test_a_result_without_its_network_can_be_corrected_by_hand(folder):
+    (folder / "flow.npz").unlink()
+    session = Session(folder)
+    known = Result.load(folder)
+    assert [t.frames.tolist() for t in session.tracks()] == [t.frames.tolist() for t in known]
+    one, two = (t.id for t in list(session.tracks())[:2])
+    assert session.correct(session.made("switch", [one, two], 20)).ids == (one, two)
+
+
+def test_no_result_and_a_broken_network_are_one_line(folder, tmp_path):
+    with pytest.raises(RequestError, match="expected the folder of a result"):
+        Session(tmp_path / "nothing")
+    (folder / "flow.npz").write_bytes(b"PK nothing")
+    with pytest.raises(RequestError, match="expected the network of a result"):
+        Session(folder)
+
+
+def test_what_people_do_goes_with_their_corrected_tracks(folder):
+    from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks, write_acting_tracks
+    from tsuiseki.tracking.types.tracks import ActingTrack
+
+    people = []
+    for track in Result.load(folder):
+        doing = np.full((len(track), 2), float(track.id % 2))
+        people.append(ActingTrack(track, doing, doing))
+    write_acting_tracks(folder / "tracks.json", people, ("walking", "standing"))
+    session = Session(folder)
+    one, two = (t.id for t in list(session.tracks())[:2])
+    session.correct(session.made("switch", [one, two], 20))
+    session.close()
+    found, names = read_acting_tracks(folder / "tracks.json")
+    assert names == ("walking", "standing")
+    doing = next(person for person in found if person.id == one).single
+    assert {0.0, 1.0} <= set(doing[:, 0].round(3).tolist())

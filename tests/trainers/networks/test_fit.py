@@ -16,6 +16,8 @@ import pytest
 import torch
 import yaml
 
+from tsuiseki.datamodules.detection_data import DetectionData
+from tsuiseki.datamodules.footage import TrainingSource
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.networks.detector_network import detector_card
@@ -303,3 +305,24 @@ def test_features_learn_at_their_own_rate(
     assert len(rates) == len(list(network.parameters()))
     assert {rates[id(p)] for p in heads} == {0.01}
     assert {rates[id(p)] for p in network.features.parameters()} == {0.01 * rate}
+
+
+def test_modules_and_data_work_with_a_trainer_of_ones_own(tmp_path: Path) -> None:
+    walks = [TrainingSource(str(sequence(tmp_path / "walk")))]
+    data = DetectionData(walks, walks, 64, 64, batch_size=3, examples_per_epoch=6, workers=0)
+    anchors: list[list[tuple[float, float]]] = [[(12, 28)], [(20, 50)], [(30, 60)]]
+    model = DetectorTraining(
+        trunk="mobilenet_v3_small",
+        height=64,
+        width=64,
+        anchors=anchors,
+        channels=16,
+        optimisation=Optimisation(warmup_steps=1),
+    )
+    trainer = lightning.Trainer(
+        max_epochs=1, accelerator="cpu", logger=False, default_root_dir=tmp_path, enable_progress_bar=False
+    )
+    trainer.fit(model, data)
+    (validated,), (tested,) = trainer.validate(model, data), trainer.test(model, data)
+    assert tested == {name.replace("val/", "test/"): value for name, value in validated.items()}
+    assert "test/ap50" in tested

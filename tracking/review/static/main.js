@@ -239,7 +239,7 @@ const app = {
     const { questions } = this.state, before = this.question?.key;
     this.question = questions.find((one) => !this.skipped.has(one.key)) ?? null;
     $("question").classList.toggle("none", !this.question);
-    $("asked").textContent = this.question?.sentence ?? (questions.length ? "All questions are skipped." : "No question is left.");
+    $("asked").textContent = this.question?.sentence ?? (questions.length ? "All questions are skipped." : "Nothing is in doubt; you can still correct by hand.");
     if (this.question?.key !== before || !this.question) this.loops.show(this.question, this.state);
     $("question").dataset.key = this.question?.key ?? "";
     this.enable();

@@ -24,11 +24,7 @@ export class Timeline {
     const { state } = this.app;
     this.lanes = [...state.tracks].sort((a, b) => a.spans[0][0] - b.spans[0][0] || a.id - b.id);
     this.row = new Map(this.lanes.map((track, k) => [track.id, k]));
-    this.rate = new Map();
-    const spacer = this.box.lastElementChild;
-    this.canvas.style.height = "0";
-    spacer.style.height = `${HEAD + this.lanes.length * LANE + 6}px`;
-    spacer.style.marginTop = "0";
+    this.box.lastElementChild.style.height = `${HEAD + this.lanes.length * LANE + 6}px`;
   }
 
   x(frame) {

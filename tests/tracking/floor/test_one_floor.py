@@ -1,0 +1,259 @@
+"""Several cameras over one floor: places, groups, tracks, other sensors, and bad input."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.cameras.camera_files import Placed, write_cameras
+from tsuiseki.tracking.cameras.multicamera import PlacedTruth, StandingPeople, read_floor_folder
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
+from tsuiseki.tracking.floor.floor_flow import FloorFlow
+from tsuiseki.tracking.floor.foot_points import FootNoise, expected_boxes, on_floor
+from tsuiseki.tracking.floor.grouping import Expected, MomentPoints, group
+from tsuiseki.tracking.floor.measured_floor import measured_floor
+from tsuiseki.tracking.floor.run import track_floor
+from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
+from tsuiseki.tracking.formats.floor_positions import read_floor_positions
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.types import Detections
+
+from .conftest import FLOOR, RATE, boxes_of, cameras, make_world
+
+QUIET = FootNoise()
+
+
+def as_truth(people):
+    return PlacedTruth(
+        np.concatenate([one.times for one in people]),
+        np.concatenate([np.full(len(one), one.id) for one in people]),
+        np.concatenate([one.positions for one in people]),
+    )
+
+
+def measured(world, positions=(), floor=FLOOR):
+    return measured_floor(world.feeds, positions, floor, QUIET, None)
+
+
+def points_at(places, sensor, sensors=3, deviation=0.2, names=None):
+    places = np.asarray(places, dtype=float)
+    count = len(places)
+    return MomentPoints(
+        np.asarray(sensor),
+        places,
+        np.tile(deviation**2 * np.eye(2), (count, 1, 1)),
+        np.full(count, np.log(0.8 / 0.01)),
+        np.full((count, sensors), np.log(0.2)),
+        np.full(count, -1) if names is None else np.asarray(names),
+    )
+
+
+@pytest.mark.parametrize("placed", cameras(), ids=lambda one: one.name)
+def test_exact_boxes_lie_where_people_stand(placed):
+    places = np.random.default_rng(0).uniform(-3, 3, (20, 2))
+    found, covariance, _ = on_floor(
+        placed.camera, StandingPeople.of(Detections(boxes_of(placed.camera, places), np.ones(20))), QUIET
+    )
+    np.testing.assert_allclose(found, places, atol=0.01)
+    assert (np.linalg.eigvalsh(covariance) > QUIET.floor**2 * 0.99).all()
+
+
+def test_noisy_boxes_differ_as_the_covariance_says():
+    """The squared Mahalanobis distance of a Gaussian in the plane is 2 in the mean."""
+    rng, camera = np.random.default_rng(1), cameras()[0].camera
+    places = np.tile([[1.0, -1.0]], (4000, 1))
+    boxes = boxes_of(camera, places)
+    boxes = boxes + QUIET.box * (boxes[:, 3:] - boxes[:, 1:2]) * rng.standard_normal(boxes.shape)
+    found, covariance, _ = on_floor(camera, StandingPeople.of(Detections(boxes, np.ones(4000))), QUIET)
+    away = found - places
+    square = np.einsum("ni,nij,nj->n", away, np.linalg.inv(covariance), away)
+    # Heights are exact here, while a deviation of 0.12 m is allowed for, and so is that of the floor.
+    assert 1.2 < square.mean() < 2.2
+
+
+def test_ankles_count_instead_of_a_cut_box():
+    camera, place = cameras()[0].camera, np.array([[0.5, 0.5]])
+    box = boxes_of(camera, place)
+    feet = camera.project(np.array([[0.5, 0.5, 0.0]]))[0]
+    box[:, 3] -= 0.4 * (box[:, 3] - box[:, 1])
+    with_feet = StandingPeople(Detections(box, np.ones(1)), feet)
+    assert np.linalg.norm(on_floor(camera, with_feet, QUIET)[0] - place) < 0.6
+    alone = on_floor(camera, StandingPeople.of(Detections(box, np.ones(1))), QUIET)[0]
+    assert np.linalg.norm(alone - place) > 1.0
+
+
+def test_an_edge_at_the_border_of_the_image_says_nothing():
+    camera = cameras()[0].camera
+    place = np.array([[-6.0, -6.0]])
+    box = boxes_of(camera, place)
+    assert box[0, 3] > camera.height
+    box[0, 3] = camera.height
+    found = on_floor(camera, StandingPeople.of(Detections(box, np.ones(1))), QUIET)[0]
+    assert np.linalg.norm(found - place) < 0.5
+
+
+def test_expected_boxes_are_those_of_a_stick():
+    camera, places = cameras()[0].camera, np.array([[0.0, 0.0], [2.0, -1.0]])
+    np.testing.assert_allclose(expected_boxes(camera, places), boxes_of(camera, places), atol=6.0)
+
+
+def test_groups_of_two_people_by_three_sensors():
+    near = points_at([[0, 0], [0.1, 0], [0, 0.1], [2, 2], [2.1, 2], [2, 2.1]], [0, 1, 2, 0, 1, 2])
+    label = group(near, 0.05)
+    assert len(set(label[:3])) == len(set(label[3:])) == 1
+    assert label[0] != label[3]
+
+
+def test_a_group_has_one_of_each_sensor():
+    label = group(points_at([[0, 0], [0.05, 0], [0.02, 0.02]], [0, 0, 1]), 0.05)
+    assert label[0] != label[1]
+
+
+def test_certain_names_keep_apart():
+    assert len(set(group(points_at([[0, 0], [0, 0]], [0, 1], names=[4, 7]), 0.05))) == 2
+    assert len(set(group(points_at([[0, 0], [0, 0]], [0, 1], names=[4, 4]), 0.05))) == 1
+
+
+def test_points_go_to_the_track_that_is_expected_there():
+    expected = Expected(
+        np.array([[0.0, 0.0], [0.8, 0.0]]), np.tile(0.04 * np.eye(2), (2, 1, 1)), np.log(np.full((2, 3), 0.2))
+    )
+    label = group(points_at([[0.1, 0], [0.7, 0], [0.75, 0.05]], [0, 0, 1]), 0.05, expected)
+    assert label.tolist() == [0, 1, 1]
+
+
+def test_everybody_is_followed(world):
+    people = flow_on_one_floor(measured(world), FloorFlow())
+    scores = evaluate_on_floor(world.truth, as_truth(people))
+    assert scores.idf1 > 0.95
+    assert scores.mota > 0.93
+    assert max(one.seen.sum(axis=1).max() for one in people) == 5
+
+
+def test_the_same_input_gives_the_same_people(world):
+    one, other = (flow_on_one_floor(measured(world), FloorFlow()) for _ in range(2))
+    assert one[0].positions.tolist() == other[0].positions.tolist()
+
+
+def test_a_camera_that_runs_late_is_used_at_its_time():
+    late = make_world(3, offset=0.04)
+    found = measured(late)
+    assert len(found.moments) == len(late.feeds[0].times)
+    scores = evaluate_on_floor(late.truth, as_truth(flow_on_one_floor(found, FloorFlow())))
+    assert scores.idf1 > 0.9
+
+
+def test_tracks_of_a_camera_bear_the_ids_of_the_floor(world):
+    found = measured(world)
+    people = flow_on_one_floor(found, FloorFlow())
+    tracks = tracks_in(found, people, 0)
+    assert {track.id for track in tracks} <= {one.id for one in people}
+    seen = {one.id: int(one.seen[:, 0].sum()) for one in people}
+    assert all(int(track.observed.sum()) == seen[track.id] for track in tracks)
+
+
+def write_positions(path, rows):
+    path.write_text("time,x,y,sd,id\n" + "".join(",".join(str(v) for v in row) + "\n" for row in rows))
+    return path
+
+
+def test_a_certain_id_names_a_track_over_a_gap(tmp_path):
+    rows = [(k * 0.5, 0.1 * k, 1.0, 0.1, 42) for k in [*range(8), *range(60, 68)]]
+    rows += [(k * 0.5, 0.1 * k, -3.0, 0.1, "") for k in range(68)]
+    result = track_floor(positions=[write_positions(tmp_path / "tags.csv", rows)])
+    assert sorted(one.id for one in result) == [1, 42]
+    assert result.by_id[42].times[[0, -1]].tolist() == [0.0, 33.5]
+
+
+def test_positions_alone_are_tracked(tmp_path):
+    rng = np.random.default_rng(0)
+    rows, truth = [], []
+    for k in range(40):
+        for who, y in enumerate((-2.0, 0.0, 2.0), start=1):
+            truth.append((k * 0.5, who, 0.3 * k, y))
+            if rng.random() < 0.95:
+                rows.append((k * 0.5, *(np.array([0.3 * k, y]) + 0.14 * rng.standard_normal(2)), 0.2, ""))
+    result = track_floor(positions=[write_positions(tmp_path / "floor.csv", rows)])
+    t = np.array(truth)
+    scores = evaluate_on_floor(PlacedTruth(t[:, 0], t[:, 1].astype(int), t[:, 2:]), as_truth(result))
+    assert scores.idf1 > 0.98
+
+
+def test_one_id_of_two_people_at_once_is_refused(tmp_path):
+    files = [
+        write_positions(tmp_path / f"{k}.csv", [(0, x, 0, 0.1, 7), (1, x, 0, 0.1, 7)]) for k, x in enumerate((0, 9))
+    ]
+    with pytest.raises(RequestError, match=r"one place of id 7 at 0 s, got places 9.0 m apart"):
+        track_floor(positions=files)
+
+
+def test_positions_outside_the_plan_are_refused(world, tmp_path):
+    path = write_positions(tmp_path / "far.csv", [(k / RATE, 500, 0, 0.1, "") for k in range(40)])
+    with pytest.raises(RequestError, match=r"far.csv: expected people on the plan .*, got all 40 outside"):
+        measured(world, [read_floor_positions(path)])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: replace(f, placed=lowered(f.placed, -1.0)), "corner1: expected a camera over the floor"),
+        (lambda f: replace(f, placed=turned_up(f.placed)), "corner1: expected a camera that sees the floor"),
+        (
+            lambda f: replace(f, times=f.times[:0], found=[]),
+            "corner1: expected frames as of the other cameras, got none",
+        ),
+        (lambda f: replace(f, times=f.times + 100), "expected cameras that run at one time, got corner1 100.0"),
+    ],
+)
+def test_feeds_that_do_not_fit_are_refused(world, change, message):
+    feeds = [change(world.feeds[0]), *world.feeds[1:]]
+    with pytest.raises(RequestError, match=message):
+        measured_floor(feeds, [], FLOOR, QUIET, None)
+
+
+def lowered(placed: Placed, height: float) -> Placed:
+    camera = placed.camera
+    return replace(placed, camera=replace(camera, position=np.array([*camera.position[:2], height])))
+
+
+def turned_up(placed: Placed) -> Placed:
+    camera = placed.camera
+    return replace(placed, camera=replace(camera, rotation=np.diag([1.0, 1.0, 1.0])))
+
+
+def test_a_result_is_saved_and_loaded(world, tmp_path):
+    names = []
+    for feed in world.feeds:
+        rows = [
+            (k + 1, *box, 1.0) for k, one in enumerate(feed.found) for box in one.detections.boxes.round(3).tolist()
+        ]
+        path = tmp_path / f"{feed.placed.name}.csv"
+        path.write_text("frame,x1,y1,x2,y2,score\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))
+        names.append(path)
+    write_cameras(tmp_path / "cameras.yaml", cameras())
+    result = track_floor(cameras=tmp_path / "cameras.yaml", detections=names)
+    result.save(tmp_path / "out")
+    assert {"world.csv", "floor.png", "dwell.png", "report.html", "run.json", "corner1"} <= {
+        path.name for path in (tmp_path / "out").iterdir()
+    }
+    again = Result.load(tmp_path / "out")
+    assert [one.id for one in again] == sorted(one.id for one in result)
+    np.testing.assert_allclose(again.by_id[1].positions, result.by_id[1].positions, atol=1e-6)
+    assert (tmp_path / "out/corner1/tracks.txt").read_text()
+
+
+def test_shelf_keypoints_stay_with_both_people(data_folder):
+    folder = data_folder / "multicamera/shelf"
+    truth = read_floor_folder(folder).truth
+    found = as_truth(track_floor([folder]))
+    for who in np.unique(truth.ids):
+        nearest = []
+        for time, place in zip(truth.times[truth.ids == who], truth.places[truth.ids == who], strict=True):
+            here = np.abs(found.times - time) < 0.01
+            away = np.linalg.norm(found.places[here] - place, axis=1)
+            nearest.append((away.min(), found.ids[here][away.argmin()]))
+        assert np.mean([away < 0.3 for away, _ in nearest]) >= 0.95
+        assert len({number for _, number in nearest}) == 1

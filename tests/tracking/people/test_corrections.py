@@ -1,0 +1,82 @@
+"""Corrections of an earlier result, done again on this one."""
+
+import numpy as np
+import pytest
+
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.people.tracking import track_people
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.review.session import Session
+
+IMAGES = [np.zeros((200, 400, 3), np.uint8)] * 30
+
+
+def two_people(seed=0):
+    rng = np.random.default_rng(seed)
+    return [
+        np.array([[x, y, x + 30, y + 80, 0.9] for x, y in np.array([(20 + 5 * t, 30), (340 - 5 * t, 110)])
+                  + rng.normal(0, 0.5, (2, 2))])
+        for t in range(30)
+    ]  # fmt: skip
+
+
+def tracked(detections, method="flow", **more):
+    more |= {"appearance": "none"} if method == "flow" else {}
+    return track_people(IMAGES, method, detections=detections, frame_rate=10.0, **more)
+
+
+@pytest.fixture
+def corrections(tmp_path):
+    tracked(two_people()).save(tmp_path / "first")
+    session = Session(tmp_path / "first")
+    session.correct(session.made("switch", [1, 2], 15))
+    session.correct(session.made("name", [1], 29, name="Anna"))
+    session.close()
+    return tmp_path / "first" / "corrections.jsonl"
+
+
+@pytest.mark.parametrize("method", ["flow", "sort"])
+def test_they_are_done_again_on_other_detections_of_the_same_people(corrections, tmp_path, method):
+    result = tracked(two_people(seed=1), method, corrections=corrections)
+    first = Result.load(tmp_path / "first")
+    assert [t.frames.tolist() for t in result] == [t.frames.tolist() for t in first]
+    assert all(np.abs(a.boxes - b.boxes).max() < 5 for a, b in zip(result, first, strict=True))
+    assert result.facts["corrections"] == 2
+    assert list(result.facts["track_names"].values()) == ["Anna"]
+    result.save(tmp_path / "again")
+    session = Session(tmp_path / "again")
+    assert [t.boxes[-1].round(2).tolist() for t in session.tracks()] == [t.boxes[-1].round(2).tolist() for t in result]
+    assert session.progress().answered == 2
+
+
+def test_what_does_not_apply_is_listed_by_the_command(corrections, tmp_path, capsys):
+    found = [boxes[:1] for boxes in two_people()]
+    rows = [f"{t + 1},-1,{x},{y},{x2 - x},{y2 - y},{s}" for t, ((x, y, x2, y2, s),) in enumerate(found)]
+    (tmp_path / "det.txt").write_text("\n".join(rows) + "\n")
+    sequence = tmp_path / "img1"
+    sequence.mkdir()
+    import cv2
+
+    for t, image in enumerate(IMAGES, 1):
+        cv2.imwrite(str(sequence / f"{t:03}.png"), image)
+    words = ["track", "people", str(sequence), "--fps", "10", "--detections", str(tmp_path / "det.txt")]
+    words += ["--appearance", "none", "--out", str(tmp_path / "o"), "--corrections", str(corrections)]
+    assert main(words) == 0
+    out = capsys.readouterr().out
+    assert "corrections: 0 of 2 done again" in out
+    assert out.count("no detection is there") == 2
+
+
+def test_those_of_another_video_or_with_a_delay_are_refused(corrections):
+    with pytest.raises(RequestError, match="expected corrections of"):
+        track_people(
+            [np.zeros((240, 400, 3), np.uint8)] * 30,
+            detections=two_people(),
+            appearance="none",
+            corrections=corrections,
+        )
+    with pytest.raises(RequestError, match="delay"):
+        tracked(two_people(), corrections=corrections, delay=1.0)
+    with pytest.raises(RequestError, match="that is there"):
+        tracked(two_people(), corrections="nothing.jsonl")

@@ -1,0 +1,236 @@
+"""People in several calibrated cameras over one floor: WILDTRACK, Shelf, and a plain CSV of boxes and feet.
+
+* WILDTRACK: a folder with ``viewN_NAME.csv``, ``floor.csv`` and ``calibrations``; frames are numbered by fives at 10
+  frames/s, the world is in centimetres in the calibration and in metres on the floor.
+* Shelf: a folder with ``cameraN_detections.csv``, ``truth.csv`` and ``calibration.json``; frames count from 1, their
+  rate is not known and taken as 25/s.
+* CSV: ``frame,x1,y1,x2,y2`` in pixels from 0 and optionally ``score``, and ``ankle_u,ankle_v``, the middle of both
+  ankles; empty where they are not seen. Frames count from 1, or from 0 where there is a frame 0.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, Placed
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.rows import NamedRows, finite_number, read_named_rows, read_text, whole_number
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
+
+CORNERS = ("x1", "y1", "x2", "y2")
+ANKLES = ("ankle_u", "ankle_v")
+WILDTRACK_SIZE, WILDTRACK_RATE, WILDTRACK_STEP = (1920, 1080), 2.0, 5
+WILDTRACK_FLOOR = np.array([-3.0, -9.0, 9.0, 27.0])
+SHELF_RATE = 25.0
+
+
+@dataclass(frozen=True)
+class StandingPeople:
+    """What one camera found in one frame.
+
+    Attributes:
+        detections: boxes in the image.
+        feet: ``(N, 2)`` pixels of the middle of both ankles; NaN where they are not known.
+    """
+
+    detections: Detections
+    feet: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.detections)
+
+    @classmethod
+    def of(cls, detections: Detections) -> StandingPeople:
+        """Boxes alone."""
+        return cls(detections, np.full((len(detections), 2), np.nan))
+
+
+@dataclass(frozen=True)
+class PlacedTruth:
+    """Who is where, one row each.
+
+    Attributes:
+        times: ``(N,)`` seconds.
+        ids: ``(N,)``.
+        places: ``(N, 2)`` metres.
+    """
+
+    times: FloatArray
+    ids: IntArray
+    places: FloatArray
+
+
+@dataclass(frozen=True)
+class FloorFolder:
+    """A data set of several cameras over one floor.
+
+    Attributes:
+        cameras: with poses, rates and floor.
+        found: of each camera what is in each frame.
+        truth: who is where.
+    """
+
+    cameras: list[CameraOverFloor]
+    found: list[list[StandingPeople]]
+    truth: PlacedTruth
+
+
+def read_standing(path: Path, length: int | None = None, step: int = 1) -> list[StandingPeople]:
+    """The detections of one camera in a CSV.
+
+    Args:
+        path: of the file.
+        length: number of frames; by default up to the last that has a detection.
+        step: between the numbers of two frames.
+
+    Raises:
+        RequestError: a column is missing, a value is no number, a box has no area, or a frame lies beyond the length.
+    """
+    table = read_named_rows(path, "a CSV of detections", ("frame", *CORNERS))
+    numbers = [whole_number(path, line, "frame", row["frame"], 0, LAST_FRAME) for line, row in table.rows]
+    first = 0 if 0 in numbers else 1
+    frames = (np.array(numbers, dtype=np.int64) - first) // step
+    last = int(frames.max(initial=-1)) + 1
+    if length is not None and last > length:
+        raise RequestError(f"{path}: expected frames up to {length}, got {last}; are these boxes of another video?")
+    boxes = _numbers(table, CORNERS)
+    flat = np.flatnonzero((boxes[:, 2:] <= boxes[:, :2]).any(axis=1))
+    if len(flat):
+        raise RequestError(f"{path}:{table.rows[flat[0]][0]}: expected x1 < x2 and y1 < y2, got {boxes[flat[0]]}")
+    scores = _numbers(table, ("score",))[:, 0] if "score" in table.names else np.ones(len(boxes))
+    ankles = set(ANKLES) <= set(table.names)
+    feet = _numbers(table, ANKLES, empty=True) if ankles else np.full((len(boxes), 2), np.nan)
+    found = []
+    for frame in range(last if length is None else length):
+        here = frames == frame
+        found.append(StandingPeople(Detections(boxes[here], scores[here]), feet[here]))
+    return found
+
+
+def _numbers(table: NamedRows, names: Sequence[str], empty: bool = False) -> FloatArray:
+    """``(N, C)`` the cells of columns; with ``empty`` NaN where there is nothing."""
+    values = [
+        [np.nan if empty and not row[name] else finite_number(table.path, line, name, row[name]) for name in names]
+        for line, row in table.rows
+    ]
+    return np.array(values).reshape(-1, len(names))
+
+
+def is_floor_folder(path: Path) -> bool:
+    """Whether a folder is laid out as WILDTRACK or Shelf are here."""
+    return (path / "floor.csv").is_file() or (path / "calibration.json").is_file()
+
+
+def read_floor_folder(path: Path) -> FloorFolder:
+    """A folder of WILDTRACK or Shelf.
+
+    Raises:
+        RequestError: it is neither, or a file of it is missing or broken.
+    """
+    if (path / "floor.csv").is_file():
+        return _read_wildtrack(path)
+    if (path / "calibration.json").is_file():
+        return _read_shelf(path)
+    raise RequestError(f"{path}: expected floor.csv (WILDTRACK) or calibration.json (Shelf), found neither")
+
+
+def read_placed_truth(path: Path, empty: bool = False) -> PlacedTruth:
+    """Labelled places: a folder of WILDTRACK or Shelf, or a CSV with ``time,id,x,y`` (seconds, metres).
+
+    Args:
+        path: of it; in a folder of another kind, truth.csv.
+        empty: a file without rows is a result without people.
+
+    Raises:
+        RequestError: a column is missing, a value is no number, or an id stands twice at one time.
+    """
+    if path.is_dir():
+        return read_floor_folder(path).truth if is_floor_folder(path) else read_placed_truth(path / "truth.csv")
+    names = read_named_rows(path, "a CSV of places").names
+    if "floor_x_m" in names:
+        return _truth(path, "frame", "id", ("floor_x_m", "floor_y_m"), WILDTRACK_RATE * WILDTRACK_STEP)
+    if {"frame", "person"} <= set(names):
+        return _truth(path, "frame", "person", ("x", "y"), SHELF_RATE, first=1)
+    return _truth(path, "time", "id", ("x", "y"), empty=empty)
+
+
+def _truth(
+    path: Path, when: str, who: str, where: tuple[str, str], rate: float = 1.0, first: float = 0.0,
+    empty: bool = False,
+) -> PlacedTruth:  # fmt: skip
+    table = read_named_rows(path, "a CSV of places", (when, who, *where))
+    if not table.rows and not empty:
+        raise RequestError(f"{path}: expected rows of places, found none")
+    times = (_numbers(table, (when,))[:, 0] - first) / rate
+    ids = np.array([whole_number(path, line, who, row[who]) for line, row in table.rows], dtype=np.int64)
+    _, counts = np.unique(np.stack([times, ids.astype(np.float64)]), axis=1, return_counts=True)
+    if (counts > 1).any():
+        raise RequestError(f"{path}: expected each {who} once at a time, got one twice")
+    return PlacedTruth(times, ids, _numbers(table, where))
+
+
+def _read_wildtrack(path: Path) -> FloorFolder:
+    views = sorted(path.glob("view*_*.csv"))
+    if not views:
+        raise RequestError(f"{path}: expected viewN_NAME.csv beside floor.csv, found none")
+    truth = read_placed_truth(path / "floor.csv")
+    length = round(float(truth.times.max()) * WILDTRACK_RATE) + 1
+    cameras = [_wildtrack_camera(path / "calibrations", view.stem.split("_", 1)[1]) for view in views]
+    return FloorFolder(cameras, [read_standing(view, length, WILDTRACK_STEP) for view in views], truth)
+
+
+def _wildtrack_camera(folder: Path, name: str) -> CameraOverFloor:
+    def numbers(path: Path, tag: str, count: int) -> FloatArray:
+        found = re.search(rf"<{tag}[^>]*>(.*?)</{tag}>", read_text(path, "a calibration"), re.DOTALL)
+        text = re.search(r"<data>(.*?)</data>", found[1], re.DOTALL) if found and "<data>" in found[1] else found
+        values = text[1].split() if text else []
+        if len(values) != count:
+            raise RequestError(f"{path}: expected {count} numbers in {tag}, got {len(values)}")
+        return np.array(values, dtype=np.float64)
+
+    lens = numbers(folder / "intrinsic_zero" / f"intr_{name}.xml", "camera_matrix", 9).reshape(3, 3)
+    pose = folder / "extrinsic" / f"extr_{name}.xml"
+    rotation = np.asarray(cv2.Rodrigues(numbers(pose, "rvec", 3))[0], dtype=np.float64)
+    position = -rotation.T @ numbers(pose, "tvec", 3) / 100
+    return _placed(name, WILDTRACK_SIZE, lens, rotation, position, WILDTRACK_RATE, WILDTRACK_FLOOR)
+
+
+def _placed(
+    name: str, size: tuple[int, int], lens: FloatArray, rotation: FloatArray, position: FloatArray, rate: float,
+    floor: FloatArray | None,
+) -> CameraOverFloor:  # fmt: skip
+    # Published rotations are rounded.
+    left, _, right = np.linalg.svd(rotation)
+    camera = PinholeCamera(*size, np.diag(lens)[:2], lens[:2, 2], left @ right, position)
+    return Placed(name, camera, rate, 0.0, floor)
+
+
+def _read_shelf(path: Path) -> FloorFolder:
+    file = path / "calibration.json"
+    truth = read_placed_truth(path / "truth.csv")
+    cameras, found = [], []
+    try:
+        content = json.loads(read_text(file, "a calibration"))
+        for name, one in content.items():
+            lens, pose = (np.array(one[key], dtype=np.float64).reshape(3, -1) for key in ("K", "RT"))
+            width, height = one["imgSize"]
+            place = np.asarray(-pose[:, :3].T @ pose[:, 3])
+            cameras.append(_placed(f"camera{name}", (width, height), lens, pose[:, :3], place, SHELF_RATE, None))
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise RequestError(f"{file}: expected K, RT and imgSize of each camera, got something else") from error
+    length = 1
+    for camera in cameras:
+        found.append(read_standing(path / f"{camera.name}_detections.csv"))
+        length = max(length, len(found[-1]))
+    for each in found:
+        each += [StandingPeople.of(Detections.empty())] * (length - len(each))
+    return FloorFolder(cameras, found, truth)

@@ -1,0 +1,157 @@
+"""People on a floor against their true places.
+
+* IDF1, MOTA and HOTA (`identity_metrics`) with the similarity ``max(0, 1 - d / 2)`` of a distance of d metres, so that
+  the threshold of one half lies at 1 m, as trackers on WILDTRACK are scored.
+* MODA and MODP (Kasturi et al., 2009) with ``max(0, 1 - d / t)`` and t = 0.5 m, as detectors are. Each moment is
+  matched by itself, MODA = 1 - (misses + false) / true, MODP = the mean of 1 - d / t over the matches.
+* GOSPA of order 2 with a cut-off of 1 m, the mean over the moments.
+
+Only labelled moments count; of the results between them, the nearest in time within half a step of the labels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial.distance import cdist
+
+from tsuiseki.tracking.cameras.multicamera import PlacedTruth, read_placed_truth
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.identity_metrics import LabelledSequence, clear, hota, identity
+from tsuiseki.tracking.evaluation.points import gospa
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class OnFloorScores:
+    """Scores of one result; shares in [0, 1], distances in metres.
+
+    Attributes:
+        idf1: of identities, within `distance`.
+        mota: likewise.
+        hota: over the thresholds of similarity.
+        switches: changes of identity.
+        moda: of detections, within `near`.
+        modp: likewise.
+        recall: share of the true places found within `near`.
+        precision: share of the results that are right there.
+        gospa: mean over the moments.
+        labelled: true places.
+    """
+
+    idf1: float
+    mota: float
+    hota: float
+    switches: int
+    moda: float
+    modp: float
+    recall: float
+    precision: float
+    gospa: float
+    labelled: int
+
+
+def evaluate_on_floor(
+    truth: PlacedTruth, found: PlacedTruth, distance: float = 1.0, near: float = 0.5
+) -> OnFloorScores:
+    """Scores of a result.
+
+    Args:
+        truth: labelled places.
+        found: of the result.
+        distance: metres within which a track is on a person.
+        near: likewise for MODA and MODP.
+
+    Raises:
+        RequestError: there is no label, or no result at a labelled time.
+    """
+    if not len(truth.times):
+        raise RequestError("expected at least one labelled place, got none")
+    times = np.unique(truth.times)
+    at, kept = _nearest(times, found)
+    if len(found.times) and not len(kept):
+        raise RequestError(
+            f"expected results at the labels' times, {times[0]:g} to {times[-1]:g} s, got "
+            f"{found.times.min():g} to {found.times.max():g} s"
+        )
+    true_ids, true_number = np.unique(truth.ids, return_inverse=True)
+    found_ids, number = np.unique(found.ids[kept], return_inverse=True)
+    places = found.places[kept]
+    moment = np.searchsorted(times, truth.times)
+    sets = [(np.flatnonzero(moment == k), np.flatnonzero(at == k)) for k in range(len(times))]
+    apart = [cdist(truth.places[a], places[b]).reshape(len(a), len(b)) for a, b in sets]
+    sequence = LabelledSequence(
+        [true_number[a] for a, _ in sets], [number[b] for _, b in sets],
+        [np.maximum(0.0, 1.0 - d / (2 * distance)) for d in apart], len(true_ids), len(found_ids),
+    )  # fmt: skip
+    counts = clear(sequence)
+    hits, closeness = _matched(apart, near)
+    return OnFloorScores(
+        identity(sequence).idf1,
+        counts.mota,
+        float(hota(sequence).hota.mean()),
+        counts.switches,
+        (2 * hits - len(kept)) / len(truth.ids),
+        closeness / max(hits, 1),
+        hits / len(truth.ids),
+        hits / max(len(kept), 1),
+        float(np.mean([gospa(truth.places[a], places[b], distance, 2.0).distance for a, b in sets])),
+        len(truth.ids),
+    )
+
+
+def _nearest(times: FloatArray, found: PlacedTruth) -> tuple[IntArray, IntArray]:
+    """The label's moment ``(M,)`` of the results that count, and their rows: of each id the nearest in time."""
+    if not len(found.times):
+        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    slack = 0.5 * float(np.median(np.diff(times))) if len(times) > 1 else 0.5
+    after = np.clip(np.searchsorted(times, found.times), 1, max(len(times) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(times) - 1)
+    closer = np.abs(found.times - times[before]) <= np.abs(found.times - times[after])
+    at = np.where(closer, before, after)
+    away = np.abs(found.times - times[at])
+    order = np.lexsort([away, found.ids, at])
+    order = order[away[order] <= slack * (1 + 1e-6)]
+    first = np.ones(len(order), dtype=np.bool_)
+    first[1:] = (np.diff(at[order]) != 0) | (np.diff(found.ids[order]) != 0)
+    kept = order[first]
+    return at[kept], kept
+
+
+def _matched(apart: Sequence[FloatArray], near: float) -> tuple[int, float]:
+    """Matches within ``near`` of every moment, as many and as close as can be, and the sum of ``1 - d / near``."""
+    hits, closeness = 0, 0.0
+    for distances in apart:
+        gain = np.where(distances <= near, 1000.0 + 1.0 - distances / near, 0.0)
+        rows, columns = linear_sum_assignment(gain, maximize=True)
+        good = gain[rows, columns] > 0
+        hits += int(good.sum())
+        closeness += float((gain[rows, columns][good] - 1000.0).sum())
+    return hits, closeness
+
+
+def evaluate_floor_files(
+    truth: Path, results: Mapping[str, Path], distance: float = 1.0, near: float = 0.5
+) -> dict[str, OnFloorScores]:
+    """Scores of several results.
+
+    Args:
+        truth: see `read_placed_truth`.
+        results: ``world.csv``, or folders with one, by name.
+        distance: see `evaluate_on_floor`.
+        near: likewise.
+
+    Raises:
+        RequestError: a file is missing or broken, or see `evaluate_on_floor`.
+    """
+    labels = read_placed_truth(truth)
+    files = {name: path / "world.csv" if path.is_dir() else path for name, path in results.items()}
+    return {
+        name: evaluate_on_floor(labels, read_placed_truth(path, empty=True), distance, near)
+        for name, path in files.items()
+    }

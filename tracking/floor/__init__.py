@@ -1,0 +1,1 @@
+"""People over one floor, seen by several calibrated cameras."""

@@ -1,0 +1,305 @@
+"""Who is who over a whole video on one floor: grouping and linking, alternated.
+
+1. The detections of each moment are grouped by themselves (`grouping`).
+2. The groups are the nodes of the minimum-cost flow (`association.network_flow`), which links them into tracks.
+3. Along the tracks, Kalman filters from either side say where each is expected at each moment.
+4. The detections are grouped anew, now beside the tracks that are expected there; the flow links the new groups, by the
+   velocities that the tracks gave. And again from 3.
+
+Solving both at once is a set packing over all candidate groups: NP-hard, and its relaxation over the candidates of a
+crowd takes longer than all rounds here. Alternated, each step is solved exactly or climbs, in a second or two a minute
+of video; what the first grouping got wrong, the tracks of the second put right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
+from tsuiseki.tracking.filters.kalman import Gaussians
+from tsuiseki.tracking.floor.grouping import Expected, MomentPoints, PersonNodes, group, joined_nodes, weighed
+from tsuiseki.tracking.floor.sensors import FloorPoints, SensorRates, SensorView, shares
+from tsuiseki.tracking.floor.walking import (
+    Expectations,
+    Walking,
+    filtered,
+    from_both_sides,
+    link_likelihood,
+)
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+LEAST_CHANCE, CERTAIN = 0.05, 50.0
+FASTEST, FARTHEST = 4.0, 4.0
+"""Speed of a link, m/s, and its length beside the noise, metres."""
+
+
+@dataclass(frozen=True)
+class FloorFlow:
+    """How people are linked on the floor.
+
+    Attributes:
+        walking: how they move.
+        window: longest time between two linked groups, seconds.
+        rounds: of grouping and linking.
+        density: people a square metre where none is expected.
+        births: new people a square metre and second.
+        lives: mean time for which somebody is there, seconds.
+        hidden: log probability of being hidden from all sensors for one moment, and for each further one, whatever they
+            say.
+        beyond: moments for which a track is expected beyond its ends.
+        short: tracks of fewer moments are left out.
+        appearance: weight of the cosine distance of two features.
+        neutral: cosine distance that says nothing, in [0, 2].
+    """
+
+    walking: Walking = field(default_factory=Walking)
+    window: float = 3.0
+    rounds: int = 3
+    density: float = 0.015
+    births: float = 0.004
+    lives: float = 20.0
+    hidden: tuple[float, float] = (-5.0, -1.0)
+    beyond: int = 1
+    short: int = 2
+    appearance: float = 8.0
+    neutral: float = 0.35
+
+
+@dataclass(frozen=True)
+class FloorTracks:
+    """What came out.
+
+    Attributes:
+        nodes: the groups.
+        label: ``(G,)`` track of each node, from 0, or -1.
+        expected: every track at every moment from its first to its last node, its own node included.
+    """
+
+    nodes: PersonNodes
+    label: IntArray
+    expected: Expectations
+    rates: SensorRates
+
+
+def solve_on_floor(
+    points: FloorPoints, views: Sequence[SensorView], times: FloatArray, rates: SensorRates, settings: FloorFlow
+) -> FloorTracks:
+    """Tracks of all people.
+
+    Args:
+        points: of all moments.
+        views: S of them, what the sensors see.
+        times: ``(T,)`` seconds of the moments, rising.
+        rates: of the sensors, to begin with; then as the tracks say.
+        settings: see `FloorFlow`.
+    """
+    expected: Expectations | None = None
+    for _ in range(settings.rounds):
+        nodes, track = _grouped(points, views, len(times), rates, settings, expected)
+        table = _table(nodes.moment, track, len(times))
+        ahead, behind, _ = _passes(nodes, table, times, settings, 0)
+        label = _linked(points, nodes, ahead, behind, times, settings)
+        table = _table(nodes.moment, label, len(times))
+        *_, expected = _passes(nodes, table, times, settings, settings.beyond)
+        rates = _learnt(points, views, nodes, label, expected, rates)
+    assert expected is not None
+    return FloorTracks(nodes, label, expected, rates)
+
+
+def _grouped(
+    points: FloorPoints,
+    views: Sequence[SensorView],
+    moments: int,
+    rates: SensorRates,
+    settings: FloorFlow,
+    expected: Expectations | None,
+) -> tuple[PersonNodes, IntArray]:
+    """The groups of all moments, and ``(G,)`` the track that each goes on with, -1 for none."""
+    chance = rates.detected(points.visible)
+    missed = np.log(1.0 - chance)
+    own_chance = np.maximum(chance[np.arange(len(points)), points.sensor], LEAST_CHANCE)
+    gain = np.log(own_chance) - np.log(rates.false[points.sensor] * points.spread)
+    edges = np.searchsorted(points.moment, np.arange(moments + 1))
+    await_at = _awaited(views, moments, rates, expected)
+    parts: list[PersonNodes] = []
+    tracks: list[IntArray] = []
+    total = 0
+    for moment in range(moments):
+        own = slice(edges[moment], edges[moment + 1])
+        if own.start == own.stop:
+            continue
+        here = MomentPoints(
+            points.sensor[own], points.places[own], points.covariances[own], gain[own], missed[own], points.names[own],
+            _alike(points, own, settings),
+        )  # fmt: skip
+        known, numbers = await_at(moment)
+        label = group(here, settings.density, known)
+        nodes = weighed(here, label, moment)
+        parts.append(replace(nodes, node=nodes.node + total))
+        total += len(nodes.moment)
+        # Groups of new people go on with no track.
+        tracks.append(np.append(numbers, -1)[np.minimum(np.unique(label), len(numbers))])
+    return joined_nodes(parts), np.concatenate(tracks)
+
+
+def _awaited(
+    views: Sequence[SensorView], moments: int, rates: SensorRates, expected: Expectations | None
+) -> Callable[[int], tuple[Expected | None, IntArray]]:
+    """What gives the tracks that are expected at a moment, and their numbers."""
+    if expected is None:
+        return lambda _: (None, np.empty(0, dtype=np.int64))
+    mean, covariance = expected.states.mean[:, :2], expected.states.covariance[:, :2, :2]
+    missed = np.log(1.0 - rates.detected(shares(views, expected.moment, mean)))
+    edges = np.searchsorted(expected.moment, np.arange(moments + 1))
+
+    def at(moment: int) -> tuple[Expected | None, IntArray]:
+        part = slice(edges[moment], edges[moment + 1])
+        return Expected(mean[part], covariance[part], missed[part]), expected.track[part]
+
+    return at
+
+
+def _alike(points: FloorPoints, own: slice, settings: FloorFlow) -> FloatArray | None:
+    """``(N, N)`` what appearance says for one person, of pairs of one moment that were seen from a like side."""
+    if points.features is None or points.facing is None:
+        return None
+    features, facing = points.features[own], points.facing[own]
+    known = (features != 0).any(axis=1)
+    side = np.maximum(facing @ facing.T, 0.0) * (known[:, None] & known[None])
+    return np.asarray(settings.appearance * side * (settings.neutral - 1.0 + features @ features.T))
+
+
+def _mean_features(points: FloorPoints, nodes: PersonNodes) -> FloatArray | None:
+    """``(G, D)`` of unit length, zero where there is none."""
+    if points.features is None:
+        return None
+    total = np.zeros((len(nodes.moment), points.features.shape[1]))
+    np.add.at(total, nodes.node, points.features)
+    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-9))
+
+
+def _names_of(points: FloorPoints, nodes: PersonNodes) -> IntArray:
+    """``(G,)`` certain names of the nodes, -1 for none."""
+    names = np.full(len(nodes.moment), -1)
+    np.maximum.at(names, nodes.node, points.names)
+    return names
+
+
+def _table(moment: IntArray, label: IntArray, moments: int) -> IntArray:
+    """``(K, T)`` node of each track at each moment, -1 for none."""
+    table = np.full((int(label.max(initial=-1)) + 1, moments), -1)
+    held = np.flatnonzero(label >= 0)
+    table[label[held], moment[held]] = held
+    return table[(table >= 0).any(axis=1)]
+
+
+def _passes(
+    nodes: PersonNodes, table: IntArray, times: FloatArray, settings: FloorFlow, beyond: int
+) -> tuple[Gaussians, Gaussians, Expectations]:
+    """States of the nodes from the past and from the future, and where tracks are expected."""
+    walk, count = settings.walking, len(times)
+    ahead, expected = filtered(walk, times, table, nodes.places, nodes.covariances, beyond)
+    behind, back = filtered(walk, times[::-1], table[:, ::-1], nodes.places, nodes.covariances, beyond)
+    back = replace(back, moment=count - 1 - back.moment)
+    return ahead, behind, from_both_sides(expected, back, walk, count)
+
+
+def _linked(
+    points: FloorPoints, nodes: PersonNodes, ahead: Gaussians, behind: Gaussians, times: FloatArray, settings: FloorFlow
+) -> IntArray:
+    """``(G,)`` tracks by the cheapest flow."""
+    tail, head = _candidates(nodes, times, settings)
+    seconds = times[nodes.moment[head]] - times[nodes.moment[tail]]
+    past, future = (Gaussians(one.mean[at], one.covariance[at]) for one, at in ((ahead, tail), (behind, head)))
+    cost = -link_likelihood(settings.walking, past, future, seconds)
+    gap = nodes.moment[head] - nodes.moment[tail] - 1
+    start, further = settings.hidden
+    missed = np.maximum(gap * (nodes.missed[tail] + nodes.missed[head]) / 2, start + further * (gap - 1))
+    cost += np.where(gap > 0, -missed, 0.0) + seconds / settings.lives
+    features, names = _mean_features(points, nodes), _names_of(points, nodes)
+    if features is not None:
+        both = features[tail].any(axis=1) & features[head].any(axis=1)
+        distance = 1.0 - np.einsum("pd,pd->p", features[tail], features[head])
+        cost += np.where(both, settings.appearance * (distance - settings.neutral), 0.0)
+    named = names >= 0
+    same = named[tail] & named[head]
+    cost = np.where(same & (names[tail] == names[head]), np.minimum(cost, 0.0) - CERTAIN, cost)
+    cost = np.where(same & (names[tail] != names[head]), np.inf, cost)
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    entry, leave = -np.log(settings.births * step), -np.log(step / settings.lives)
+    graph = build_graph(-nodes.weight - CERTAIN * named, [(tail, head, cost)], entry, leave)
+    return _by_name(track_labels(solve(graph)), nodes.moment, names)
+
+
+def _by_name(label: IntArray, moment: IntArray, names: IntArray) -> IntArray:
+    """The tracks cut where their certain name changes, and those of one name joined over any gap."""
+    result = label.copy()
+    fresh = int(label.max(initial=-1)) + 1
+    held: dict[int, int] = {}
+    for track in np.unique(label[(names >= 0) & (label >= 0)]):
+        own = np.flatnonzero(label == track)
+        own = own[np.argsort(moment[own])]
+        known = np.flatnonzero(names[own] >= 0)
+        who = names[own[known]]
+        part = np.concatenate([[0], np.cumsum(np.diff(who) != 0)])
+        # Nodes before the first name go with it, those between two go with the earlier.
+        stretch = part[np.clip(np.searchsorted(known, np.arange(len(own)), side="right") - 1, 0, None)]
+        for number in np.unique(part):
+            name = int(who[np.argmax(part == number)])
+            if name not in held:
+                held[name], fresh = fresh, fresh + 1
+            result[own[stretch == number]] = held[name]
+    return _without_twins(result, moment, names)
+
+
+def _without_twins(label: IntArray, moment: IntArray, names: IntArray) -> IntArray:
+    """Of two nodes of one track at one moment, the unnamed one leaves it."""
+    order = np.lexsort([names < 0, moment, label])
+    again = (label[order][1:] == label[order][:-1]) & (moment[order][1:] == moment[order][:-1])
+    result = label.copy()
+    result[order[1:][again & (label[order][1:] >= 0)]] = -1
+    return result
+
+
+def _candidates(nodes: PersonNodes, times: FloatArray, settings: FloorFlow) -> tuple[IntArray, IntArray]:
+    """Pairs of nodes that somebody may have walked between within the window."""
+    edges = np.searchsorted(nodes.moment, np.arange(len(times) + 1))
+    tails, heads = [], []
+    spread = 3 * np.sqrt(np.maximum(nodes.covariances[:, 0, 0], nodes.covariances[:, 1, 1]))
+    for moment in range(len(times)):
+        last = int(np.searchsorted(times, times[moment] + settings.window, side="right"))
+        own = np.arange(edges[moment], edges[moment + 1])
+        later = np.arange(edges[moment + 1], edges[last])
+        if not len(own) or not len(later):
+            continue
+        apart = np.linalg.norm(nodes.places[own][:, None] - nodes.places[later][None], axis=2)
+        seconds = times[nodes.moment[later]] - times[moment]
+        reach = np.minimum(spread[own][:, None] + spread[later][None], 1.5) + np.minimum(FASTEST * seconds, FARTHEST)
+        i, j = np.nonzero(apart < reach)
+        tails.append(own[i])
+        heads.append(later[j])
+    none = np.empty(0, dtype=np.int64)
+    return np.concatenate([none, *tails]), np.concatenate([none, *heads])
+
+
+def _learnt(
+    points: FloorPoints, views: Sequence[SensorView], nodes: PersonNodes, label: IntArray, expected: Expectations,
+    rates: SensorRates,
+) -> SensorRates:  # fmt: skip
+    """The rates as the tracks say: detections over what could be detected, and those of nobody."""
+    track = label[nodes.node]
+    used = track >= 0
+    looks = np.array([max(int(view.looked.sum()), 1) for view in views])
+    nobody = np.bincount(points.sensor[~used], minlength=len(views)) / looks
+    key, moments = expected.moment * (label.max(initial=0) + 1) + expected.track, points.moment
+    order = np.argsort(key)
+    at = np.searchsorted(key[order], moments[used] * (label.max(initial=0) + 1) + track[used])
+    hit = np.zeros((len(key), len(views)), dtype=np.bool_)
+    known = (at < len(key)) & (
+        key[order][np.minimum(at, len(key) - 1)] == moments[used] * (label.max(initial=0) + 1) + track[used]
+    )
+    hit[order[at[known]], points.sensor[used][known]] = True
+    return rates.learnt(shares(views, expected.moment, expected.states.mean[:, :2]), hit, nobody)

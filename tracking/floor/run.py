@@ -1,0 +1,285 @@
+"""People on one floor through several cameras: in one call, and by `tsuiseki track floor`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.cameras.camera_files import AnyCamera, CameraOverFloor, read_cameras
+from tsuiseki.tracking.cameras.multicamera import StandingPeople, is_floor_folder, read_floor_folder, read_standing
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.cli.options import Drawing, SeededOutput
+from tsuiseki.tracking.cli.run import Run, count
+from tsuiseki.tracking.errors import RequestError, a_path
+from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer, as_detector
+from tsuiseki.tracking.fisheye.unrolled import looking
+from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, measured_floor
+from tsuiseki.tracking.floor.page import floor_files
+from tsuiseki.tracking.floor.settings import OneFloorSettings
+from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
+from tsuiseki.tracking.formats.floor_positions import read_floor_positions
+from tsuiseki.tracking.formats.mot import read_detections
+from tsuiseki.tracking.formats.sensed_points import is_point_file
+from tsuiseki.tracking.people.inputs import PeopleInputs
+from tsuiseki.tracking.people.settings import NONE, Detecting
+from tsuiseki.tracking.report.overlay import Overlay
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.sphere.settings import FrameTimes
+from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, Track
+from tsuiseki.tracking.types.measurements import PersonOnFloor
+from tsuiseki.tracking.video.source import Source, SourceLike, address_of, named, open_source
+from tsuiseki.tracking.weights import shipped
+
+SETTINGS, TIMES, DETECTING = OneFloorSettings(), FrameTimes(), Detecting()
+NO_SOURCES: list[str] = []
+Watch = Callable[[Iterable[Any], str, int | None], Iterable[Any]]
+
+
+@dataclass(frozen=True)
+class FloorRun:
+    """Sources, cameras and models, opened and checked.
+
+    Attributes:
+        placed: the cameras.
+        sources: one of each camera, or none where there are only detections.
+        given: what was found in each frame of each camera, where that is known.
+        detecting: what finds and describes people otherwise.
+        positions: files of other sensors.
+        settings: of the tracker.
+        times: of the frames.
+    """
+
+    placed: Sequence[CameraOverFloor]
+    sources: Sequence[Source]
+    given: Sequence[Sequence[StandingPeople]] | None
+    detecting: Detecting
+    positions: Sequence[Path]
+    settings: OneFloorSettings
+    times: FrameTimes
+
+    def measured(self, stages: StageTimes, watch: Watch | None = None) -> MeasuredFloor:
+        """Everything that cameras and sensors found, on the floor."""
+        found = self.given
+        if found is None:
+            found = [
+                self._found(one, placed, stages, watch) for one, placed in zip(self.sources, self.placed, strict=True)
+            ]
+        stamps = self._stamps([len(each) for each in found])
+        feeds = [CameraFeed(*one) for one in zip(self.placed, stamps, found, strict=True)]
+        positions = [read_floor_positions(path) for path in self.positions]
+        plan = self.settings.floor
+        floor = (
+            np.array(plan) if plan is not None else next((p.floor for p in self.placed if p.floor is not None), None)
+        )
+        with stages.measure("locate"):
+            return measured_floor(feeds, positions, floor, self.settings.noise, self.settings.tolerance)
+
+    def _stamps(self, lengths: Sequence[int]) -> list[FloatArray]:
+        if self.sources:
+            return [s[:n] for s, n in zip(self.times.of_videos(self.sources, self.placed), lengths, strict=True)]
+        return self.times.of_pixels([np.zeros((n, 2)) for n in lengths], self.placed)
+
+    def _found(
+        self, source: Source, placed: CameraOverFloor, stages: StageTimes, watch: Watch | None
+    ) -> list[StandingPeople]:
+        wanted = self.detecting
+        network = as_detector(wanted.detector or shipped("detector_people"), wanted.threshold, wanted.threads,
+                              device=wanted.device)  # fmt: skip
+        detect = network if isinstance(placed.camera, PinholeCamera) else looking(network, placed.camera, "unrolled")
+        describe = None
+        if str(wanted.appearance) != NONE:
+            describe = as_describer(
+                wanted.appearance or shipped("appearance_people"), wanted.threads, device=wanted.device
+            )
+        inputs = PeopleInputs(source, detect, describe, threads=wanted.threads)
+        rows = inputs.with_frames(_checked(source, placed.camera), stages)
+        seen = rows if watch is None else watch(rows, f"detecting in {placed.name}", source.length)
+        return [StandingPeople.of(found) for _, found in seen]
+
+    def result(
+        self, stages: StageTimes, made: Mapping[str, Any], watch: Watch | None = None
+    ) -> tuple[Result[PersonOnFloor], list[list[Track]]]:
+        """The people with the files that show them, and the same people in each camera."""
+        measured = self.measured(stages, watch)
+        with stages.measure("associate"):
+            people = flow_on_one_floor(measured, self.settings.flow)
+        steps = np.diff(measured.times)
+        facts = {
+            "people": len(people), "moments": len(measured.moments),
+            "detections": {n: int((measured.points.sensor == k).sum()) for k, n in enumerate(measured.names)},
+            "outside_floor": measured.outside, "floor": measured.floor.tolist(),
+        }  # fmt: skip
+        tracks = [tracks_in(measured, people, k) for k in range(len(self.placed))]
+        result = Result(
+            people,
+            address_of(self.sources[0]) if self.sources else "",
+            float(1.0 / np.median(steps)) if len(steps) else 0.0,
+            settings=made,
+            facts=facts,
+            seconds=stages.seconds,
+            frames={"frame": list(range(len(measured.moments))), "time": measured.times.round(6).tolist(),
+                    "frame_of_each_video": [list(m.frames) for m in measured.moments]},
+            files=floor_files(measured, people, tracks, stages.seconds, made),
+        )  # fmt: skip
+        return result, tracks
+
+
+def _draw(
+    run: Run, drawing: Drawing, opened: FloorRun, result: Result[PersonOnFloor], tracks: Sequence[Sequence[Track]]
+) -> None:
+    """An overlay of each camera, one colour a person, where that is wanted."""
+    if not drawing.overlay:
+        return
+    for video, placed, own in zip(opened.sources, opened.placed, tracks, strict=True):
+        rate = placed.frame_rate or video.frame_rate
+        painted = replace(result, painter=Overlay(own, rate).draw, frame_rate=rate)
+        drawing.draw(run, video, painted, placed.name)
+
+
+def _checked(source: Source, camera: AnyCamera) -> Iterable[Frame]:
+    """The frames, each of the size that its camera has."""
+    for frame in source.frames():
+        height, width = frame.image.shape[:2]
+        if (width, height) != (camera.width, camera.height):
+            raise RequestError(
+                f"{source.name}: expected {camera.width}x{camera.height} pixels as in the camera file, got "
+                f"{width}x{height}"
+            )
+        yield frame
+
+
+def open_floor(
+    sources: Sequence[SourceLike],
+    cameras: str | Path | None,
+    detections: Sequence[str | Path] | None,
+    positions: Sequence[str | Path],
+    detecting: Detecting = DETECTING,
+    settings: OneFloorSettings = SETTINGS,
+    times: FrameTimes = TIMES,
+) -> FloorRun:
+    """Everything opened and checked; see `track_floor`.
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+    """
+    files = [Path(path) for path in positions]
+    folder = sources[0] if len(sources) == 1 and cameras is None else None
+    if isinstance(folder, str | Path) and is_floor_folder(Path(folder)):
+        known = read_floor_folder(Path(folder))
+        return FloorRun(known.cameras, [], known.found, detecting, files, settings, times)
+    if cameras is None:
+        if not files or sources or detections:
+            raise RequestError("`cameras`: expected cameras.yaml with the videos or detections, got none")
+        return FloorRun([], [], [], detecting, files, settings, times)
+    placed = read_cameras(a_path(cameras, "cameras"))
+    number = len(sources) if sources else len(detections or ())
+    if number != len(placed):
+        raise RequestError(
+            f"expected one source for each camera, got {number} and {len(placed)} cameras in {cameras}; give them in "
+            "the order of its entries"
+        )
+    opened = [open_source(one) for one in sources]
+    if live := [one.name for one in opened if one.live]:
+        raise RequestError(f"expected videos that end, got {live[0]}, which is live; record it")
+    if detections is None:
+        if blind := [one.name for one in opened if not one.has_images]:
+            raise RequestError(f"{blind[0]} has no images to find people in; give `detections`")
+        return FloorRun(placed, opened, None, detecting, files, settings, times)
+    if len(detections) != len(placed):
+        raise RequestError(f"`detections`: expected {len(placed)} files, one a camera, got {len(detections)}")
+    lengths = [one.length for one in opened] or [None] * len(placed)
+    given = [_read(Path(path), length) for path, length in zip(detections, lengths, strict=True)]
+    if not opened:
+        longest = max(map(len, given))
+        empty = [StandingPeople.of(Detections.empty())]
+        given = [each + empty * (longest - len(each)) if each else each for each in given]
+    return FloorRun(placed, opened, given, detecting, files, settings, times)
+
+
+def _read(path: Path, length: int | None) -> list[StandingPeople]:
+    if is_point_file(path):
+        return read_standing(path, length)
+    found = [StandingPeople.of(each) for each in read_detections(path, length)]
+    return found + [StandingPeople.of(Detections.empty())] * ((length or 0) - len(found))
+
+
+def track_floor(
+    sources: Sequence[SourceLike] = (),
+    cameras: str | Path | None = None,
+    *,
+    detections: Sequence[str | Path] | None = None,
+    positions: Sequence[str | Path] = (),
+    detector: DetectorLike | None = None,
+    appearance: AppearanceLike | None = None,
+    settings: OneFloorSettings = SETTINGS,
+    times: FrameTimes = TIMES,
+    seed: int = 0,
+) -> Result[PersonOnFloor]:
+    """Everyone on one floor that several calibrated cameras see, each with one id in all of them.
+
+    Args:
+        sources: a video, folder or list of images of each camera, in their order; or one folder of WILDTRACK or Shelf.
+        cameras: ``cameras.yaml`` with pose and lens of each, projective or omnidirectional.
+        detections: of each camera, instead of a detector: MOTChallenge text, or the CSV of `cameras.multicamera`.
+        positions: files of other sensors, ``time,x,y`` and optionally ``sd,id``.
+        detector: an exported detector's file, a `Detector`, or a function; by default the shipped one.
+        appearance: an exported network's file, an `Appearance`, or a function; ``"none"`` does without.
+        settings: see `OneFloorSettings`.
+        times: of the frames, where cameras.yaml does not say.
+        seed: draws nothing; the method here is exact.
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+        RunError: a video breaks off.
+    """
+    wanted: Any = {"detector": detector, "appearance": appearance}
+    opened = open_floor(sources, cameras, detections, positions, replace(DETECTING, **wanted), settings, times)
+    made = {"source": [named(one) for one in sources], "seed": seed}
+    return opened.result(StageTimes(), made)[0]
+
+
+def floor(
+    source: list[str] = NO_SOURCES,
+    /,
+    *,
+    output: SeededOutput,
+    drawing: Drawing,
+    detecting: Detecting = DETECTING,
+    settings: OneFloorSettings = SETTINGS,
+    times: FrameTimes,
+    cameras: Path | None = None,
+    detections: list[Path] | None = None,
+    positions: list[Path] | None = None,
+) -> int:
+    """Track people on one floor through several calibrated cameras: one id each in all of them.
+
+    DIR gets world.csv (time, id, place, covariance, cameras that saw them), floor.png, dwell.png, report.html and
+    run.json, and in a folder for each camera tracks.txt and, with --overlay, overlay.webm.
+
+    Args:
+        source: a video or folder of images of each camera, in their order; or one folder of WILDTRACK or Shelf.
+        cameras: cameras.yaml with lens and pose of each camera; tsuiseki calibrate pose writes it.
+        detections: files of each camera, separated by commas, instead of a detector: MOTChallenge text, or a CSV with
+            frame,x1,y1,x2,y2 and optionally score,ankle_u,ankle_v.
+        positions: of other sensors, a CSV with time,x,y and optionally sd,id; an id is certain.
+        seed: of random numbers; kept in run.json, for nothing here draws any.
+    """
+    opened = open_floor(source, cameras, detections, positions or [], detecting, settings, times)
+    if drawing.overlay and not all(one.has_images for one in opened.sources):
+        raise RequestError("expected sources with images for `overlay`, got one without; leave it out")
+    with output.run() as run:
+        run.sources += opened.sources
+
+        def watch(rows: Iterable[Any], what: str, total: int | None) -> Iterable[Any]:
+            return run.steps(rows, what, total)
+
+        result, tracks = opened.result(run.times, output.settings, watch if opened.given is None else None)
+        run.save(result, partial(_draw, run, drawing, opened, result, tracks))
+        run.done(f"{count(len(result), 'person', 'people')} on the floor: {output.out / 'world.csv'}")
+    return run.status

@@ -1,0 +1,173 @@
+"""How people walk on a floor: Kalman filters along tracks from either side, and what a link between two nodes costs.
+
+The state is (x, y) and its velocity, which changes at random (white acceleration of strength q):
+
+    P ← F P Fᵀ + q² [[|τ|³/3, τ|τ|/2], [τ|τ|/2, |τ|]] on each axis,    F = [[1, τ], [0, 1]].
+
+From behind, τ is negative. A link's likelihood is that of the future's state given the past's, over that of the
+velocity alone, so that two lone nodes are compared by their places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.filters.kalman import Gaussians, predict, update
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+PLACE = np.eye(2, 4)
+SURPRISE = 16.0
+
+
+@dataclass(frozen=True)
+class Walking:
+    """How people move.
+
+    Attributes:
+        speed: deviation of a velocity along each axis, m/s.
+        restless: strength q of the acceleration, m/s over the root of a second.
+        turns: share of links on which somebody turns at once, or a measurement is far off.
+        turning: deviation of the mean velocity then, along each axis, m/s.
+    """
+
+    speed: float = 0.9
+    restless: float = 0.4
+    turns: float = 0.03
+    turning: float = 2.0
+
+    def start(self, places: FloatArray, covariances: FloatArray) -> Gaussians:
+        """Nodes of unknown velocity."""
+        mean = np.zeros((len(places), 4))
+        mean[:, :2] = places
+        covariance = np.zeros((len(places), 4, 4))
+        covariance[:, :2, :2] = covariances
+        covariance[:, 2:, 2:] = self.speed**2 * np.eye(2)
+        return Gaussians(mean, covariance)
+
+    def moved(self, states: Gaussians, seconds: FloatArray) -> Gaussians:
+        """The states ``seconds`` ``(N,)`` later, or earlier where they are negative."""
+        transition = np.broadcast_to(np.eye(4), (len(seconds), 4, 4)).copy()
+        transition[:, 0, 2] = transition[:, 1, 3] = seconds
+        noise = np.zeros((len(seconds), 4, 4))
+        length, both = np.abs(seconds), seconds * np.abs(seconds) / 2
+        for axis in (0, 1):
+            noise[:, axis, axis], noise[:, axis + 2, axis + 2] = length**3 / 3, length
+            noise[:, axis, axis + 2] = noise[:, axis + 2, axis] = both
+        return predict(states, transition, self.restless**2 * noise)
+
+
+@dataclass(frozen=True)
+class Expectations:
+    """Where tracks are expected, by track and moment; from both sides where both are known.
+
+    Attributes:
+        track: ``(E,)``.
+        moment: ``(E,)`` in order.
+        states: E of them, without the node of that moment.
+    """
+
+    track: IntArray
+    moment: IntArray
+    states: Gaussians
+
+
+def filtered(
+    walking: Walking, times: FloatArray, table: IntArray, places: FloatArray, covariances: FloatArray, beyond: int
+) -> tuple[Gaussians, Expectations]:
+    """One pass along all tracks.
+
+    Args:
+        walking: the motion.
+        times: ``(T,)`` of the moments, rising or falling.
+        table: ``(K, T)`` node of each track at each moment, -1 for none.
+        places: ``(G, 2)`` of the nodes.
+        covariances: ``(G, 2, 2)``.
+        beyond: moments for which a track is expected after its last node.
+
+    Returns:
+        The state of each node's track there, nodes of no track as if alone; and where tracks are expected.
+    """
+    states = walking.start(places, covariances)
+    filled = table >= 0
+    count = table.shape[1]
+    first, last = filled.argmax(axis=1), count - 1 - filled[:, ::-1].argmax(axis=1)
+    live = np.full((len(table), 4), np.nan)
+    spread = np.full((len(table), 4, 4), np.nan)
+    kept: list[tuple[IntArray, int, FloatArray, FloatArray]] = []
+    for moment in range(count):
+        going = np.flatnonzero((first < moment) & (moment <= last + beyond))
+        if len(going):
+            seconds = np.full(len(going), times[moment] - times[moment - 1])
+            ahead = walking.moved(Gaussians(live[going], spread[going]), seconds)
+            live[going], spread[going] = ahead.mean, ahead.covariance
+            kept.append((going, moment, ahead.mean, ahead.covariance))
+            node = table[going, moment]
+            here = node >= 0
+            met, node = going[here], node[here]
+            if len(met):
+                prior = Gaussians(live[met], spread[met])
+                after, surprise = update(prior, places[node], PLACE, covariances[node])
+                solved = np.linalg.solve(surprise.covariance, surprise.residual[..., None])[..., 0]
+                # Who turned at once begins anew: the state stays that of the node alone.
+                calm = np.einsum("ni,ni->n", surprise.residual, solved) <= SURPRISE
+                states.mean[node[calm]], states.covariance[node[calm]] = after.mean[calm], after.covariance[calm]
+                live[met], spread[met] = states.mean[node], states.covariance[node]
+        new = np.flatnonzero(first == moment)
+        new = new[filled[new, moment]]
+        live[new], spread[new] = states.mean[table[new, moment]], states.covariance[table[new, moment]]
+    return states, _expectations(kept)
+
+
+def _expectations(kept: Sequence[tuple[IntArray, int, FloatArray, FloatArray]]) -> Expectations:
+    none = np.empty(0, dtype=np.int64)
+    return Expectations(
+        np.concatenate([none, *(track for track, *_ in kept)]),
+        np.concatenate([none, *(np.full(len(track), moment) for track, moment, *_ in kept)]),
+        Gaussians(
+            np.concatenate([np.empty((0, 4)), *(mean for *_, mean, _ in kept)]),
+            np.concatenate([np.empty((0, 4, 4)), *(covariance for *_, covariance in kept)]),
+        ),
+    )
+
+
+def from_both_sides(ahead: Expectations, behind: Expectations, walking: Walking, moments: int) -> Expectations:
+    """Two passes as one: the product of both states, over the prior of the velocity that both of them hold."""
+    key = [one.track * moments + one.moment for one in (ahead, behind)]
+    every = np.unique(np.concatenate(key))
+    information, vector = np.zeros((len(every), 4, 4)), np.zeros((len(every), 4))
+    times = np.zeros(len(every), dtype=np.int64)
+    for own, one in zip(key, (ahead, behind), strict=True):
+        at = np.searchsorted(every, own)
+        inverse = np.linalg.inv(one.states.covariance)
+        information[at] += inverse
+        vector[at] += np.einsum("nij,nj->ni", inverse, one.states.mean)
+        times[at] += 1
+    twice = times == 2
+    information[twice, 2, 2] -= walking.speed**-2
+    information[twice, 3, 3] -= walking.speed**-2
+    covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    mean = np.einsum("nij,nj->ni", covariance, vector)
+    order = np.lexsort([every // moments, every % moments])
+    every = every[order]
+    return Expectations(every // moments, every % moments, Gaussians(mean[order], covariance[order]))
+
+
+def link_likelihood(walking: Walking, past: Gaussians, future: Gaussians, seconds: FloatArray) -> FloatArray:
+    """``(P,)`` log density of going on from each state of the past to each of the future, a square metre."""
+    ahead = walking.moved(past, seconds)
+    together = _log_normal(future.mean - ahead.mean, future.covariance + ahead.covariance)
+    prior = np.broadcast_to(walking.speed**2 * np.eye(2), (len(seconds), 2, 2))
+    free = _log_normal(ahead.mean[:, 2:], ahead.covariance[:, 2:, 2:] + prior)
+    wide = (walking.turning * seconds) ** 2
+    anyhow = past.covariance[:, :2, :2] + future.covariance[:, :2, :2] + wide[:, None, None] * np.eye(2)
+    turned = _log_normal(future.mean[:, :2] - past.mean[:, :2], anyhow)
+    return np.asarray(np.logaddexp(np.log1p(-walking.turns) + together - free, np.log(walking.turns) + turned))
+
+
+def _log_normal(apart: FloatArray, covariance: FloatArray) -> FloatArray:
+    solved = np.linalg.solve(covariance, apart[..., None])[..., 0]
+    square = np.einsum("ni,ni->n", apart, solved)
+    return np.asarray(-0.5 * (apart.shape[1] * np.log(2 * np.pi) + np.linalg.slogdet(covariance)[1] + square))
