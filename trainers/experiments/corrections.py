@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from tsuiseki.tracking.association.marginals import marginals
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -220,7 +221,7 @@ def _rankings(flow: CorrectedFlow, ids: IntArray) -> dict[str, IntArray]:
     Margins and costs rank what may be an identity error, detections last; a margin counts less the longer the gap.
     """
     network, solved = flow.network, flow.flow
-    count, margins = solved.count, Questioner(network, solved, ids).found
+    count, margins = solved.count, marginals(solved, 6.0)
     owner = np.concatenate([np.tile(np.arange(count), 3), network.graph.tail])
     used: BoolArray = solved.used & (ids[owner] > 0)
     arcs = np.flatnonzero(used | (np.arange(len(used)) < count))
