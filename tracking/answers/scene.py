@@ -290,7 +290,7 @@ def _entries(content: dict[str, Any], name: str, where: str) -> list[Any]:
     entries = [] if entries is None else entries
     if not isinstance(entries, list) or len(entries) > MOST:
         raise RequestError(
-            f"{where}: {name}: expected up to {MOST} entries with - before each, got {str(entries)[:60]!r}"
+            f"{where}: {name}: expected a list of up to {MOST} entries (- each), got {str(entries)[:60]!r}"
         )
     return entries
 

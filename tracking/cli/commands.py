@@ -140,6 +140,7 @@ REPRODUCE = {
     "omnidirectional": (".fisheye:reproduce", "people under ceiling fisheye cameras"),
     "stereo-sphere": (".sphere:reproduce", "a ball in space from two cameras"),
     "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video, with peers"),
+    "one-floor": (".one_floor:reproduce", "people on one floor through several cameras, on WILDTRACK and Shelf"),
     "sphere-points": (".sphere_points:reproduce", "a thrown ball from its measured pixels"),
 }
 FIT = "fit a model to labelled video (all but body and motion need the train extra)"
@@ -159,6 +160,7 @@ COMMANDS: Tree = {
     "hide": Command("tracking.people.hiding:hide_people", "hide people in a video that was tracked"),
     "count": Command("tracking.answers.run:count", "who crosses lines and stays in zones, from a finished result"),
     "review": Command("tracking.review.run:review", "look through a result on a page in the browser, and correct it"),
+    "link": Command("tracking.linking.run:link_results", "the same ids in cameras that do not overlap"),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
     "batch": Group("a command on many videos, on all cores or on Ray", "tracking.batch", BATCH),
     "convert": Command("tracking.cli.convert:convert", "write a result into the file of another program"),

@@ -6,6 +6,7 @@ Python runs a signal's handler only between its own instructions. A thread of it
 from __future__ import annotations
 
 import os
+import select
 import shutil
 import signal
 import sys
@@ -19,7 +20,7 @@ from multiprocessing import active_children
 from tsuiseki.tracking.output import WORKING
 
 # Seconds from a signal to the end; where a call goes on although finished steps wait to be written; and for `brief`.
-SOON, KEEPING, BRIEF = 0.9, 10.0, 0.3
+SOON, KEEPING, BRIEF = 0.9, 10.0, 0.4
 
 
 class Deadline:
@@ -93,10 +94,15 @@ class Deadline:
                     _leave(heard[0])
             if asked > 1 or over.wait(BRIEF):
                 continue
-            if self.brief:
+            told = False
+            while not (self.brief or select.select([hears], [], [], 0.02)[0]):
+                if not told and time.monotonic() - begin > SOON:
+                    told = True
+                    _say("interrupted; what is finished is being written; once more ends at once")
+            while self.brief and not over.is_set():
+                # Again where it came while Python tidied up, which passes over it.
                 interrupt_main(signal.Signals(heard[0]))
-            elif not over.wait(SOON - BRIEF):
-                _say("interrupted; what is finished is being written; once more ends at once")
+                over.wait(BRIEF)
 
 
 def _leave(number: int) -> None:

@@ -237,7 +237,6 @@ class Run:
         """Make the file ``name`` of the result by ``write(path, *more)``; it is kept from then on."""
         part, whole = self.work / PARTS / name, self.work / name
         part.parent.mkdir(parents=True, exist_ok=True)
-        DEADLINE.brief = False
         try:
             write(part, *more)
         except BaseException:
@@ -264,7 +263,7 @@ class Run:
             draw: makes what the pages of the result show; called when all other files are written.
             folder: for the files, inside the output folder; by default that itself.
         """
-        self.columns = result.frames
+        DEADLINE.brief, self.columns = False, result.frames
         self.facts |= result.facts
         self.results[folder or "."] = result.known()
         for pages in (False, True):
@@ -273,6 +272,8 @@ class Run:
                     self.write(str(PurePath(folder, name)), write, self.work / folder)
             if not pages:
                 draw()
+                # Who interrupts waits for no page.
+                DEADLINE.brief = bool(self.asked) and not self._live
 
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Likewise, where the result is one without it, too; None where it was not made."""
@@ -302,6 +303,7 @@ class Run:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> bool:
+        DEADLINE.brief = False
         with ExitStack() as stack:
             stack.push(self._stack.pop_all().__exit__)
             if self._kept is not None and isinstance(error, (KeyboardInterrupt, *LATE)):

@@ -19,6 +19,7 @@ from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer, as_detector
 from tsuiseki.tracking.fisheye.unrolled import looking
 from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, measured_floor
+from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.page import floor_files
 from tsuiseki.tracking.floor.settings import OneFloorSettings
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
@@ -108,7 +109,10 @@ class FloorRun:
         """The people with the files that show them, and the same people in each camera."""
         measured = self.measured(stages, watch)
         with stages.measure("associate"):
-            people = flow_on_one_floor(measured, self.settings.flow)
+            if self.settings.method == "lmb":
+                people = people_online(measured, int(made.get("seed", 0)))
+            else:
+                people = flow_on_one_floor(measured, self.settings.flow)
         steps = np.diff(measured.times)
         facts = {
             "people": len(people), "moments": len(measured.moments),
@@ -232,7 +236,7 @@ def track_floor(
         appearance: an exported network's file, an `Appearance`, or a function; ``"none"`` does without.
         settings: see `OneFloorSettings`.
         times: of the frames, where cameras.yaml does not say.
-        seed: draws nothing; the method here is exact.
+        seed: of the particles of the method ``lmb``.
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
@@ -268,7 +272,7 @@ def floor(
         detections: files of each camera, separated by commas, instead of a detector: MOTChallenge text, or a CSV with
             frame,x1,y1,x2,y2 and optionally score,ankle_u,ankle_v.
         positions: of other sensors, a CSV with time,x,y and optionally sd,id; an id is certain.
-        seed: of random numbers; kept in run.json, for nothing here draws any.
+        seed: of the particles of --method lmb.
     """
     opened = open_floor(source, cameras, detections, positions or [], detecting, settings, times)
     if drawing.overlay and not all(one.has_images for one in opened.sources):

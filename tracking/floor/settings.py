@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.floor.floor_flow import FloorFlow
 from tsuiseki.tracking.floor.foot_points import FootNoise
 from tsuiseki.tracking.options import Shared
+
+OneFloorMethod = Literal["flow", "lmb"]
 
 
 @dataclass(frozen=True)
@@ -15,6 +18,7 @@ class OneFloorSettings(Shared):
     """How people are followed on one floor.
 
     Attributes:
+        method: flow links the whole video at the end; lmb decides at each moment, and knows nothing of certain ids.
         tolerance: frames of different cameras within so many seconds count as taken together; by default a quarter of
             the shortest time between frames.
         floor: X1,Y1,X2,Y2 of the plan, metres; by default that of cameras.yaml, or what the measurements span.
@@ -22,6 +26,7 @@ class OneFloorSettings(Shared):
         flow: settings of the flow.
     """
 
+    method: OneFloorMethod = "flow"
     tolerance: float | None = None
     floor: tuple[float, float, float, float] | None = None
     noise: FootNoise = field(default_factory=FootNoise)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hmac
+import importlib.util
 import os
 import secrets
 import threading
@@ -10,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, RunError
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.review.pictures import Pictures
@@ -30,12 +31,14 @@ def review(result: Path, /, video: Path | None = None) -> int:
         video: what was tracked in; by default what the result names. Without it boxes are on a plain background.
     """
     from tsuiseki.tracking.cli.deadline import DEADLINE
-    from tsuiseki.tracking.formats.track_tables import needed
     from tsuiseki.tracking.report.drawing import show_page
     from tsuiseki.tracking.review.session import Session
 
-    needed("starlette", "the page")
-    uvicorn = needed("uvicorn", "the page")
+    if missing := [name for name in ("av", "starlette", "uvicorn") if importlib.util.find_spec(name) is None]:
+        needs = " and ".join(missing)
+        raise RequestError(f"reviewing needs {needs}; install the extra: pip install 'tsuiseki[review]'")
+    import uvicorn
+
     from tsuiseki.tracking.review.reviewed import Reviewed
     from tsuiseki.tracking.review.server import HOST, application, listening
 
@@ -55,6 +58,7 @@ def review(result: Path, /, video: Path | None = None) -> int:
         with suppress(KeyboardInterrupt):
             while thread.is_alive():
                 thread.join(0.2)
+            raise RunError("the server of the page ended by itself; start the command again")
         server.should_exit = True
         thread.join(0.5)
         print(f"{session.progress().answered} answers: {result}")

@@ -21,6 +21,7 @@ from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.experiments.answers_streets import (
     Finding,
     TrueAnswers,
+    dithering_people,
     found_boxes,
     plan_boxes,
     scene_in,
@@ -113,8 +114,8 @@ def reproduce(
     Args:
         bench: where it works.
         data: folder that holds mot/mot17-val-half; without it only the streets are counted.
-        streets: number of generated streets, each with all true boxes, with those of who is
-            visible, and with those of a good and a poor detector.
+        streets: number of generated streets, each with all true boxes, with those of who is visible, and with those of
+            a good and a poor detector; and of lines on which people dither.
         frames: length of a street.
         peer: python of an environment with the packages supervision and trackers; by default this one, if it has them.
 
@@ -131,11 +132,15 @@ def reproduce(
             "on its ByteTrack, all corners": Way(environment, own_tracks=True, corners=True),
         }
     tables, values, notes = [], {}, []
+    seeds = [FIRST_SEED + number for number in range(streets)]
     for name, finding in FINDINGS.items():
-        units = [StreetUnit(FIRST_SEED + number, finding, frames) for number in range(streets)]
+        units = [StreetUnit(seed, finding, frames) for seed in seeds]
         found = Study(rows, units, measure_street, name).run(bench)
         tables.append(_table(found, f"{streets} streets, {name}"))
         values[name] = values_of(found)
+    found = Study(rows, seeds, measure_dithering, "dithering people").run(bench)
+    tables.append(_table(found, f"{streets} lines on which people dither"))
+    values["dithering"] = values_of(found)
     sequences = [one for some in find_sets(data, ["mot17"]).values() for one in some] if data.is_dir() else []
     if sequences:
         found = Study(rows, sequences, measure_labelled, "labelled video").run(bench)
@@ -190,6 +195,11 @@ def measure_street(way: Way, unit: StreetUnit) -> Counted:
     return _measured(way, _street(unit))
 
 
+def measure_dithering(way: Way, seed: int) -> Counted:
+    """The answers on people who go to and fro on a line, by their true tracks."""
+    return _measured(way, _dithering(seed))
+
+
 def measure_labelled(way: Way, given: GivenSequence) -> Counted:
     """The answers on labelled video, from its given detections."""
     return _measured(way, _labelled(given))
@@ -203,6 +213,15 @@ def _street(unit: StreetUnit) -> _Case:
     truth = true_answers(street.tracks, scene, street.length, rate)
     detections = found_boxes(street, unit.finding, unit.seed)
     return _Case(detections, _tracked(detections, scene, rate), scene, truth, rate)
+
+
+@lru_cache(maxsize=1)
+def _dithering(seed: int) -> _Case:
+    size, rate = (640, 480), 25.0
+    tracks, scene = dithering_people(seed, size), scene_in(size)
+    length = len(tracks[0])
+    detections = [Detections(np.array([t.boxes[k] for t in tracks]), np.ones(len(tracks))) for k in range(length)]
+    return _Case(detections, tracks, scene, true_answers(tracks, scene, length, rate), rate)
 
 
 @lru_cache(maxsize=1)

@@ -150,6 +150,27 @@ DITHER = 0.2
 """Heights from a line within which going to and fro is no crossing."""
 
 
+def dithering_people(seed: int, size: tuple[int, int] = (640, 480), people: int = 20, frames: int = 600) -> list[Track]:
+    """People who come up to the line ``level`` of `scene_in`, go to and fro on it for most of the time, and go on.
+
+    Every other one turns back. What they sway and what a detector errs stays within `DITHER` of the line.
+    """
+    rng, height, line = np.random.default_rng([seed, 11]), 80.0, 0.65 * size[1]
+    come, rest = 60, frames - 120
+    tracks = []
+    for number in range(people):
+        sway = 0.6 * DITHER * height * np.sin(np.arange(rest) / rng.uniform(5, 25) + rng.uniform(0, 6))
+        sway += np.clip(rng.normal(0, 0.1 * DITHER * height, rest), -0.3 * DITHER * height, 0.3 * DITHER * height)
+        away = 90.0 if number % 2 else -90.0
+        y = line + np.concatenate([np.linspace(-90, 0, come), sway, np.linspace(0, away, come)])
+        x = (0.08 + 0.84 * (number + 0.5) / people) * size[0] + np.zeros(frames)
+        half = 0.15 * height
+        tracks.append(
+            Track(number + 1, np.arange(frames), np.column_stack([x - half, y - height, x + half, y]), np.ones(frames))
+        )
+    return tracks
+
+
 def true_answers(tracks: list[Track], scene: Scene, length: int, frame_rate: float) -> TrueAnswers:
     """The answers by true boxes, one step after the other."""
     counts = {line.name: dict.fromkeys(line.directions, 0) for line in scene.lines}

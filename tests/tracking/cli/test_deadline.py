@@ -18,10 +18,12 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.answers.page import TrackedPage
+from tsuiseki.tracking.cli import deadline, main
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.onnx import CALLS
 from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.types import ImageArray, Track
 from tsuiseki.tracking.video import image_folder
 
@@ -112,7 +114,7 @@ def test_a_signal_drops_the_networks_under_way_and_keeps_what_is_finished(
     shutil.copy(inputs.detector, detector)
     # Of the batches of frames 0-3, 4-7 and 8-11 the last.
     make_endless(detector, 60 + 5 * 8.5)
-    begin = list[float]()
+    begin, started = list[float](), list[bool]()
 
     def stop() -> None:
         begin.append(time.monotonic())
@@ -121,11 +123,14 @@ def test_a_signal_drops_the_networks_under_way_and_keeps_what_is_finished(
     read = image_folder.read_image
 
     def reading(path: Path, *more: Any) -> ImageArray:
-        if path.stem == "000012":
+        if path.stem == "000012" and not started:
+            started.append(True)
             threading.Timer(1, stop).start()
         return read(path, *more)
 
     monkeypatch.setattr(image_folder, "read_image", reading)
+    # However busy the machine is.
+    monkeypatch.setattr(deadline, "BRIEF", 3.0)
     words = ["track", "people", str(inputs.images), "--detector", str(detector), "--view", "1", "--method", "sort"]
     out = tmp_path / "out"
     assert main([*words, "--threads", threads, "--out", str(out)]) == 128 + signal.SIGTERM
@@ -167,3 +172,29 @@ def test_detections_are_kept_where_linking_them_takes_long(
     begin.clear()
     assert main([*words, *given, "--out", str(tmp_path / "three")]) == 128 + number
     assert not (tmp_path / "three").exists()
+
+
+def test_who_interrupts_waits_for_no_page(inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begin = list[float]()
+
+    def page(*_: Any) -> str:
+        while time.monotonic() < begin[0] + 30:
+            time.sleep(0.01)
+        return ""
+
+    def tracks(self: Sort) -> list[Track]:
+        begin.append(time.monotonic())
+        os.kill(os.getpid(), signal.SIGTERM)
+        return found(self)
+
+    found = Sort.tracks
+    monkeypatch.setattr(Sort, "tracks", tracks)
+    monkeypatch.setattr(TrackedPage, "html", page)
+    words = ["track", "people", str(inputs.images), "--method", "sort", "--detector", str(inputs.detector)]
+    assert main([*words, "--view", "1", "--out", str(tmp_path / "out")]) == 128 + signal.SIGTERM
+    # A second where the machine has nothing else to do.
+    assert time.monotonic() - begin[0] < 4
+    record = json.loads((tmp_path / "out/run.json").read_text())
+    assert record["partial"] is True
+    assert "tracks.txt" in record["files"]
+    assert "report.html" not in record["files"]

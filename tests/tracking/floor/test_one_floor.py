@@ -15,6 +15,7 @@ from tsuiseki.tracking.floor.floor_flow import FloorFlow
 from tsuiseki.tracking.floor.foot_points import FootNoise, expected_boxes, on_floor
 from tsuiseki.tracking.floor.grouping import Expected, MomentPoints, group
 from tsuiseki.tracking.floor.measured_floor import measured_floor
+from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.run import track_floor
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
 from tsuiseki.tracking.formats.floor_positions import read_floor_positions
@@ -257,3 +258,9 @@ def test_shelf_keypoints_stay_with_both_people(data_folder):
             nearest.append((away.min(), found.ids[here][away.argmin()]))
         assert np.mean([away < 0.3 for away, _ in nearest]) >= 0.95
         assert len({number for _, number in nearest}) == 1
+
+
+def test_the_filter_follows_them_as_they_come():
+    world = make_world(0, people=3)
+    people = people_online(measured(world))
+    assert evaluate_on_floor(world.truth, as_truth(people)).recall > 0.8

@@ -219,3 +219,9 @@ def test_another_video_is_refused(reviewable, tmp_path, capsys, what):
     error = capsys.readouterr().err
     assert len(error.splitlines()) == 1
     assert {"missing": "found no", "small": "32x24", "short": "71"}[what] in error
+
+
+def test_the_extra_is_named_where_it_is_missing(reviewable, capsys, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    assert main(["review", str(reviewable)]) == 2
+    assert "av and starlette and uvicorn; install the extra" in capsys.readouterr().err

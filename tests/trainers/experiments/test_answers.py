@@ -18,6 +18,8 @@ def test_a_street_is_counted_and_told(tmp_path, capsys):
     assert "passed over" in told
     values = json.loads((tmp_path / "out/results.json").read_text())
     assert values["all boxes"][0]["runs"][0]["errors"] == [0, 0, 0, 0]
+    (dithering,) = values["dithering"][0]["runs"]
+    assert (dithering["errors"], dithering["true"]) == ([0, 0, 0, 0], [0, 0, 10, 0])
 
 
 def test_the_truth_in_closed_form():
