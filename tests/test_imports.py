@@ -29,7 +29,7 @@ LAYERS = ("errors", "weights", "types", "geometry", "output", "options", "proces
           "preprocessing", "interchange", "formats", "video", "stages", "cameras", "features", "filters",
           "association", "evaluation", "report", "result", "cli", "arguments", "review", "answers",
           "single", "people", "drone", "fisheye", "animals",
-          "bodies", "points", "sphere", "floor", "batch", "calibrate", "demo", "front")  # fmt: skip
+          "bodies", "points", "sphere", "floor", "linking", "batch", "calibrate", "demo", "front")  # fmt: skip
 TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (
     "labelled_images", "identity_crops", "action_crops", "footage", "generated_pictures")))  # fmt: skip
 

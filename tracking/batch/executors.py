@@ -58,19 +58,24 @@ class _Worker:
 
 
 def _work(pipe: Connection) -> None:
-    import cv2
-
     # The terminal's interrupt is for the one who hands out the tasks.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    cv2.setNumThreads(1)
+    quiet_opencv()
     try:
         while (task := pipe.recv()) is not None:
             pipe.send(do(task))
     except (EOFError, OSError):
         return
+
+
+def quiet_opencv() -> None:
+    """One thread for OpenCV, and none of its own lines."""
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    import cv2
+
+    cv2.setNumThreads(1)
 
 
 def _end_with_parent() -> None:

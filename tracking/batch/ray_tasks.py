@@ -13,7 +13,7 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from typing import Any
 
-from tsuiseki.tracking.batch.executors import LOST, THREADS
+from tsuiseki.tracking.batch.executors import LOST, THREADS, quiet_opencv
 from tsuiseki.tracking.batch.tasks import Outcome, Task, do
 from tsuiseki.tracking.errors import RequestError, RunError
 
@@ -68,7 +68,7 @@ class RayTasks:
         if self._asked(self._ray.cluster_resources).get("GPU", 0.0) < gpus:
             self.close()
             raise RequestError(f"`gpus`: expected {gpus:g} of a GPU, but no machine of this Ray has one")
-        self._remote: Any = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=0, retry_exceptions=False)(do)
+        self._remote: Any = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=0, retry_exceptions=False)(_do)
 
     def free(self) -> bool:
         """See `Executor.free`."""
@@ -116,6 +116,11 @@ class RayTasks:
             raise RunError(
                 f"Ray does not answer any more ({_first_line(error)}); give the same command again: it goes on"
             ) from error
+
+
+def _do(task: Task) -> Outcome:
+    quiet_opencv()
+    return do(task)
 
 
 class _Muted:

@@ -20,7 +20,7 @@ from tsuiseki.tracking.cameras.people_views import CELL, LENS, NUMBERS, PeopleVi
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, IntArray
 
-FEWEST_PEOPLE, FEWEST_BOXES, MOST_PEOPLE = 3, 20, 60
+FEWEST_PEOPLE, FEWEST_BOXES, MOST_PEOPLE = 2, 20, 60
 # Ratio of a person's heights in the picture from near to far that tells the horizon.
 DEPTH = 1.15
 WALK = 4.0

@@ -160,6 +160,7 @@ COMMANDS: Tree = {
     "hide": Command("tracking.people.hiding:hide_people", "hide people in a video that was tracked"),
     "count": Command("tracking.answers.run:count", "who crosses lines and stays in zones, from a finished result"),
     "review": Command("tracking.review.run:review", "look through a result on a page in the browser, and correct it"),
+    "link": Command("tracking.linking.run:link_results", "the same ids in cameras that do not overlap"),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
     "batch": Group("a command on many videos, on all cores or on Ray", "tracking.batch", BATCH),
     "convert": Command("tracking.cli.convert:convert", "write a result into the file of another program"),

@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.formats.mot import read_tracks as read_tracks
     from tsuiseki.tracking.formats.mot import write_tracks as write_tracks
     from tsuiseki.tracking.interchange import as_detections as as_detections
+    from tsuiseki.tracking.linking.run import Linked as Linked
+    from tsuiseki.tracking.linking.run import link as link
     from tsuiseki.tracking.people.bytetrack import ByteTrack as ByteTrack
     from tsuiseki.tracking.people.bytetrack import ByteTrackSettings as ByteTrackSettings
     from tsuiseki.tracking.people.deepsort import DeepSort as DeepSort

@@ -41,7 +41,7 @@ def test_ray_gives_the_same_and_a_killed_worker_costs_a_stretch(
 ) -> None:
     driver = started(command(videos, networks, tmp_path / "o"))
     wait_for(lambda: (tmp_path / "o" / STATE / "journal.jsonl").exists() and count(tmp_path / "o", "begin"))
-    for worker in children(driver, "ray::do"):
+    for worker in children(driver, "ray::_do"):
         worker.kill()
     _, said = driver.communicate(timeout=120)
     assert (driver.returncode, said) == (0, "")

@@ -1,0 +1,134 @@
+"""The same people in two cameras that do not overlap."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tsuiseki
+from tests.tracking.answers.walkers import walker
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.linking.transits import MARGIN, Links, Passages, linked, people_of
+from tsuiseki.tracking.result import Result
+
+
+def street(seed: int, people: int = 40, every: float = 20.0, likeness: float = 0.6) -> tuple[Passages, np.ndarray]:
+    """Two cameras on one street, 15 s apart: three of four who leave one enter the other; and who each one is."""
+    rng, rows, time = np.random.default_rng(seed), [], 0.0
+
+    def seen() -> np.ndarray:
+        row = base + rng.normal(size=32) / np.sqrt(32) * np.sqrt(1 / likeness - 1)
+        return row / np.linalg.norm(row)
+
+    for person in range(people):
+        time += rng.exponential(every)
+        back = rng.random() < 0.4
+        left, right = (rng.normal([x, 0.6], 0.02) for x in (0.03, 0.97))
+        ends = (right, left) if back else (left, right)
+        base = rng.normal(size=32)
+        base /= np.linalg.norm(base)
+        out = time + rng.uniform(8, 14)
+        rows.append((int(back), time, out, *ends, seen(), person))
+        if rng.random() < 0.75:
+            again = out + 15 * np.exp(0.2 * rng.normal())
+            rows.append((1 - int(back), again, again + 10, *ends, seen(), person))
+    columns = [np.array(column) for column in zip(*(rows[k] for k in rng.permutation(len(rows))), strict=True)]
+    return Passages(*columns[:6]), columns[6]
+
+
+def scored(links: Links, who: np.ndarray) -> tuple[float, float]:
+    """Precision and recall of the sure joins."""
+    right, sure = who[links.earlier] == who[links.later], links.margins >= MARGIN
+    return (right & sure).sum() / sure.sum(), (right & sure).sum() / (len(who) - len(set(who)))
+
+
+def test_appearance_and_times_find_people_again():
+    scores = np.mean([scored(linked(street(seed, every=6)[0]), street(seed, every=6)[1]) for seed in range(4)], axis=0)
+    assert scores[0] > 0.97
+    assert scores[1] > 0.95
+
+
+def test_times_alone_find_those_whom_nobody_else_follows():
+    scores = []
+    for seed in range(4):
+        passages, who = street(seed)
+        scores.append(scored(linked(replace(passages, features=np.zeros((len(who), 1)))), who))
+    assert np.mean(scores, axis=0)[0] > 0.97
+    assert np.mean(scores, axis=0)[1] > 0.6
+
+
+def test_twins_at_one_time_are_unsure():
+    """Two leave together and two enter together, all alike: either way is as likely."""
+    begin = np.cumsum([0, 61, 97, 45, 130, 70, 0.0])
+    times = np.concatenate([begin, begin + 20])
+    ends = np.repeat([[0.9, 0.5], [0.1, 0.5]], 7, axis=0)
+    links = linked(Passages(np.repeat([0, 1], 7), times, times + 10, ends, ends, np.zeros((14, 1))))
+    twins = links.earlier >= 5
+    assert twins.sum() == 2
+    assert np.allclose(links.margins[twins], 0, atol=1e-4)
+    assert (links.margins[~twins] > MARGIN).all()
+
+
+def test_the_margin_is_what_the_best_solution_without_the_link_costs_more():
+    passages, _ = street(0, people=6, every=60)
+    links = linked(passages)
+    assert len(links.earlier) > 1
+    assert (links.margins > 0).all()
+
+
+def test_joined_tracks_have_one_id():
+    links = Links(np.array([0, 2]), np.array([2, 3]), np.zeros(2), np.ones(2), np.zeros(2))
+    assert people_of(5, links, [True, True]).tolist() == [1, 2, 1, 1, 3]
+    assert people_of(5, links, [True, False]).tolist() == [1, 2, 1, 3, 4]
+
+
+def results() -> list[Result]:
+    """One walks out of the first view and, 5 s later, into the second; both views run at 10 frames a second."""
+    first, second = [], []
+    for k, begin in enumerate((0, 310, 790, 1290, 1610, 2350)):
+        feet = np.column_stack([np.linspace(20, 180, 50), np.full(50, 90)])
+        first.append(walker(feet, k + 1, np.arange(begin, begin + 50)))
+        second.append(walker(feet, k + 7, np.arange(begin + 100 + k, begin + 150 + k)))
+    return [Result(tracks, "", 10.0, (200, 100)) for tracks in (first, second)]
+
+
+def test_results_get_common_ids_and_the_command_writes_them(tmp_path, capsys):
+    found = tsuiseki.link(results(), appearance="none")
+    assert [track.id for track in found.results[0]] == [track.id for track in found.results[1]] == [1, 2, 3, 4, 5, 6]
+    assert found.joins[0][:6] == (1, "1_images", 1, "2_images", 7, pytest.approx(5.1))
+    for k, result in enumerate(results()):
+        result.save(tmp_path / f"view{k}")
+    words = ["link", str(tmp_path / "view0"), str(tmp_path / "view1"), "--out", str(tmp_path / "out")]
+    assert main([*words, "--appearance", "none"]) == 0
+    assert "6 people, 6 joins, " in capsys.readouterr().out
+    assert len(tsuiseki.read_tracks(tmp_path / "out" / "view1" / "tracks.txt")) == 6
+    assert len(list(csv.reader((tmp_path / "out" / "joins.csv").open()))) == 7
+    assert (tmp_path / "out" / "unsure.csv").read_text().startswith("id,result")
+
+
+def test_files_that_follow_begin_when_they_are_said_to():
+    first, second = results()
+    later = replace(second, tracks=[replace(t, frames=t.frames - 90) for t in second.tracks[:1]])
+    found = tsuiseki.link([replace(first, tracks=first.tracks[:1]), later], starts=[0, 10], appearance="none")
+    rows = [*found.joins, *found.unsure]
+    assert rows[0][5] == pytest.approx(11 - 4.9)
+
+
+def test_bad_input_is_refused_in_a_line():
+    first, second = results()
+    with pytest.raises(RequestError, match="two results or more"):
+        tsuiseki.link([first])
+    with pytest.raises(RequestError, match="the same tracks in 1_images and 2_images"):
+        tsuiseki.link([first, first])
+    with pytest.raises(RequestError, match="tracks of people with boxes, got none"):
+        tsuiseki.link([first, replace(second, tracks=[])])
+    with pytest.raises(RequestError, match="`starts`: expected 2 numbers"):
+        tsuiseki.link([first, second], starts=[0.0])
+    with pytest.raises(RequestError, match="frames a second"):
+        tsuiseki.link([first, replace(second, frame_rate=0.0)], appearance="none")
+    with pytest.warns(InputWarning, match="linked by times alone"):
+        tsuiseki.link([first, second])

@@ -1,0 +1,227 @@
+"""`tsuiseki link`: results of cameras that do not overlap, or of files that follow each other, with common ids."""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from tsuiseki.tracking.cli.options import Output
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer, open_appearance
+from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.linking.transits import MARGIN, Links, Passages, linked, people_of
+from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, tracked
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.types import FloatArray, Track
+from tsuiseki.tracking.video.source import open_source
+
+SHIPPED, NONE = "people", "none"
+# Pictures of a track that are described, and tracks of a view from which its mean appearance is taken off.
+PICTURES, FEW = 6, 5
+COLUMNS = ("id", "result", "track", "next_result", "next_track", "seconds", "likeness", "margin")
+Linkable: TypeAlias = str | Path | Result[Track]
+
+
+@dataclass(frozen=True)
+class Linked:
+    """Results whose ids are common.
+
+    Attributes:
+        results: in the order that they were given, with new ids; the same id is the same person.
+        names: of the results.
+        joins: rows as of `COLUMNS`: the new id, both results and tracks as they were, seconds in between, cosine of
+            the appearance, and the margin: the natural logarithm of how much likelier all is with the join.
+        unsure: likewise, of the joins that were not made; their id is that of the earlier track.
+    """
+
+    results: Sequence[Result[Track]]
+    names: Sequence[str]
+    joins: Sequence[tuple[Any, ...]]
+    unsure: Sequence[tuple[Any, ...]]
+
+
+def link(
+    results: Sequence[Linkable],
+    starts: Sequence[float] | None = None,
+    appearance: AppearanceLike | None = None,
+    margin: float = MARGIN,
+) -> Linked:
+    """Give the same id to the same person in several results.
+
+    Args:
+        results: see `people.tracked.tracked`: of cameras that do not overlap, or of files that follow each other.
+        starts: seconds at which each begins, by one clock; by default all at once.
+        appearance: as of `track_people`; by default the shipped network, where the videos are there; ``"none"`` goes
+            by times and places alone.
+        margin: least margin of a join that is made, natural logarithm; log 9 means nine to one.
+
+    Raises:
+        RequestError: there are fewer than two results, two are the same, one has no tracks, or see `tracked`.
+    """
+    if len(results) < 2:
+        raise RequestError(f"expected two results or more to link, got {len(results)}")
+    if starts is not None and len(starts) != len(results):
+        raise RequestError(f"`starts`: expected {len(results)} numbers, one a result, got {len(starts)}")
+    loaded = [tracked(result) for result in results]
+    names = [name_of(result) for result in results]
+    if len({*names}) < len(names):
+        names = [f"{k + 1}_{name}" for k, name in enumerate(names)]
+    _refuse_twice(names, loaded)
+    passages = _passages(names, loaded, starts or [0.0] * len(loaded), _describer(appearance))
+    return _joined(names, loaded, passages, linked(passages), margin)
+
+
+def _refuse_twice(names: Sequence[str], results: Sequence[Result[Track]]) -> None:
+    for (first, one), (second, other) in combinations(zip(names, results, strict=True), 2):
+        a, b = boxes_of(one), boxes_of(other)
+        same = len(a) == len(b) and all(map(_equal, a, b))
+        if same:
+            raise RequestError(f"expected different results, got the same tracks in {first} and {second}")
+
+
+def _equal(one: Track, other: Track) -> bool:
+    return np.array_equal(one.frames, other.frames) and np.array_equal(one.boxes, other.boxes)
+
+
+def _describer(appearance: AppearanceLike | None) -> Describe | None:
+    if isinstance(appearance, str | Path) and str(appearance) == NONE:
+        return None
+    return open_appearance(SHIPPED) if appearance is None else as_describer(appearance)
+
+
+def _passages(
+    names: Sequence[str], results: Sequence[Result[Track]], starts: Sequence[float], describer: Describe | None
+) -> Passages:
+    """All tracks of all results, one after the other."""
+    views, times, ends, features = [], [], [], []
+    for k, (name, result, start) in enumerate(zip(names, results, starts, strict=True)):
+        tracks, rate = boxes_of(result), result.frame_rate
+        if not rate:
+            raise RequestError(f"{name}: expected its frames a second, which the result does not say; track it again")
+        seconds = frame_times(result, rate) + start
+        corners = np.concatenate([track.boxes[:, 2:] for track in tracks])
+        size = np.array(result.size or corners.max(axis=0))
+        views += [k] * len(tracks)
+        times += [(seconds[track.frames[0]], seconds[track.frames[-1]]) for track in tracks]
+        feet = [np.column_stack([track.boxes[:, ::2].mean(axis=1), track.boxes[:, 3]]) / size for track in tracks]
+        ends += [(foot[0], foot[-1]) for foot in feet]
+        features.append(_features(name, result, tracks, describer))
+    width = max((rows.shape[1] for rows in features if rows.any()), default=1)
+    same = [rows if rows.shape[1] == width else np.zeros((len(rows), width)) for rows in features]
+    clock, places = np.array(times), np.array(ends)
+    return Passages(np.array(views), clock[:, 0], clock[:, 1], places[:, 0], places[:, 1], np.concatenate(same))
+
+
+def _features(name: str, result: Result[Track], tracks: Sequence[Track], describer: Describe | None) -> FloatArray:
+    """``(N, D)`` mean appearance of each track, of unit length, without what all in the view have in common."""
+    if describer is None:
+        return np.zeros((len(tracks), 1))
+    source = open_source(result.source) if result.source and Path(result.source).exists() else None
+    if source is None or not source.has_images:
+        warnings.warn(
+            f"{name}: its video is not there; its people are linked by times alone", InputWarning, stacklevel=4
+        )
+        return np.zeros((len(tracks), 1))
+    wanted: dict[int, list[tuple[int, FloatArray]]] = {}
+    for number, track in enumerate(tracks):
+        rows = np.flatnonzero(track.observed)
+        for row in rows[np.unique(np.linspace(0, len(rows) - 1, PICTURES + 2).round().astype(int)[1:-1])]:
+            wanted.setdefault(int(track.frames[row]), []).append((number, track.boxes[row]))
+    sums: FloatArray | None = None
+    for frame in source.frames():
+        here = wanted.pop(frame.index, None)
+        if here:
+            rows = describer.describe(frame.image, np.array([box for _, box in here]))
+            sums = np.zeros((len(tracks), rows.shape[1])) if sums is None else sums
+            np.add.at(sums, [number for number, _ in here], rows)
+        if not wanted:
+            break
+    return np.zeros((len(tracks), 1)) if sums is None else _centred(sums)
+
+
+def _centred(features: FloatArray) -> FloatArray:
+    length = np.linalg.norm(features, axis=1, keepdims=True)
+    known, unit = length > 0, features / np.maximum(length, 1e-9)
+    if known.sum() >= FEW:
+        unit = np.where(known, unit - unit[known[:, 0]].mean(axis=0), 0)
+    return np.asarray(unit / np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-9))
+
+
+def _joined(
+    names: Sequence[str], results: Sequence[Result[Track]], passages: Passages, links: Links, margin: float
+) -> Linked:
+    sure = links.margins >= margin
+    ids = people_of(len(passages.view), links, sure.tolist())
+    tracks = [track for result in results for track in boxes_of(result)]
+    rows: dict[bool, list[tuple[Any, ...]]] = {True: [], False: []}
+    for k in np.lexsort([links.later, links.earlier]):
+        i, j = int(links.earlier[k]), int(links.later[k])
+        told = (float(round(part[k], 4)) for part in (links.seconds, links.likeness, links.margins))
+        ends = names[passages.view[i]], tracks[i].id, names[passages.view[j]], tracks[j].id
+        rows[bool(sure[k])].append((int(ids[i]), *ends, *told))
+    begin, found = 0, []
+    for result in results:
+        own = boxes_of(result)
+        numbered = zip(own, ids[begin : begin + len(own)].tolist(), strict=True)
+        found.append(replace(result, tracks=_merged(numbered), files={}, painter=None, points=None))
+        begin += len(own)
+    return Linked(found, names, rows[True], rows[False])
+
+
+def _merged(numbered: Any) -> list[Track]:
+    """Tracks by their ids; a person who comes back to a view has one track there."""
+    by_id: dict[int, list[Track]] = {}
+    for track, number in numbered:
+        by_id.setdefault(number, []).append(track)
+    merged = []
+    for number, parts in sorted(by_id.items()):
+        columns = [np.concatenate([getattr(part, name) for part in parts]) for name in
+                   ("frames", "boxes", "scores", "observed", "origin")]  # fmt: skip
+        frames, first = np.unique(columns[0], return_index=True)
+        merged.append(Track(number, frames, *(column[first] for column in columns[1:]), names=parts[0].names))
+    return merged
+
+
+def link_results(
+    results: list[str],
+    /,
+    output: Output,
+    starts: list[float] | None = None,
+    appearance: str | None = None,
+    margin: float = MARGIN,
+) -> int:
+    """Give the same id to the same person in results of cameras that do not overlap, or of files that follow.
+
+    DIR gets a folder with tracks.txt for each result, joins.csv, and unsure.csv with joins that were not made.
+
+    Args:
+        results: folders of results of track people, files of tracks, or videos, which are tracked first.
+        starts: seconds at which each begins, by one clock, separated by commas; by default all at once.
+        appearance: exported network that describes people; none goes by times and places alone.
+        margin: least margin of a join that is made, natural logarithm: 2.2 is nine to one.
+    """
+    with output.run() as run:
+        with run.times.measure("link"):
+            found = link(results, starts, appearance, margin)
+        for name, result in zip(found.names, found.results, strict=True):
+            run.write(f"{name}/tracks.txt", write_tracks, result.tracks)
+            run.results[name] = result.known()
+        for name, rows in (("joins.csv", found.joins), ("unsure.csv", found.unsure)):
+            run.write(name, write_joins, rows)
+        people = len({track.id for result in found.results for track in result})
+        told = f"{people} people, {len(found.joins)} joins, {len(found.unsure)} unsure ones not made"
+        run.done(f"{told}: {output.out}")
+    return run.status
+
+
+def write_joins(path: Path, rows: Sequence[tuple[Any, ...]]) -> None:
+    """Write joins as CSV."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
