@@ -13,6 +13,7 @@ import json
 import os
 import re
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,6 +34,8 @@ CALLS = onnxruntime.RunOptions()
 _PIXELS = {"tensor(float)": "float32", "tensor(float16)": "float16", "tensor(uint8)": "uint8"}
 # Calls before which the memory of networks has grown, at first and with several at a time.
 _COUNTED, _GROWN = itertools.count(), (8, 64)
+_MOST_AT_A_TIME = 64
+_TURNS, _SETTLING = threading.Semaphore(_MOST_AT_A_TIME), threading.Lock()
 # Bytes: of a page, and more than a thread's stack has; what Linux calls the advice.
 _LARGE_PAGE, _LARGE_PIECE = 2**21, 2**24
 _MADV_HUGEPAGE, _MADV_COLLAPSE = 14, 25
@@ -193,14 +196,26 @@ def run_session(
         Dropped: `CALLS` are to end.
     """
     if next(_COUNTED) in _GROWN:
-        on_large_pages()
+        _settle()
     try:
-        found: list[NDArray[Any]] = session.run(outputs, dict(inputs), CALLS)
+        with _TURNS:
+            found: list[NDArray[Any]] = session.run(outputs, dict(inputs), CALLS)
     except Exception as error:
         if CALLS.terminate:
             raise Dropped from None
         raise RequestError(f"{path}: the network refuses its input; onnxruntime says: {_reason(error)}") from error
     return found
+
+
+def _settle() -> None:
+    """`on_large_pages` while no network runs: what one works in stays where it is."""
+    with _SETTLING:
+        for _ in range(_MOST_AT_A_TIME):
+            _TURNS.acquire()
+        try:
+            on_large_pages()
+        finally:
+            _TURNS.release(_MOST_AT_A_TIME)
 
 
 def on_large_pages() -> int:
@@ -220,10 +235,11 @@ def on_large_pages() -> int:
     for line in maps.read_text(encoding="utf-8", errors="replace").splitlines():
         place, allowed, *name = line.split(maxsplit=5)
         start, end = (int(one, 16) for one in place.split("-"))
-        if allowed == "rw-p" and len(name) == 3 and end - start >= _LARGE_PIECE:
+        if allowed == "rw-p" and name[3:] in ([], ["[heap]"]) and end - start >= _LARGE_PIECE:
             first, last = -(-start // _LARGE_PAGE) * _LARGE_PAGE, end // _LARGE_PAGE * _LARGE_PAGE
-            for advice in (_MADV_HUGEPAGE, _MADV_COLLAPSE):  # An older system does the second by itself, later.
-                advise(first, last - first, advice)
+            advise(first, last - first, _MADV_HUGEPAGE)
+            for page in range(first, last, _LARGE_PAGE):  # An older system does this by itself, later.
+                advise(page, _LARGE_PAGE, _MADV_COLLAPSE)
             asked += 1
     return asked
 

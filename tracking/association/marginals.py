@@ -19,7 +19,7 @@ import scipy
 
 from tsuiseki.tracking.association.network_flow import SCALE
 from tsuiseki.tracking.association.residual_flow import FREE, LARGEST, ResidualFlow
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Numbers in a table of distances that are held at once.
 AT_ONCE = 4_000_000
@@ -101,12 +101,13 @@ def _without_loops(nodes: list[int]) -> list[int]:
     return way
 
 
-def marginals(flow: ResidualFlow, limit: float = 8.0) -> Marginals:
+def marginals(flow: ResidualFlow, limit: float = 8.0, which: BoolArray | None = None) -> Marginals:
     """The min-marginals of all arcs, exact below the limit.
 
     Args:
         flow: the cheapest flow.
         limit: above 0; the higher, the longer it takes.
+        which: ``(3 N + P,)`` arcs of which ways are looked for that do not lead through G; by default all.
     """
     weights, ground = flow.weights(), 2 * flow.count
     search = scipy.sparse.csgraph.dijkstra
@@ -123,6 +124,7 @@ def marginals(flow: ResidualFlow, limit: float = 8.0) -> Marginals:
     slack = np.abs(flow.cost + centred[flow.tail] - centred[flow.head])
     cost = np.minimum(through, limit * SCALE)
     asked = np.flatnonzero((slack < cost) & (first != ground) & (last != ground) & (flow.status == FREE))
+    asked = asked if which is None else asked[which[asked]]
     if len(asked):
         around = _distances(flow, centred, limit * SCALE, first[asked], last[asked])
         cost[asked] = np.minimum(cost[asked], slack[asked] + around)

@@ -32,6 +32,7 @@ from tsuiseki.tracking.floor.walking import (
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 LEAST_CHANCE, CERTAIN = 0.05, 50.0
+CHUNK = 20_000
 FASTEST, FARTHEST = 4.0, 4.0
 """Speed of a link, m/s, and its length beside the noise, metres."""
 
@@ -213,8 +214,13 @@ def _linked(
     """``(G,)`` tracks by the cheapest flow."""
     tail, head = _candidates(nodes, times, settings)
     seconds = times[nodes.moment[head]] - times[nodes.moment[tail]]
-    past, future = (Gaussians(one.mean[at], one.covariance[at]) for one, at in ((ahead, tail), (behind, head)))
-    cost = -link_likelihood(settings.walking, past, future, seconds)
+    cost = np.empty(len(tail))
+    for k in range(0, len(tail), CHUNK):
+        part = slice(k, k + CHUNK)
+        past, future = (
+            Gaussians(one.mean[at[part]], one.covariance[at[part]]) for one, at in ((ahead, tail), (behind, head))
+        )
+        cost[part] = -link_likelihood(settings.walking, past, future, seconds[part])
     gap = nodes.moment[head] - nodes.moment[tail] - 1
     start, further = settings.hidden
     missed = np.maximum(gap * (nodes.missed[tail] + nodes.missed[head]) / 2, start + further * (gap - 1))

@@ -23,7 +23,7 @@ import scipy
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 LOG_TWO_PI = float(np.log(2 * np.pi))
-SWEEPS, GATHERING = 5, 1
+SWEEPS, GATHERING = 4, 1
 GATE = 9.0
 BARRED = -1e9
 

@@ -14,7 +14,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 STEPS, LEAST_SEEN = 5, 0.05
 """Steps in which detection grows with what is seen of somebody, and the share below which nobody is detected."""
 PRIOR, LEAST_FALSE = 10.0, 0.02
-CHUNK = 20_000
+CHUNK = 4_000
 HIDDEN_BY, NEARER = 0.95, 0.5
 """Most of a person that nearer ones hide; metres by which somebody must be nearer."""
 

@@ -26,6 +26,8 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 QuestionKind = Literal["link", "start", "end", "detection", "exchange"]
 # Decisions whose other way costs this much more are certain.
 LIMIT = 6.0
+# And so much where two people may be exchanged, for which all ways between them have to be weighed.
+CLOSE = 2.5
 # Logits of the probability that decisions are wrong whose other way costs nothing, and by how much a cost lowers them,
 # fitted on MOT17 val-half: of links from frame to frame, what each doubling of their gap adds, of two people who may be
 # exchanged, of two tracks that may be one, of those at which a person parted tracks, of tracks that may be nobody, and
@@ -108,7 +110,10 @@ class Questioner:
     ) -> None:
         self.network, self.flow, self.ids = network, flow, ids
         self._parted = np.isin(np.arange(flow.count), list(parted))
-        self.found: Marginals = marginals(flow, LIMIT)
+        here = ids[flow.graph.tail] > 0
+        here &= (ids[flow.graph.head] > 0) & ~flow.used[3 * flow.count :]
+        which = np.append(np.zeros(3 * flow.count, np.bool_), here)
+        self.found: Marginals = marginals(flow, CLOSE, which)
         solution = flow.solution()
         self._follower, self._labels = solution.follower, track_labels(solution)
         order = np.lexsort((network.frames, self._labels))
@@ -178,10 +183,10 @@ class Questioner:
         first, graph = 3 * self.flow.count, self.flow.graph
         i, j = graph.tail, graph.head
         apart = (self._follower[i] < 0) & (self._before[j] < 0) & (self.ids[i] > 0) & (self.ids[j] > 0)
-        arcs = first + np.flatnonzero(apart & (self.found.cost[first:] < LIMIT))
+        arcs = first + np.flatnonzero(apart & (self.found.through[first:] < LIMIT))
         i, j = self._ends(arcs)
         logit = np.where(self._parted[i] | self._parted[j], PARTED, APART)
-        wrong = scipy.special.expit(logit - self.found.cost[arcs])
+        wrong = scipy.special.expit(logit - self.found.through[arcs])
         # An end goes on as one other at most.
         several = np.maximum(np.bincount(i, wrong, self.flow.count)[i], np.bincount(j, wrong, self.flow.count)[j])
         wrong = wrong / np.maximum(several, 1)
@@ -201,7 +206,7 @@ class Questioner:
         """Two tracks that may go on as each other."""
         first = 3 * self.flow.count
         cost = self.found.cost[first:]
-        here = np.flatnonzero(~self.flow.used[first:] & (cost < np.minimum(self.found.through[first:], LIMIT)))
+        here = np.flatnonzero(~self.flow.used[first:] & (cost < np.minimum(self.found.through[first:], CLOSE)))
         # What changes together costs the same.
         _, one = np.unique(np.rint(cost[here] * 1e6), return_index=True)
         arcs, spoilt, self._changes = [], [], {}
@@ -291,7 +296,7 @@ class Questioner:
         boxes = self._shown(change, about, whole=kind != "detection")
         said = json.dumps([yes.written(), no.written()])
         key = f"{kind}-{hashlib.sha1(said.encode(), usedforsecurity=False).hexdigest()[:12]}"
-        cost = self.found.through if kind == "link" else self.found.cost
+        cost = self.found.through if kind in ("link", "end") else self.found.cost
         return Question(key, kind, self._frame(about[0]), *boxes, float(cost[arc]), wrong, sentence, yes, no)
 
     def _ends(self, arcs: IntArray) -> tuple[IntArray, IntArray]:

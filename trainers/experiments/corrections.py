@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from tsuiseki.tracking.association.marginals import marginals
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -48,7 +49,7 @@ class Course:
     Attributes:
         errors: wrong links between people, and tracks that should go on as another.
         decisions: links, starts, ends and detections of tracks.
-        found: errors within the first decisions, by ranking.
+        found: errors within the first decisions, or as many questions, by ranking.
         idf1: after each answer.
         hota: likewise.
         allowed: IDF1 with the right links over the same detections.
@@ -99,7 +100,7 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), answers: int = 
     return Outcome(values, [table], notes=[f"Errors within the first {FIRST:.0%} of decisions, by ranking: {note}."])
 
 
-RANKINGS = ("min-marginal", "link cost", "score", "random")
+RANKINGS = ("questions", "min-marginal", "link cost", "score", "random")
 
 
 def reviewed(given: GivenSequence, answers: int) -> Course:
@@ -116,7 +117,11 @@ def reviewed(given: GivenSequence, answers: int) -> Course:
     wrong, by_hand = _errors(flow, ids, owners)
     ranked = _rankings(flow, ids)
     first = int(FIRST * len(ranked["random"]))
-    shares = {name: float(sum(bool(e & set(order[:first].tolist())) for e in wrong)) for name, order in ranked.items()}
+    find = Finder(network.frames, network.boxes)
+    looked = {name: set(order[:first].tolist()) for name, order in ranked.items()}
+    early = Questioner(flow.network, flow.flow, ids).ranked(first)
+    looked["questions"] = {arc for question in early for arc in _arcs_of(question, find, flow)}
+    shares = {name: float(sum(bool(error & arcs) for error in wrong)) for name, arcs in looked.items()}
     right = np.where((ids > 0) & (owners >= 0), owners + 1, 0)
     allowed = combined_scores(track_sums(given, reporter.tracks(flow.network, right, {}))[None])["idf1"]
     idf1, hota, said, asked = list[float](), list[float](), list[Correction](), set[str]()
@@ -211,13 +216,28 @@ def _most(owners: Sequence[int] | IntArray) -> int:
 
 
 def _rankings(flow: CorrectedFlow, ids: IntArray) -> dict[str, IntArray]:
-    """Decisions of the reported tracks in the order of each ranking."""
+    """Decisions of the reported tracks in the order of each ranking.
+
+    Margins and costs rank what may be an identity error, detections last; a margin counts less the longer the gap.
+    """
     network, solved = flow.network, flow.flow
-    count, margins = solved.count, Questioner(network, solved, ids).found
+    count, margins = solved.count, marginals(solved, 6.0)
     owner = np.concatenate([np.tile(np.arange(count), 3), network.graph.tail])
     used: BoolArray = solved.used & (ids[owner] > 0)
     arcs = np.flatnonzero(used | (np.arange(len(used)) < count))
-    links = np.where(arcs >= 3 * count, -solved.cost[arcs], 0)
+    gap = np.concatenate([np.ones(3 * count), network.frames[network.graph.head] - network.frames[network.graph.tail]])
+    margin = np.where(arcs < count, np.inf, margins.cost[arcs] - np.log2(gap[arcs]))
+    cost = np.where(arcs < 3 * count, np.inf, -solved.cost[arcs])
     scores = np.nan_to_num(network.scores)[owner[arcs]]
-    keys = (margins.cost[arcs], links, scores, np.random.default_rng(0).random(len(arcs)))
-    return {name: arcs[np.argsort(key, kind="stable")] for name, key in zip(RANKINGS, keys, strict=True)}
+    keys = (margin, cost, scores, np.random.default_rng(0).random(len(arcs)))
+    return {name: arcs[np.argsort(key, kind="stable")] for name, key in zip(RANKINGS[1:], keys, strict=True)}
+
+
+def _arcs_of(question: Question, find: Finder, flow: CorrectedFlow) -> set[int]:
+    """The decisions that a question is about."""
+    count, arcs = flow.flow.count, set[int]()
+    for part in question.yes.parts or (question.yes,):
+        rows = [find(box) for box in part.there]
+        arcs |= {flow.flow.link(i, j) for i, j in itertools.pairwise(rows)}
+        arcs |= {2 * count + rows[0], count + rows[-1]} if part.kind == "not_same" else set()
+    return arcs

@@ -25,7 +25,7 @@ from tsuiseki.tracking.floor.tracker import flow_on_one_floor
 from tsuiseki.tracking.formats.floor_positions import FloorPositions
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracker import run_tracker
-from tsuiseki.tracking.types import Detections, FloatArray
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 from tsuiseki.trainers.experiments.study import (
     Bench,
@@ -208,7 +208,7 @@ def _by_sort(measured: MeasuredFloor) -> PlacedTruth:
     return PlacedTruth(measured.times[frames_of], ids, places)
 
 
-def _nearest_groups(places: FloatArray, sensor: FloatArray) -> FloatArray:
+def _nearest_groups(places: FloatArray, sensor: IntArray) -> FloatArray:
     """``(G, 2)`` means of groups of at least two sensors."""
     groups: list[list[int]] = []
     for k in range(len(places)):

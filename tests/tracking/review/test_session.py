@@ -1,5 +1,6 @@
 """A result that is corrected: what is said holds, is on disk, and is taken back."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -197,3 +198,14 @@ def test_what_people_do_goes_with_their_corrected_tracks(folder):
     assert names == ("walking", "standing")
     doing = next(person for person in found if person.id == one).single
     assert {0.0, 1.0} <= set(doing[:, 0].round(3).tolist())
+
+
+@pytest.mark.parametrize(("size", "count", "complaint"), [((300, 200), 40, "400x200"), ((400, 200), 30, "40 frames")])
+def test_a_video_of_another_size_or_length_is_refused(folder, tmp_path, size, count, complaint):
+    video = tmp_path / "other"
+    video.mkdir()
+    for t in range(count):
+        cv2.imwrite(str(video / f"{t:03}.png"), np.zeros((size[1], size[0], 3), np.uint8))
+    with pytest.raises(RequestError, match=complaint):
+        Session(folder, video)
+    Session(folder).close()
