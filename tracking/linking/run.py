@@ -138,9 +138,9 @@ def _features(name: str, result: Result[Track], tracks: Sequence[Track], describ
     for frame in source.frames():
         here = wanted.pop(frame.index, None)
         if here:
-            rows = describer.describe(frame.image, np.array([box for _, box in here]))
-            sums = np.zeros((len(tracks), rows.shape[1])) if sums is None else sums
-            np.add.at(sums, [number for number, _ in here], rows)
+            described = describer.describe(frame.image, np.array([box for _, box in here]))
+            sums = np.zeros((len(tracks), described.shape[1])) if sums is None else sums
+            np.add.at(sums, [number for number, _ in here], described)
         if not wanted:
             break
     return np.zeros((len(tracks), 1)) if sums is None else _centred(sums)
@@ -182,10 +182,12 @@ def _merged(numbered: Any) -> list[Track]:
         by_id.setdefault(number, []).append(track)
     merged = []
     for number, parts in sorted(by_id.items()):
-        columns = [np.concatenate([getattr(part, name) for part in parts]) for name in
-                   ("frames", "boxes", "scores", "observed", "origin")]  # fmt: skip
-        frames, first = np.unique(columns[0], return_index=True)
-        merged.append(Track(number, frames, *(column[first] for column in columns[1:]), names=parts[0].names))
+        frames, boxes, scores, observed, origin = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("frames", "boxes", "scores", "observed", "origin")
+        )
+        times, row = np.unique(frames, return_index=True)
+        merged.append(Track(number, times, boxes[row], scores[row], observed[row], origin[row], parts[0].names))
     return merged
 
 
