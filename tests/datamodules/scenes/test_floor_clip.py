@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -72,6 +73,6 @@ def test_the_same_seed_gives_the_same_bytes(place: Path, tmp_path: Path) -> None
     ("change", "message"),
     [({"cameras": 2}, "3 to 7 cameras"), ({"cameras": 8}, "3 to 7 cameras"), ({"repeated": 1.5}, "look_alikes in")],
 )
-def test_settings_out_of_range_are_named(change: dict[str, float], message: str) -> None:
+def test_settings_out_of_range_are_named(change: dict[str, Any], message: str) -> None:
     with pytest.raises(RequestError, match=message):
         FloorClipSettings(**change)
