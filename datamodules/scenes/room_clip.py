@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar, Generic, Literal
 
 import cv2
 import numpy as np
@@ -25,7 +25,7 @@ from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Picture, Sightin
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, extents
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_furniture, random_shell
-from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, write_cameras
+from tsuiseki.tracking.cameras.camera_files import AnyCamera, CameraOverFloor, CameraT, write_cameras
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.errors import RequestError
@@ -77,7 +77,7 @@ class RoomSettings(ClipSettings):
 class RoomView:
     """One camera and what it sees of the empty room: linear light, and the part of it that shadows take away."""
 
-    camera: OmnidirectionalCamera
+    camera: AnyCamera
     empty: Picture
     direct: Float32
     photograph: ImageArray
@@ -86,12 +86,12 @@ class RoomView:
 
 
 @dataclass(frozen=True)
-class RoomClip:
+class RoomClip(Generic[CameraT]):
     """A planned clip, of which every frame of every camera can be drawn on its own."""
 
     settings: RoomSettings
     seed: int
-    cameras: list[OmnidirectionalCamera]
+    cameras: Sequence[CameraT]
     light: Light
     walkers: list[Walker]
     furniture: list[Thing]
@@ -102,8 +102,13 @@ class RoomClip:
         """``(4,)`` x1, y1, x2, y2, metres."""
         return np.array([0.0, 0.0, *self.settings.size])
 
-    views: ClassVar[tuple[str, ...]] = tuple(f"camera{k + 1}/{IMAGES}" for k in range(CAMERAS))
     quality: ClassVar[int] = 90
+    inside: ClassVar[float] = INSIDE
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """See `clip.Clip`."""
+        return tuple(f"camera{k + 1}/{IMAGES}" for k in range(len(self.cameras)))
 
     def frames(self) -> Iterator[Moment[list[FrameTruth]]]:
         """See `clip.Clip`; the truth is a list of that of each camera."""
@@ -115,8 +120,8 @@ class RoomClip:
     def view(self, number: int) -> RoomView:
         """What camera ``number`` sees of the empty room."""
         rng = np.random.default_rng([self.seed, 5])
-        camera = self.cameras[number]
-        shell = random_shell(rng, np.array([*self.settings.size, float(camera.position[2]) + 0.1]))
+        camera, highest = self.cameras[number], max(float(each.position[2]) for each in self.cameras)
+        shell = random_shell(rng, np.array([*self.settings.size, highest + 0.1]))
         empty, direct = draw_shell(shell, camera, self.light, self.furniture, SAMPLES)
         noises = grains(np.random.default_rng([self.seed, 6, number]), NOISE, camera.width, camera.height)
         seen = empty.colour[empty.colour.max(axis=2) > 0.004]
@@ -133,7 +138,7 @@ class RoomClip:
         places = [self.walkers[i].positions[frame - self.walkers[i].first] for i in there]
         image, sightings = _with_people(view, things, self.light)
         image = photographed(image, self.tone, BLUR, view.grains, np.random.default_rng([self.seed, 1, frame]))
-        truth, rows = people_in_view(sightings, (view.camera.width, view.camera.height), SHOWN, INSIDE)
+        truth, rows = people_in_view(sightings, (view.camera.width, view.camera.height), SHOWN, self.inside)
         ids = np.array(there, dtype=np.int64)[rows] + 1
         return image, replace(truth, ids=ids, places=np.array(places).reshape(-1, 2)[rows])
 
@@ -176,7 +181,9 @@ def ceiling_lens(lens: OmnidirectionalLens | None, width: int, height: int) -> O
     )
 
 
-def plan_room(settings: RoomSettings, seed: int, lens: OmnidirectionalLens | None = None) -> RoomClip:
+def plan_room(
+    settings: RoomSettings, seed: int, lens: OmnidirectionalLens | None = None
+) -> RoomClip[OmnidirectionalCamera]:
     """The room, its cameras and everybody's way, as ``seed`` has it."""
     rng = np.random.default_rng([seed, 4])
     size = np.array(settings.size)
@@ -184,18 +191,18 @@ def plan_room(settings: RoomSettings, seed: int, lens: OmnidirectionalLens | Non
     pieces = round(FURNITURE * size.prod() / 10)
     furniture, obstacles = random_furniture(rng, size, pieces)
     fitted = ceiling_lens(lens, settings.width, settings.height)
-    cameras = [_camera(rng, fitted, size, k, ceiling - 0.1) for k in range(CAMERAS)]
+    cameras = [ceiling_camera(rng, fitted, size, (k + 0.5) / CAMERAS, ceiling - 0.1) for k in range(CAMERAS)]
     people = dressed(rng, settings.people, settings.repeated)
     walkers = wander(rng, people, settings, size, obstacles)
     tone = level_tone(random_degradation(rng, 0.5))
     return RoomClip(settings, seed, cameras, lamps(rng), walkers, furniture, tone)
 
 
-def _camera(
-    rng: np.random.Generator, lens: OmnidirectionalLens, size: FloatArray, number: int, height: float
+def ceiling_camera(
+    rng: np.random.Generator, lens: OmnidirectionalLens, size: FloatArray, share: float, height: float
 ) -> OmnidirectionalCamera:
-    """A camera that looks down, turned anyhow and hung a little askew, over its part of the room's length."""
-    along = (number + 0.5) / CAMERAS * size[1] + rng.normal(0, 0.2)
+    """A camera that looks down, turned anyhow and hung a little askew, at about this share of the room's length."""
+    along = share * size[1] + rng.normal(0, 0.2)
     spot = np.array([size[0] / 2 + rng.normal(0, 0.3), along, height])
     return OmnidirectionalCamera(lens, looking_down(float(rng.uniform(0, 2 * np.pi)), *rng.normal(0, 0.02, 2)), spot)
 

@@ -64,6 +64,7 @@ SIMULATE = {
     "goldfish": "fish that bend, or balls that squash",
     "drone": "people who act, before a drone's camera",
     "fisheye": "people in a room, under ceiling fisheye cameras",
+    "floor": "people on one floor, before several cameras of both kinds",
     "sprites": "people rendered from body meshes, for the pictures that detectors learn from",
 }
 TRAIN = {

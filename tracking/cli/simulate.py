@@ -72,6 +72,7 @@ class FilmSize(Size):
 
 
 STREET, BLOBS, DRONE = FilmSize(200), FilmSize(150), FilmSize(300, 1280, 720, 30.0)
+FLOOR = FilmSize(300, 1280, 960, 10.0)
 FISHEYE, GOLDFISH, SPHERE = FilmSize(900, 1280, 960, 15.0), Size(150), Length(100)
 
 
@@ -170,6 +171,27 @@ def fisheye(
     settings = RoomSettings(**asdict(clip), size=SIZES[room], people=people, repeated=repeated)
     lens = None if calibration is None else read_lens(calibration)
     return _make(output, clip, partial(plan_room, settings, output.seed, lens))
+
+
+def floor(
+    output: SeededOutput, clip: FilmSize = FLOOR, cameras: int = 4, people: int = 8, look_alikes: float = 0.5
+) -> int:
+    """Make a clip of people on one floor before several cameras, on walls and fisheye ones on the ceiling.
+
+    DIR gets camera1 and so on, MOTChallenge sequences with img1, gt/gt.txt and gt/world.csv (frame, id, x, y in
+    metres), the ids the same in all, cameras.yaml for tsuiseki track floor, and truth.csv (time, id, x, y in seconds
+    and metres) of everybody for tsuiseki evaluate floor.
+
+    Args:
+        out: folder for the clip.
+        cameras: 3 to 7; the second and the fourth are the fisheye ones.
+        people: who wander about, at times behind pillars.
+        look_alikes: share of people who wear the clothes of another, or nearly.
+    """
+    from tsuiseki.datamodules.scenes.floor_clip import FloorClipSettings, plan_floor
+
+    settings = FloorClipSettings(**asdict(clip), people=people, repeated=look_alikes, cameras=cameras)
+    return _make(output, clip, partial(plan_floor, settings, output.seed), f" of {cameras} cameras")
 
 
 def goldfish(

@@ -14,6 +14,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.clip import FrameTruth, ground_truth
 from tsuiseki.datamodules.scenes.room_clip import SIZES, Room, RoomClip, RoomSettings, plan_room
 from tsuiseki.tracking.cameras.lens_files import read_lens
+from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.fisheye.unrolled import looking
@@ -53,7 +54,7 @@ class CeilingClip:
     camera: int
     calibration: Path | None
 
-    def plan(self) -> RoomClip:
+    def plan(self) -> RoomClip[OmnidirectionalCamera]:
         """The room; its people walk alike at every rate."""
         people = PEOPLE[self.room]
         settings = RoomSettings(
