@@ -117,10 +117,10 @@ class WantedInput:
     dtype: np.dtype[Any]
 
 
-def cores_of(threads: int) -> int:
+def cores_of(threads: int, option: str = "threads") -> int:
     """``threads``, or for 0 the number of cores that this process may use."""
     if not isinstance(threads, int) or threads < 0:
-        raise RequestError(f"`threads`: expected 0 or more, got {threads}")
+        raise RequestError(f"`{option}`: expected 0 or more, got {threads}")
     if threads:
         return threads
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

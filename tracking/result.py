@@ -121,7 +121,8 @@ class Result(Sequence[T_co]):
             tracks, known["frames"] = tracks_of(table), columns_shifted(known.get("frames", {}), -1)
             known.setdefault("names", names_in(table))
         else:
-            raise RequestError(f"expected the folder of a result, or a file {', '.join(FILES)}, got {path}")
+            got = f"got {path}" if path.exists() else f"found no {path}"
+            raise RequestError(f"expected the folder of a result, or a file {', '.join(FILES)}, {got}")
         known |= {name: tuple(known[name]) for name in ("size", "names") if known.get(name) is not None}
         return cls(tracks, **{one.name: known[one.name] for one in fields(cls) if one.name in known})
 

@@ -162,6 +162,8 @@ def test_what_is_no_result_is_said(text: str, name: str, said: str, tmp_path: Pa
         Result.load(tmp_path if name == "run.json" else tmp_path / name)
     with pytest.raises(RequestError, match="found no such file"):
         Result.load(tmp_path / "missing.csv")
+    with pytest.raises(RequestError, match=r"found no .*missing$"):
+        Result.load(tmp_path / "missing")
 
 
 def test_one_of_several_results_is_loaded(result: Result[Track], tmp_path: Path) -> None:

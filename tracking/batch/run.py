@@ -60,7 +60,7 @@ class BatchOptions(Output):
         """See `Shared.check`."""
         if self.out.exists() and not self.out.is_dir():
             raise RequestError(f"`out`: expected the name of a folder, but {self.out} is a file")
-        cores_of(self.workers)
+        cores_of(self.workers, "workers")
         if not self.stretch > 0:
             raise RequestError(f"`stretch`: expected seconds above 0, got {self.stretch:g}")
         if not self.gpus >= 0:

@@ -23,7 +23,7 @@ from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.page import floor_files
 from tsuiseki.tracking.floor.settings import OneFloorSettings
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
-from tsuiseki.tracking.formats.floor_positions import read_floor_positions
+from tsuiseki.tracking.formats.floor_positions import FloorPositions, read_floor_positions
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.sensed_points import is_point_file
 from tsuiseki.tracking.people.inputs import PeopleInputs
@@ -51,7 +51,7 @@ class FloorRun:
         sources: one of each camera, or none where there are only detections.
         given: what was found in each frame of each camera, where that is known.
         detecting: what finds and describes people otherwise.
-        positions: files of other sensors.
+        positions: of other sensors.
         settings: of the tracker.
         times: of the frames.
     """
@@ -60,31 +60,29 @@ class FloorRun:
     sources: Sequence[Source]
     given: Sequence[Sequence[StandingPeople]] | None
     detecting: Detecting
-    positions: Sequence[Path]
+    positions: Sequence[FloorPositions]
     settings: OneFloorSettings
     times: FrameTimes
 
     def measured(self, stages: StageTimes, watch: Watch | None = None) -> MeasuredFloor:
         """Everything that cameras and sensors found, on the floor."""
-        found = self.given
+        stamps, found = self._stamps(), self.given
         if found is None:
             found = [
                 self._found(one, placed, stages, watch) for one, placed in zip(self.sources, self.placed, strict=True)
             ]
-        stamps = self._stamps([len(each) for each in found])
-        feeds = [CameraFeed(*one) for one in zip(self.placed, stamps, found, strict=True)]
-        positions = [read_floor_positions(path) for path in self.positions]
+        feeds = [CameraFeed(c, s[: len(each)], each) for c, s, each in zip(self.placed, stamps, found, strict=True)]
         plan = self.settings.floor
         floor = (
             np.array(plan) if plan is not None else next((p.floor for p in self.placed if p.floor is not None), None)
         )
         with stages.measure("locate"):
-            return measured_floor(feeds, positions, floor, self.settings.noise, self.settings.tolerance)
+            return measured_floor(feeds, self.positions, floor, self.settings.noise, self.settings.tolerance)
 
-    def _stamps(self, lengths: Sequence[int]) -> list[FloatArray]:
+    def _stamps(self) -> list[FloatArray]:
         if self.sources:
-            return [s[:n] for s, n in zip(self.times.of_videos(self.sources, self.placed), lengths, strict=True)]
-        return self.times.of_pixels([np.zeros((n, 2)) for n in lengths], self.placed)
+            return self.times.of_videos(self.sources, self.placed)
+        return self.times.of_pixels([np.zeros((len(each), 2)) for each in self.given or ()], self.placed)
 
     def _found(
         self, source: Source, placed: CameraOverFloor, stages: StageTimes, watch: Watch | None
@@ -172,13 +170,15 @@ def open_floor(
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
     """
-    files = [Path(path) for path in positions]
+    files = [read_floor_positions(Path(path)) for path in positions]
     folder = sources[0] if len(sources) == 1 and cameras is None else None
     if isinstance(folder, str | Path) and is_floor_folder(Path(folder)):
         known = read_floor_folder(Path(folder))
         return FloorRun(known.cameras, [], known.found, detecting, files, settings, times)
     if cameras is None:
         if not files or sources or detections:
+            if missing := [one for one in sources if isinstance(one, str) and not Path(one).exists()]:
+                raise RequestError(f"expected videos, or a folder of WILDTRACK or Shelf, found no {missing[0]}")
             raise RequestError("`cameras`: expected cameras.yaml with the videos or detections, got none")
         return FloorRun([], [], [], detecting, files, settings, times)
     placed = read_cameras(a_path(cameras, "cameras"))
@@ -275,8 +275,8 @@ def floor(
         seed: of the particles of --method lmb.
     """
     opened = open_floor(source, cameras, detections, positions or [], detecting, settings, times)
-    if drawing.overlay and not all(one.has_images for one in opened.sources):
-        raise RequestError("expected sources with images for `overlay`, got one without; leave it out")
+    if drawing.overlay and not (opened.sources and all(one.has_images for one in opened.sources)):
+        raise RequestError("expected videos with images for `overlay`, got none of some cameras; leave it out")
     with output.run() as run:
         run.sources += opened.sources
 

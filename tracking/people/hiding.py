@@ -94,6 +94,8 @@ class Hiding:
     def summary(self, where: Path) -> str:
         """The doubtful frames in a line."""
         number, of = self.doubtful_frames, len(self.seconds)
+        if not len(self.places.frames):
+            return "nobody is hidden: the result has none to hide, and the second look found nobody"
         return f"{number} of {of} frames are doubtful: a place is held there without a detection ({where})"
 
 

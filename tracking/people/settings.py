@@ -199,6 +199,10 @@ class Linking(MethodSettings):
             raise RequestError("expected `corrections` of a whole video, got them with a `delay`; leave one out")
         if self.corrections is not None and not Path(self.corrections).is_file():
             raise RequestError(f"`corrections`: expected a file that is there, got {self.corrections}")
+        if self.corrections is not None:
+            from tsuiseki.tracking.review.corrections import read_corrections
+
+            read_corrections(Path(self.corrections))
 
 
 def check_score_range(score_range: tuple[float, float] | None) -> None:

@@ -35,7 +35,8 @@ def tracked(source: str | Path | Result[Track]) -> Result[Track]:
 
 
 def _read(path: Path) -> Result[Track]:
-    folder = path.is_dir() and any((path / name).is_file() for name in RESULTS)
+    # `tsuiseki simulate` leaves a run.json in the sequences that it draws.
+    folder = any((path / name).is_file() for name in RESULTS) and not (path / "seqinfo.ini").is_file()
     if folder or path.suffix.lower() in FILES or (path.exists() and format_at(path)):
         return Result.load(path)
     if endless(open_source(str(path))):

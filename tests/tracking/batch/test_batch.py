@@ -20,7 +20,7 @@ from tsuiseki.tracking.batch.jobs import STATE, Job
 from tsuiseki.tracking.batch.run import BatchOptions, run_batch
 from tsuiseki.tracking.batch.tasks import Task
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.errors import RunError
+from tsuiseki.tracking.errors import RequestError, RunError
 
 
 def facts(folder: Path) -> dict[str, Any]:
@@ -235,3 +235,8 @@ def test_a_full_disk_stops_and_the_same_goes_on(
     here.tasks.clear()
     assert run_batch([str(videos / "still.avi")], people(networks), how)[0].status == "done"
     assert here.kinds().count("look") == 4
+
+
+def test_fewer_than_no_workers_are_refused_by_their_name(tmp_path: Path) -> None:
+    with pytest.raises(RequestError, match="`workers`: expected 0 or more, got -1"):
+        BatchOptions(out=tmp_path / "o", workers=-1).check()

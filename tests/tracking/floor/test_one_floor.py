@@ -9,6 +9,7 @@ import pytest
 
 from tsuiseki.tracking.cameras.camera_files import Placed, write_cameras
 from tsuiseki.tracking.cameras.multicamera import PlacedTruth, StandingPeople, read_floor_folder
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
 from tsuiseki.tracking.floor.floor_flow import FloorFlow
@@ -264,3 +265,19 @@ def test_the_filter_follows_them_as_they_come():
     world = make_world(0, people=3)
     people = people_online(measured(world))
     assert evaluate_on_floor(world.truth, as_truth(people)).recall > 0.8
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--overlay", "--positions", "{folder}/tags.csv"], "expected videos with images for --overlay, got none"),
+        (["{folder}/none"], "expected videos, or a folder of WILDTRACK or Shelf, found no {folder}/none"),
+        (["--positions", "{folder}/none.csv"], "expected a CSV of positions at {folder}/none.csv, found no such file"),
+    ],
+)
+def test_what_is_missing_is_said_before_the_work(words, line, tmp_path, capsys):
+    write_positions(tmp_path / "tags.csv", [(k / RATE, 0, 0, 0.1, "") for k in range(40)])
+    given = [word.format(folder=tmp_path) for word in words]
+    assert main(["track", "floor", *given, "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.startswith(f"tsuiseki: {line.format(folder=tmp_path)}")
+    assert not (tmp_path / "out").exists()

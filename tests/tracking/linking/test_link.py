@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -13,6 +14,7 @@ from tests.tracking.answers.walkers import walker
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.linking.transits import MARGIN, Links, Passages, linked, people_of
+from tsuiseki.tracking.people.tracked import tracked
 from tsuiseki.tracking.result import Result
 
 
@@ -132,3 +134,12 @@ def test_bad_input_is_refused_in_a_line():
         tsuiseki.link([first, replace(second, frame_rate=0.0)], appearance="none")
     with pytest.warns(InputWarning, match="linked by times alone"):
         tsuiseki.link([first, second])
+
+
+def test_a_generated_sequence_is_tracked_as_a_video(tmp_path):
+    (tmp_path / "img1").mkdir()
+    cv2.imwrite(str(tmp_path / "img1" / "000001.png"), np.zeros((90, 160, 3), np.uint8))
+    (tmp_path / "seqinfo.ini").write_text("[Sequence]\nname=a\nframeRate=10\nseqLength=1\nimDir=img1\nimExt=.png\n")
+    (tmp_path / "run.json").write_text('{"what": "a simulation"}')
+    with pytest.raises(RequestError, match="tracks of people with boxes, got none"):
+        tracked(tmp_path)

@@ -1,5 +1,6 @@
 """Corrections of an earlier result, done again on this one."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -80,3 +81,20 @@ def test_those_of_another_video_or_with_a_delay_are_refused(corrections):
         tracked(two_people(), corrections=corrections, delay=1.0)
     with pytest.raises(RequestError, match="that is there"):
         tracked(two_people(), corrections="nothing.jsonl")
+
+
+def test_a_file_of_something_else_is_refused_before_anything_is_tracked(tmp_path, capsys):
+    (tmp_path / "bad.jsonl").write_text("bad\n1\n")
+    cv2.imwrite(str(tmp_path / "000001.png"), IMAGES[0])
+    words = [
+        "track",
+        "people",
+        str(tmp_path),
+        "--corrections",
+        str(tmp_path / "bad.jsonl"),
+        "--out",
+        str(tmp_path / "o"),
+    ]
+    assert main([*words, "--out", str(tmp_path / "o")]) == 2
+    assert "bad.jsonl, line 1: expected a correction as JSON" in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()

@@ -375,3 +375,8 @@ def test_heads_are_hidden_in_a_street_that_is_filmed(data_folder: Path, tmp_path
     rows = np.flatnonzero((labels.frames >= 200) & (labels.frames < 260))
     clear, count = clear_heads(hiding, labels.select(rows), (480, 360))
     assert (clear, count) == (set(), 60)
+
+
+def test_nobody_to_hide_is_said(tmp_path: Path) -> None:
+    nobody = Hiding(Places.joined([]), np.zeros(0, bool), False, "pixelated", 0, [0.0, 0.1])
+    assert nobody.summary(tmp_path).startswith("nobody is hidden")
