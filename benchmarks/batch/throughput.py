@@ -2,8 +2,8 @@
 
     python -m benchmarks.batch.throughput [--videos 8] [--frames 100] [--ray] [--out DIR]
 
-Each row tracks the same generated clips once, and prints frames a second and the ratio to one process of one thread.
-The schedule of 1,000 videos of an hour is then played through with the measured seconds of each kind of task.
+Rows track the same generated clips; ratios are to one process of one thread. The schedule of 1,000 videos of an hour is
+played through with the measured seconds of each kind of task.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections import defaultdict
+from functools import partial
 from pathlib import Path
 
 from tsuiseki.tracking.cli import main
@@ -50,9 +51,9 @@ def shell_loop(videos: list[str], out: Path) -> None:
         tsuiseki(["track", "people", video, "--out", str(out / Path(video).stem)])
 
 
-def batch(videos: list[str], out: Path, *more: str) -> None:
+def batch(videos: list[str], out: Path, workers: int, ray: bool = False) -> None:
     """`tsuiseki batch`."""
-    tsuiseki(["batch", "track", "people", *videos, "--out", str(out), *more])
+    tsuiseki(["batch", "track", "people", *videos, "--out", str(out), "--workers", str(workers), *["--ray"] * ray])
 
 
 def seconds_of_tasks(out: Path) -> dict[str, tuple[float, float]]:
@@ -86,7 +87,6 @@ def played(tasks: dict[str, tuple[float, float]], workers: int) -> tuple[float, 
 
 
 def measure() -> None:
-    """Print all rows."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--videos", type=int, default=8)
     parser.add_argument("--frames", type=int, default=100)
@@ -94,10 +94,10 @@ def measure() -> None:
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "tsuiseki-batch")
     given = parser.parse_args()
     videos, out = clips(given.out, given.videos, given.frames), given.out / "results"
-    rows = {"one process": one_process, "shell loop": shell_loop}
-    rows |= {f"batch, {n} workers": lambda v, o, n=n: batch(v, o, "--workers", str(n)) for n in (1, 2)}
+    rows = {"one process": partial(one_process), "shell loop": partial(shell_loop)}
+    rows |= {f"batch, {n} workers": partial(batch, workers=n) for n in (1, 2)}
     if given.ray:
-        rows |= {f"Ray, {n} workers": lambda v, o, n=n: batch(v, o, "--workers", str(n), "--ray") for n in (1, 2)}
+        rows |= {f"Ray, {n} workers": partial(batch, workers=n, ray=True) for n in (1, 2)}
     first = None
     for name, run in rows.items():
         shutil.rmtree(out, ignore_errors=True)
