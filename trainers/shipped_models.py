@@ -34,16 +34,6 @@ COMMANDS = (
     # Costs of the thesis's flow as printed.
     "train affinity --folders {work}/streets --detector {models}/detector_street.onnx --features thesis "
     "--appearance {models}/appearance_people.onnx --out {models}/affinity_printed_people.onnx",
-    *(
-        f"simulate drone --seed {seed} --look-alikes 0.5 --frames 200 --out {{work}}/drones/drone-{seed}"
-        for seed in range(20600, 20604)
-    ),
-    *(
-        f"train affinity --folders {{work}}/drones --detector {{models}}/detector_drone.onnx "
-        f"--features {features} --appearance {{models}}/appearance_people.onnx "
-        f"--out {{models}}/affinity_printed_{name}.onnx"
-        for features, name in (("thesis", "drone"), ("thesis_action", "drone_action"))
-    ),
 )
 # {assets}: bodies and clothes; {pictures}, {sparse}, {towns}, {sparse_towns}, {crisp}, {many}, {sunlit}, {silhouettes}:
 # what is rendered of them, as `data.train` and `data.val` of the configurations name it.

@@ -33,6 +33,8 @@ def good(folder: Path) -> dict[str, dict[str, Any]]:
     return {
         "as_detections": {"found": FOUND[0]},
         "batch": {"command": "track people", "sources": missing, "out": out},
+        "calibrate_people": {"sources": [missing, missing]},
+        "check_cameras": {"given": [], "found": NOTHING},
         "convert": {"result": missing, "to": "cvat", "out": out},
         "count": {"result": [TRACK], "scene": tsuiseki.Scene(), "frame_rate": 10.0},
         "evaluate_people": {"truth": [TRACK], "tracks": [TRACK]},
@@ -46,6 +48,7 @@ def good(folder: Path) -> dict[str, dict[str, Any]]:
         "follow_single": SINGLE,
         "follow_sphere": {"sources": [IMAGES, IMAGES], "cameras": missing, "radius": 0.1},
         "hide": {"video": missing, "result": [TRACK], "out": out},
+        "link": {"results": [missing, missing]},
         "read_scene": {"path": missing},
         "read_tracks": {"path": missing},
         "shipped": {"name": "detector_street"},
@@ -54,6 +57,7 @@ def good(folder: Path) -> dict[str, dict[str, Any]]:
         "track_deformable": BODIES,
         "track_drone": {"source": IMAGES, "method": "flow", "detections": FOUND, "appearance": "none"},
         "track_fisheye": {"source": IMAGES, "cameras": missing},
+        "track_floor": {"sources": [IMAGES], "cameras": missing},
         "track_measurements": {"measured": SCANS, "model": MODEL},
         "track_people": PEOPLE,
         "track_points": PLACES,
@@ -75,7 +79,16 @@ def good(folder: Path) -> dict[str, dict[str, Any]]:
 
 # Made by the toolkit alone.
 RESULTS = {"ActingTrack", "Answers", "BodyTrack", "GroundTruth", "Position", "Result", "SensedTargets", "SensedTrack"}
-RESULTS |= {"SensingModel", "Target", "Targets", "RequestError", "RunError"}
+RESULTS |= {
+    "Linked",
+    "PeopleCalibration",
+    "PersonOnFloor",
+    "SensingModel",
+    "Target",
+    "Targets",
+    "RequestError",
+    "RunError",
+}
 
 
 def parameters(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
@@ -109,7 +122,10 @@ def tried(wrong: list[str], name: str, function: Callable[..., Any], known: dict
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_every_argument_of_every_public_name_works_or_is_refused(tmp_path: Path) -> None:
+def test_every_argument_of_every_public_name_works_or_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     known, wrong = good(tmp_path), list[str]()
     for name in sorted({*tsuiseki.__all__} - RESULTS - {"__version__"}):
         tried(wrong, name, getattr(tsuiseki, name), known.get(name, {}))
@@ -117,7 +133,8 @@ def test_every_argument_of_every_public_name_works_or_is_refused(tmp_path: Path)
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_every_argument_of_every_method_works_or_is_refused(tmp_path: Path) -> None:
+def test_every_argument_of_every_method_works_or_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     result, found = tsuiseki.Result([TRACK], frame_rate=10.0, size=(64, 48)), tsuiseki.as_detections(FOUND[0])
     known: dict[Any, dict[str, dict[str, Any]]] = {
         result: {

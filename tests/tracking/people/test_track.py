@@ -288,7 +288,7 @@ def test_every_command_has_help(words: list[str], capsys: pytest.CaptureFixture[
     assert "--config" in text
 
 
-TRACKED = "people, single, sphere, drone, blobs, points, deformable, animals, fisheye"
+TRACKED = "people, single, sphere, drone, blobs, points, deformable, animals, floor, fisheye"
 
 
 @pytest.mark.parametrize(
