@@ -86,15 +86,7 @@ def test_those_of_another_video_or_with_a_delay_are_refused(corrections):
 def test_a_file_of_something_else_is_refused_before_anything_is_tracked(tmp_path, capsys):
     (tmp_path / "bad.jsonl").write_text("bad\n1\n")
     cv2.imwrite(str(tmp_path / "000001.png"), IMAGES[0])
-    words = [
-        "track",
-        "people",
-        str(tmp_path),
-        "--corrections",
-        str(tmp_path / "bad.jsonl"),
-        "--out",
-        str(tmp_path / "o"),
-    ]
+    words = ["track", "people", str(tmp_path), "--corrections", str(tmp_path / "bad.jsonl")]
     assert main([*words, "--out", str(tmp_path / "o")]) == 2
     assert "bad.jsonl, line 1: expected a correction as JSON" in capsys.readouterr().err
     assert not (tmp_path / "o").exists()
