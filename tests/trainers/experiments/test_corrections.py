@@ -2,6 +2,8 @@
 
 import pytest
 
+from tsuiseki.tracking.cli import main
+from tsuiseki.trainers.experiments import corrections
 from tsuiseki.trainers.experiments.corrections import RANKINGS, reviewed
 from tsuiseki.trainers.experiments.end_to_end import STREETS, write_streets
 from tsuiseki.trainers.experiments.given_sequences import find_given
@@ -24,3 +26,22 @@ def test_answers_bring_the_tracks_nearer_to_what_the_detections_allow(course):
     assert 2 <= len(course.idf1) == len(course.hota) <= 7
     assert 0 < course.idf1[0] <= max(course.idf1)
     assert max(course.idf1) <= course.allowed + 0.1
+
+
+def street(home, *_):
+    """One short street instead of many."""
+    return write_streets(home, 1, 60)
+
+
+def test_the_experiment_runs_to_its_table(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(corrections, "write_streets", street)
+    street(tmp_path / "made")
+    (tmp_path / "mot").mkdir()
+    next(path for path in tmp_path.rglob("gt") if path.is_dir()).parent.rename(tmp_path / "mot/TUD-Campus")
+    words = ["reproduce", "corrections", "--data", str(tmp_path), "--answers", "2", "--streets", "0"]
+    out = tmp_path / "out"
+    assert main([*words, "--out", str(out), "--cache", str(tmp_path / "cache")]) == 0
+    rows = [line for line in (out / "tables.md").read_text().splitlines() if line.startswith("|")]
+    assert len(rows) == 3
+    assert "clicks by hand" in rows[0]
+    assert "Errors within the first 5%" in capsys.readouterr().out

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tsuiseki.tracking.cameras.multicamera import PlacedTruth, read_floor_folder
+from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import one_floor
 from tsuiseki.trainers.experiments.one_floor import FloorRow, floor_detections, measure, simulated
 
@@ -45,3 +46,14 @@ def test_simulated_errors_are_as_many_as_said(data_folder):
     assert abs(drawn - (0.7 * boxes + 2 * 7 * FRAMES)) < 4 * np.sqrt(boxes)
     positions = floor_detections(known, np.random.default_rng(0))
     assert abs(len(positions.times) - len(known.truth.times)) < 20
+
+
+def test_the_experiment_runs_to_its_tables(data_folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(one_floor, "read_floor_folder", short_folder)
+    out = tmp_path / "out"
+    words = ["--data", str(data_folder), "--seeds", "1", "--out", str(out), "--cache", str(tmp_path / "cache")]
+    assert main(["reproduce", "one-floor", *words]) == 0
+    tables = (out / "tables.md").read_text()
+    assert "| all cameras |" in tables
+    assert "Shelf, given keypoints" in tables
+    assert (out / "cameras.png").is_file()
