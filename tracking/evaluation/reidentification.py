@@ -88,8 +88,10 @@ def _videos(folder: Path) -> Views:
         names, numbers = np.unique(truth.ids, return_inverse=True)
         last = np.full(len(names), -APART)
         seen = np.zeros(len(names), np.bool_)
+        order = np.argsort(truth.frames, kind="stable")
+        cuts = np.searchsorted(truth.frames[order], np.arange(video.length + 1))
         for frame in range(video.length):
-            here = np.flatnonzero(truth.frames == frame)
+            here = order[cuts[frame] : cuts[frame + 1]]
             here = here[frame - last[numbers[here]] >= APART]
             if len(here):
                 who = numbers[here]
