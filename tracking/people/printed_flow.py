@@ -50,15 +50,14 @@ class PrintedFlow:
                 "with train affinity --settings.features thesis"
             )
         self._affinity = affinity
-        self._acting = affinity.features == "thesis_action"
-        self._iterations = iterations if self._acting else 1
+        self._iterations = iterations if affinity.acting else 1
         self._found: list[Detections] = []
         self.actions: list[FloatArray | None] = []
 
     def update(self, detections: DetectionsLike) -> None:
         """Take the next frame, with actions where the trees compare them."""
         found = as_detections(detections)
-        if self._acting and found.actions is None and len(found):
+        if self._affinity.acting and found.actions is None and len(found):
             raise RequestError("expected action features, which the costs of links compare, got detections without")
         self._found.append(found)
 

@@ -19,6 +19,10 @@ from tsuiseki.tracking.types import Detections, FloatArray
 class ByHand(SimpleNamespace):
     """Costs of links by the overlap, and by actions where there are any."""
 
+    @property
+    def acting(self) -> bool:
+        return bool(self.features == "thesis_action")
+
     def __call__(self, pairs: PairFeatures) -> FloatArray:
         logit = 8 * pairs.iou - 4
         if pairs.action is not None:
