@@ -20,8 +20,7 @@ from tsuiseki.datamodules.scenes.people.person import (
 )
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.market import TRAIN, is_market, read_market
-from tsuiseki.tracking.formats.mars import MarsCrop, is_mars, read_mars
+from tsuiseki.tracking.formats.person_crops import TRAIN, PersonCrop, is_market, is_mars, read_market, read_mars
 from tsuiseki.tracking.geometry import intersections
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
@@ -101,7 +100,7 @@ def crops_from_folder(folder: Path, frames: tuple[int, int] | None, least_visibl
     return crops
 
 
-def _from_mars(crops: list[MarsCrop]) -> IdentityCrops:
+def _from_mars(crops: list[PersonCrop]) -> IdentityCrops:
     """MARS's crops are their boxes; frames of another camera or tracklet count as far away."""
     images = [read_image(crop.path) for crop in crops]
     return IdentityCrops(
@@ -191,13 +190,13 @@ def read_crops(path: Path) -> IdentityCrops:
 PER_TRACKLET = 8
 
 
-def training_crops(folder: str | Path, per_tracklet: int = PER_TRACKLET) -> list[MarsCrop]:
+def training_crops(folder: str | Path, per_tracklet: int = PER_TRACKLET) -> list[PersonCrop]:
     """Up to ``per_tracklet`` crops of every tracklet, spread over it, without distractors and junk.
 
     Raises:
         RequestError: fewer than two people are left, or see `read_mars`.
     """
-    chosen: list[MarsCrop] = []
+    chosen: list[PersonCrop] = []
     people = [crop for crop in read_mars(folder) if crop.person > 0]
     for _, group in itertools.groupby(people, key=lambda crop: (crop.person, crop.camera, crop.tracklet)):
         tracklet = list(group)

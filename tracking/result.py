@@ -273,7 +273,7 @@ class Result(Sequence[T_co]):
             return self.painter
         boxes, every = self._boxed, list[Any](self.tracks)
         if boxes is None and self.names[:3] == ("a", "b", "theta") and isinstance(every[0], BodyTrack):
-            from tsuiseki.tracking.report.body_marks import draw_marks
+            from tsuiseki.tracking.report.overlay import draw_marks
 
             return lambda frame: draw_marks(frame, every, self.names, self.points)
         if boxes is None:

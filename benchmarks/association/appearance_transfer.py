@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images
-from tsuiseki.tracking.evaluation.retrieval import area_under_roc, evaluate_retrieval
+from tsuiseki.tracking.evaluation.reidentification import area_under_roc, evaluate_retrieval
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray

@@ -25,7 +25,7 @@ from tsuiseki.datamodules.scenes.things.room import draw_hall, hall_furniture
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.track3d import write_path3d
+from tsuiseki.tracking.formats.world_tables import write_path3d
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.tracks import Path3D
 

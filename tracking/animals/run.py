@@ -131,7 +131,7 @@ def animal_result(
         tracks, fields = in_millimetres(tracks, scale, source)
 
     def draw(frame: Frame) -> ImageArray:
-        from tsuiseki.tracking.report.body_marks import draw_marks
+        from tsuiseki.tracking.report.overlay import draw_marks
 
         return draw_marks(frame, tracks, fields, placed)
 

@@ -20,8 +20,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.answers.counting import Answers, Table, boxes_of, count
-from tsuiseki.tracking.answers.heat import heat_table, heat_values, path_table
-from tsuiseki.tracking.answers.plots import FIGURES, matrix
+from tsuiseki.tracking.answers.plots import FIGURES, heat_table, heat_values, matrix, path_table
 from tsuiseki.tracking.answers.scene import Scene
 from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError, RunError

@@ -17,7 +17,7 @@ import numpy as np
 
 from tsuiseki.tracking.bodies.body import Ball, Body, Contours, Goldfish, Stroke, placed, turning_basis, unlimited
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.learnt import read_learnt
+from tsuiseki.tracking.formats.rows import read_learnt
 from tsuiseki.tracking.types import FloatArray
 
 FORMAT = "tsuiseki-body-1"

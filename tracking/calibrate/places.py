@@ -14,7 +14,7 @@ from tsuiseki.tracking.cameras.person_model import PersonModel, stand
 from tsuiseki.tracking.cameras.pose import Camera, locate_over_floor
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.correspondences import Correspondences, read_correspondences, read_floor_points
+from tsuiseki.tracking.formats.world_tables import Correspondences, read_correspondences, read_floor_points
 from tsuiseki.tracking.types import FloatArray
 
 REACH = 10.0

@@ -133,8 +133,7 @@ def action(given: Comparison, labels: Labels, threshold: float = 0.4, multiple_a
             a person, instead of SingleActionTrackingLabels, which have one.
     """
     from tsuiseki.tracking.errors import RequestError
-    from tsuiseki.tracking.evaluation.action_files import match_actions, read_labelled_actions
-    from tsuiseki.tracking.evaluation.action_scores import evaluate_actions
+    from tsuiseki.tracking.evaluation.actions import evaluate_actions, match_actions, read_labelled_actions
     from tsuiseki.tracking.evaluation.tables import action_table, action_values
 
     if not 0 <= threshold <= 1:
@@ -328,7 +327,7 @@ def single(
         json: write all scores and curves to this file.
         plot: write the curves to this file (PNG, SVG or PDF).
     """
-    from tsuiseki.tracking.evaluation.single_table import compare, single_table, single_values
+    from tsuiseki.tracking.evaluation.single import compare, single_table, single_values
     from tsuiseki.tracking.formats.single import find_single_sequences
     from tsuiseki.tracking.report.plots import save_curves
 

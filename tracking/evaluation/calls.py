@@ -16,7 +16,7 @@ from tsuiseki.tracking.evaluation.points import evaluate_points as score_points
 from tsuiseki.tracking.evaluation.result_files import match_results, of_class
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.evaluation.truths import Truth, read_truths
-from tsuiseki.tracking.formats.label_classes import same_class
+from tsuiseki.tracking.formats.label_checks import same_class
 from tsuiseki.tracking.types import Estimate, FloatArray, Track, as_numbers
 from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, parse_frames

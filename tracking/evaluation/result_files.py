@@ -18,9 +18,8 @@ from tsuiseki.tracking.evaluation.detection import (
 )
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
 from tsuiseki.tracking.evaluation.truths import Truth
-from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.exports import format_at, read_exported
-from tsuiseki.tracking.formats.label_classes import PEOPLE, same_class
+from tsuiseki.tracking.formats.label_checks import PEOPLE, compare_with_picture, same_class
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
 from tsuiseki.tracking.output import RUN_FILE, is_partial
 from tsuiseki.tracking.types import Detections, Track

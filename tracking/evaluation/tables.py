@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from tsuiseki.tracking.evaluation.action_scores import ActionScores
+    from tsuiseki.tracking.evaluation.actions import ActionScores
     from tsuiseki.tracking.evaluation.detection import DetectionScores
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
     from tsuiseki.tracking.evaluation.on_floor import OnFloorScores

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
+from tsuiseki.tracking.formats.label_checks import NothingLabelledError, wanted_numbers
 from tsuiseki.tracking.formats.labelled import Size, open_labelled
 from tsuiseki.tracking.formats.okutama import Protocol
 from tsuiseki.tracking.formats.rotated import about_bodies, is_rotated, read_rotated_labels

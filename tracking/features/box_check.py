@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.types import FloatArray
 
 # Boxes that tell.

@@ -35,7 +35,7 @@ from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
 from tsuiseki.tracking.fisheye.view import BestScore, FloorGate, FoundBoxes
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.rotated import write_rotated_detections
-from tsuiseki.tracking.formats.track3d import write_world
+from tsuiseki.tracking.formats.world_tables import write_world
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes

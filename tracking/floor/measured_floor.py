@@ -13,7 +13,7 @@ from tsuiseki.tracking.cameras.multicamera import StandingPeople
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.floor.foot_points import FootNoise, on_floor
 from tsuiseki.tracking.floor.sensors import FloorPoints, SensorRates, SensorView, shares
-from tsuiseki.tracking.formats.floor_positions import FloorPositions, check_names
+from tsuiseki.tracking.formats.world_tables import FloorPositions, check_names
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
 

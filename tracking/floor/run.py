@@ -23,9 +23,9 @@ from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.page import floor_files
 from tsuiseki.tracking.floor.settings import OneFloorSettings
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
-from tsuiseki.tracking.formats.floor_positions import FloorPositions, read_floor_positions
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.sensed_points import is_point_file
+from tsuiseki.tracking.formats.world_tables import FloorPositions, read_floor_positions
 from tsuiseki.tracking.people.inputs import PeopleInputs
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.report.overlay import Overlay

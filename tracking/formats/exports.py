@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +21,29 @@ from tsuiseki.tracking.formats.mot_sequence import write_sequence
 from tsuiseki.tracking.formats.sleap_hdf5 import write_sleap_analysis, write_sleap_project
 from tsuiseki.tracking.formats.track_tables import KNOWN, write_table
 from tsuiseki.tracking.formats.tracked_video import NONE, TrackedVideo
-from tsuiseki.tracking.formats.via_tracks import write_via_tracks
 from tsuiseki.tracking.formats.yolo import is_yolo, read_yolo, write_yolo
+from tsuiseki.tracking.geometry import xywh_from_corners
+
+HEADING = ("filename", "file_size", "file_attributes", "region_count", "region_id", "region_shape_attributes",
+           "region_attributes")  # fmt: skip
+
+
+def write_via_tracks(path: Path, video: TrackedVideo) -> None:
+    """Write the boxes, by frame, then by id."""
+    rows = video.boxes
+    columns = zip(
+        rows.frames.tolist(), rows.ids.tolist(), xywh_from_corners(rows.boxes).round(3).tolist(),
+        rows.scores.round(4).tolist(), strict=True,
+    )  # fmt: skip
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(HEADING)
+        for frame, number, box, score in columns:
+            shape = {"name": "rect", **dict(zip(("x", "y", "width", "height"), box, strict=True))}
+            about = {"track": str(number), "confidence": str(score), "class": video.kind[number]}
+            image = f"{video.stem}_{frame:08d}.jpg"
+            writer.writerow([image, 0, json.dumps({"frame": frame}), 1, 0, json.dumps(shape), json.dumps(about)])
+
 
 FOLDER = ""
 

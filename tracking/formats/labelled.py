@@ -21,7 +21,6 @@ from typing import TypeAlias
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.bdd100k import images_of, is_bdd100k, label_files, read_bdd100k
-from tsuiseki.tracking.formats.box_places import compare_with_picture
 from tsuiseki.tracking.formats.drone_action import (
     DroneActionClip,
     drone_action_labels,
@@ -31,7 +30,7 @@ from tsuiseki.tracking.formats.drone_action import (
 )
 from tsuiseki.tracking.formats.exports import exported_in, format_at, read_exported
 from tsuiseki.tracking.formats.kitti import LABELS, KittiSequence, find_kitti, is_kitti, read_kitti
-from tsuiseki.tracking.formats.label_classes import wanted_numbers
+from tsuiseki.tracking.formats.label_checks import compare_with_picture, wanted_numbers
 from tsuiseki.tracking.formats.mot import NAMES as MOT_NAMES
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences, list_images, read_sequence

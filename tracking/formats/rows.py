@@ -1,4 +1,4 @@
-"""Rows of text as trackers, annotators and spreadsheets write them: one reader for all formats of rows.
+"""Rows of text as trackers, annotators and spreadsheets write them, one reader for all; and the text of other files.
 
 Cells are separated by commas, semicolons, tabs or spaces, as in the first row of numbers, and may stand in double
 quotes. Blank lines, lines that begin with # or %, and separators at a line's end are passed over. A comma within a
@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import codecs
 import csv
+import json
 import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -281,3 +283,25 @@ def whole(text: str) -> int | None:
         return None
     fits = value.is_finite() and -LARGEST_ID <= value <= LARGEST_ID and value == value.to_integral_value()
     return int(value) if fits else None
+
+
+def read_learnt(path: Path, command: str, form: str) -> dict[str, Any]:
+    """The values in a file that ``tsuiseki COMMAND`` made.
+
+    Args:
+        path: of the file.
+        command: that makes such files, for the message.
+        form: name and version of the format, the file's ``format``.
+
+    Raises:
+        RequestError: there is no file, or it is of another kind.
+    """
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise RequestError(f"found no {path}; make it with tsuiseki {command}") from error
+    except (OSError, ValueError) as error:
+        raise RequestError(f"{path}: expected a file of tsuiseki {command}, got something else") from error
+    if not isinstance(values, dict) or values.get("format") != form:
+        raise RequestError(f"{path}: expected a file of tsuiseki {command} ({form}), got something else")
+    return values

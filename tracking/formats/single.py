@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text
-from tsuiseki.tracking.formats.track3d import COVARIANCE
+from tsuiseki.tracking.formats.world_tables import COVARIANCE
 from tsuiseki.tracking.types import IntArray, Position, Track
 from tsuiseki.tracking.types.measurements import SensedTrack
 from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, FloorTrack

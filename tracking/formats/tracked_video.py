@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.box_places import compare_with_picture
-from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
+from tsuiseki.tracking.formats.label_checks import NothingLabelledError, compare_with_picture, wanted_numbers
 from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track

@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.box_places import compare_with_picture
-from tsuiseki.tracking.formats.label_classes import NothingLabelledError, wanted_numbers
+from tsuiseki.tracking.formats.label_checks import NothingLabelledError, compare_with_picture, wanted_numbers
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.rows import Rows, read_rows, whole_number
 from tsuiseki.tracking.geometry import corners_from_xywh

@@ -14,7 +14,7 @@ from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import DetectorLike
-from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.output import RUN_FILE, check_output_file, is_partial, output_file
 from tsuiseki.tracking.people.hidden_places import (

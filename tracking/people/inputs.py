@@ -35,7 +35,7 @@ from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detector
 from tsuiseki.tracking.features.views import parse_view
-from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of

@@ -16,7 +16,7 @@ from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path, distance_to_position
-from tsuiseki.tracking.formats.track3d import write_track3d
+from tsuiseki.tracking.formats.world_tables import write_track3d
 from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, scrolling, section
 from tsuiseki.tracking.report.plots import COLOURS, inline_svg

@@ -13,7 +13,7 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.filters.resampling import Covering
-from tsuiseki.tracking.formats.correspondences import read_ball_points
+from tsuiseki.tracking.formats.world_tables import read_ball_points
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.following import Seen, SphereRun, Start
 from tsuiseki.tracking.sphere.page import sphere_result
@@ -44,7 +44,7 @@ def track_sphere_points(
     """Where a ball is in space, from its pixels in every camera.
 
     Args:
-        files: a CSV for each camera (`tracking.formats.correspondences`), in the order of the cameras.
+        files: a CSV for each camera (`tracking.formats.world_tables`), in the order of the cameras.
         cameras: ``cameras.yaml`` with one entry per file, each with its frame_rate.
         start: ``(3,)`` the ball at first, metres; by default where two cameras that see it say.
         settings: see `SphereSettings`; no preset and no likelihood, for there is no image.

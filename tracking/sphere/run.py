@@ -287,7 +287,7 @@ def sphere(
         backgrounds: one picture of the empty scene per video, separated by commas; by default the median of the video.
         truth: CSV with the columns time, x, y, z (seconds, metres) to compare with in the report.
     """
-    from tsuiseki.tracking.formats.track3d import read_path3d
+    from tsuiseki.tracking.formats.world_tables import read_path3d
     from tsuiseki.tracking.sphere.points import sphere_points_run
 
     true_path = None if truth is None else read_path3d(truth)

@@ -23,7 +23,7 @@ from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, FeatureSet
 from tsuiseki.tracking.association.pairwise_flow import PRINTED_GATE, GateSettings
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.retrieval import area_under_roc
+from tsuiseki.tracking.evaluation.reidentification import area_under_roc
 from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.onnx import ModelCard

@@ -25,13 +25,14 @@ from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
 from tsuiseki.tracking.drone.tracking import suited
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.action_files import (
+from tsuiseki.tracking.evaluation.actions import (
+    ActionScores,
     LabelledActions,
     action_rows,
+    evaluate_actions,
     join_action_rows,
     read_labelled_actions,
 )
-from tsuiseki.tracking.evaluation.action_scores import ActionScores, evaluate_actions
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, score_sums
 from tsuiseki.tracking.evaluation.tables import action_values

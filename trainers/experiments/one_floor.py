@@ -22,7 +22,7 @@ from tsuiseki.tracking.floor.floor_flow import FloorFlow
 from tsuiseki.tracking.floor.foot_points import FootNoise
 from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, measured_floor
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor
-from tsuiseki.tracking.formats.floor_positions import FloorPositions
+from tsuiseki.tracking.formats.world_tables import FloorPositions
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray

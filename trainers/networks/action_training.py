@@ -13,7 +13,7 @@ from tsuiseki.datamodules.action_data import ActionBatch, ActionData
 from tsuiseki.models.action_network import ActionNetwork, ActionStream, action_loss, positive_weights
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.action_scores import average_precisions
+from tsuiseki.tracking.evaluation.actions import average_precisions
 from tsuiseki.tracking.features.action import STREAMS, ActionInput, StreamName
 from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.onnx import ModelCard

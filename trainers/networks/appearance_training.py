@@ -14,7 +14,7 @@ from tsuiseki.models.appearance import AppearanceNetwork
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.models.metric_losses import contrastive_loss, softmax_contrastive_loss, triplet_loss
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.retrieval import Retrieval, evaluate_retrieval
+from tsuiseki.tracking.evaluation.reidentification import Retrieval, evaluate_retrieval
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.trainers.networks.modules import Optimisation, Tested, gathered, normalised, plain_hyperparameters
 

@@ -19,7 +19,7 @@ from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_states import read_states
-from tsuiseki.tracking.formats.track3d import read_path3d
+from tsuiseki.tracking.formats.world_tables import read_path3d
 from tsuiseki.tracking.sphere.run import track_sphere
 from tsuiseki.tracking.sphere.settings import SphereSettings
 

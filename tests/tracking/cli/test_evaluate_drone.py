@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.evaluation.action_files import read_labelled_actions
+from tsuiseki.tracking.evaluation.actions import read_labelled_actions
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
 from tsuiseki.tracking.formats.mot import write_tracks

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.evaluation.retrieval import area_under_roc, evaluate_retrieval
+from tsuiseki.tracking.evaluation.reidentification import area_under_roc, evaluate_retrieval
 
 
 def test_two_queries_by_hand() -> None:

@@ -9,7 +9,7 @@ from tsuiseki.tracking.evaluation.space import (
     distance_to_path,
     distance_to_position,
 )
-from tsuiseki.tracking.formats.track3d import read_path3d, write_track3d
+from tsuiseki.tracking.formats.world_tables import read_path3d, write_track3d
 from tsuiseki.tracking.types import Position
 from tsuiseki.tracking.types.tracks import Path3D
 

@@ -12,7 +12,7 @@ from tsuiseki.tracking.fisheye.page import (
     dwell_seconds,
     floor_page,
 )
-from tsuiseki.tracking.formats.track3d import FLOOR_HEADER, write_world
+from tsuiseki.tracking.formats.world_tables import FLOOR_HEADER, write_world
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import FloorTrack
 

@@ -19,7 +19,7 @@ from tsuiseki.tracking.floor.measured_floor import measured_floor
 from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.run import track_floor
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
-from tsuiseki.tracking.formats.floor_positions import read_floor_positions
+from tsuiseki.tracking.formats.world_tables import read_floor_positions
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import Detections
 

@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.result_files import match_results
 from tsuiseki.tracking.evaluation.truths import read_truths
-from tsuiseki.tracking.formats.box_places import compare_with_picture
+from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.people.inputs import given_detections

@@ -12,7 +12,7 @@ from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective_cameras, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.evaluation.space import distance_to_position
-from tsuiseki.tracking.formats.track3d import read_path3d
+from tsuiseki.tracking.formats.world_tables import read_path3d
 from tsuiseki.tracking.video import source as video
 
 FRAMES = 8

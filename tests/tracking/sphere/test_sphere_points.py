@@ -13,8 +13,7 @@ from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import distance_to_position
-from tsuiseki.tracking.formats.correspondences import read_ball_points
-from tsuiseki.tracking.formats.track3d import read_path3d, write_path3d
+from tsuiseki.tracking.formats.world_tables import read_ball_points, read_path3d, write_path3d
 from tsuiseki.tracking.sphere.points import track_sphere_points
 from tsuiseki.tracking.sphere.settings import SphereSettings
 from tsuiseki.tracking.types.tracks import Path3D

@@ -22,7 +22,7 @@ from tsuiseki.tracking.filters.motion.bodies import (
     RandomWalk,
     conditions,
 )
-from tsuiseki.tracking.formats.learnt import read_learnt
+from tsuiseki.tracking.formats.rows import read_learnt
 from tsuiseki.tracking.types import FloatArray
 
 FORMAT = "tsuiseki-motion-1"

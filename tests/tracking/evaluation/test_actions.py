@@ -10,8 +10,13 @@ import pytest
 from sklearn.metrics import average_precision_score, f1_score, precision_score, recall_score
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.action_files import LabelledActions, action_rows, read_labelled_actions
-from tsuiseki.tracking.evaluation.action_scores import average_precisions, evaluate_actions
+from tsuiseki.tracking.evaluation.actions import (
+    LabelledActions,
+    action_rows,
+    average_precisions,
+    evaluate_actions,
+    read_labelled_actions,
+)
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks, write_acting_tracks
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth

@@ -1,10 +1,11 @@
-"""MARS: crops of people followed through several cameras, ``bbox_train/0001/0001C1T0001F001.jpg``.
+"""Crops of people: MARS's ``bbox_train/0001/0001C1T0001F001.jpg``, Market-1501's ``query/0002_c1s1_000451_03.jpg``.
 
-A name says the person (four digits), the camera, the tracklet and the frame within it. ``0000`` are distractors:
+MARS's names say the person (four digits), the camera, the tracklet and the frame within it. ``0000`` are distractors:
 crops of nobody in particular, wrong answers to every query. ``00-1`` is junk: crops that are neither right nor wrong.
-
-How it is evaluated: each query tracklet against the gallery of the other cameras' tracklets and the distractors; junk
+Each query tracklet is evaluated against the gallery of the other cameras' tracklets and the distractors; junk
 is removed, and so are tracklets of the query's person from the query's own camera.
+
+Market-1501's names say the person, the camera and the sequence, the frame, and the box; 0 and -1 are as in MARS.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ DISTRACTORS, JUNK = 0, -1
 
 
 @dataclass(frozen=True)
-class MarsCrop:
+class PersonCrop:
     """One crop.
 
     Attributes:
@@ -45,7 +46,7 @@ def is_mars(folder: Path) -> bool:
     return folder.is_dir() and any(_NAME.fullmatch(p.name) for p in folder.glob("*/*C*T*F*.jpg"))
 
 
-def read_mars(folder: str | Path, keep_junk: bool = False) -> list[MarsCrop]:
+def read_mars(folder: str | Path, keep_junk: bool = False) -> list[PersonCrop]:
     """The crops of ``bbox_train`` or ``bbox_test``, or of the ``bbox_train`` in ``folder``, by name.
 
     Args:
@@ -68,7 +69,31 @@ def read_mars(folder: str | Path, keep_junk: bool = False) -> list[MarsCrop]:
         if path.parent.name != match[1]:
             raise RequestError(f"{path}: expected crops of person {path.parent.name} here, got one of {match[1]}")
         if person != JUNK or keep_junk:
-            crops.append(MarsCrop(path, person, int(match[2]), int(match[3]), int(match[4])))
+            crops.append(PersonCrop(path, person, int(match[2]), int(match[3]), int(match[4])))
     if not crops:
         raise RequestError(f"expected crops of MARS in {part}, such as 0001/0001C1T0001F001.jpg, found none")
+    return crops
+
+
+TRAIN, QUERY, GALLERY = "bounding_box_train", "query", "bounding_box_test"
+_MARKET = re.compile(r"(-1|\d+)_c(\d+)s?(\d*)_(\d+)_.*\.(?:jpg|png)", re.IGNORECASE)
+
+
+def is_market(folder: Path) -> bool:
+    """Whether ``folder`` has the layout."""
+    return (folder / TRAIN).is_dir() or (folder / QUERY).is_dir()
+
+
+def read_market(folder: Path, part: str) -> list[PersonCrop]:
+    """The crops of a part, by name; a sequence of a camera is their tracklet.
+
+    Raises:
+        RequestError: there is no crop.
+    """
+    matches = [(path, _MARKET.fullmatch(path.name)) for path in sorted((folder / part).glob("*.*"))]
+    crops = [PersonCrop(p, int(m[1]), int(m[2]), int(m[3] or 1), int(m[4])) for p, m in matches if m is not None]
+    if not crops:
+        raise RequestError(
+            f"expected crops of Market-1501 in {folder / part}, such as 0002_c1s1_000451_03.jpg, found none"
+        )
     return crops

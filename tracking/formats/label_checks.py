@@ -1,8 +1,9 @@
-"""Boxes of a file beside the picture that they belong to: whether they can be pixels of it, and what they look like."""
+"""What all labelled boxes are asked: which class counts, and whether they can be pixels of the picture."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,44 @@ import numpy as np
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types.class_choice import PERSON_NAMES, ClassChoice
+
+# What asks for people as every layout counts them.
+PEOPLE = "person"
+
+
+class NothingLabelledError(RequestError):
+    """A sequence has no box that counts."""
+
+
+def wanted_numbers(
+    wanted: int | str | None, names: Mapping[int, str], people: Collection[int], what: object
+) -> tuple[int, ...]:
+    """Numbers of the classes of a layout that count.
+
+    Args:
+        wanted: a number, a name, or ``person`` or None for people.
+        names: of all classes, by number.
+        people: numbers of those that are people.
+        what: has them, for messages.
+
+    Raises:
+        RequestError: there is no such class.
+    """
+    if wanted is None or ClassChoice((wanted,)).plain == (PEOPLE,):
+        return tuple(people)
+    return ClassChoice((wanted,)).numbers(names, names.keys(), what)
+
+
+def same_class(one: str, other: str) -> bool:
+    """Whether two names are of one class; all names of people are.
+
+    >>> same_class("Person", "pedestrian"), same_class("car", "Car"), same_class("car", "truck")
+    (True, True, False)
+    """
+    first, second = one.strip().lower(), other.strip().lower()
+    return first == second or {first, second} <= set(PERSON_NAMES)
+
 
 # Counting from 1 moves shares of 0 to -1.
 WITHIN_A_PIXEL = 1.01

@@ -1,0 +1,233 @@
+"""Places in the world as CSV: known points, positions that a sensor measured, and those of tracks.
+
+Metres and seconds, z up; pixels with the first one's centre at 0.5. Columns:
+
+* known points: ``x, y, z``, ``u, v`` (pixels), and optionally ``camera`` (rows without it belong to one camera);
+* another sensor's positions on a floor: ``time, x, y``, and optionally ``sd``, the standard deviation along each axis,
+  and ``id``, which is certain: it names the person;
+* ``track3d.csv``: positions in space over time, and the truth in the same columns as far as it has them.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, whole_number
+from tsuiseki.tracking.geometry import xywh_from_corners
+from tsuiseki.tracking.types import FloatArray, IntArray, Position
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
+from tsuiseki.tracking.types.tracks import FloorTrack, Path3D
+
+COLUMNS = ("x", "y", "z", "u", "v")
+
+
+@dataclass(frozen=True)
+class Correspondences:
+    """Points of one camera.
+
+    Attributes:
+        camera: its name.
+        points: ``(N, 3)`` metres.
+        pixels: ``(N, 2)``.
+        lines: ``(N,)`` line of each point in the file, from 1.
+    """
+
+    camera: str
+    points: FloatArray
+    pixels: FloatArray
+    lines: list[int]
+
+
+def read_correspondences(path: Path) -> list[Correspondences]:
+    """The points of each camera, cameras in the order of their first rows.
+
+    Raises:
+        RequestError: the file is missing or lacks a column, or a value is no finite number; the message says where.
+    """
+    return _read(path, COLUMNS)
+
+
+def read_floor_points(path: Path) -> Correspondences:
+    """The points of one camera on the floor: as `read_correspondences`, without the column ``z``, which is 0.
+
+    Raises:
+        RequestError: as `read_correspondences`, or there are several cameras.
+    """
+    groups = _read(path, [name for name in COLUMNS if name != "z"])
+    if len(groups) > 1:
+        raise RequestError(f"{path}: expected the points of one camera, got {len(groups)}; give a file for each")
+    return groups[0]
+
+
+def _read(path: Path, columns: Sequence[str]) -> list[Correspondences]:
+    table = read_named_rows(path, f"a CSV file with columns {', '.join(columns)}", columns)
+    found: dict[str, list[tuple[int, list[float]]]] = {}
+    for line, row in table.rows:
+        values = [finite_number(path, line, n, row[n]) if n in columns else 0.0 for n in COLUMNS]
+        found.setdefault(row.get("camera") or "camera1", []).append((line, values))
+    if not found:
+        raise RequestError(f"{path}: expected rows of points, found none")
+    return [_group(name, lines) for name, lines in found.items()]
+
+
+def _group(name: str, rows: list[tuple[int, list[float]]]) -> Correspondences:
+    values = np.array([v for _, v in rows])
+    return Correspondences(name, values[:, :3], values[:, 3:], [line for line, _ in rows])
+
+
+VISIBLE = ("visibility", "visible", "vis")
+HALF_PIXEL = 0.5
+
+
+def read_ball_points(path: Path) -> FloatArray:
+    """``(T, 2)`` pixels of frames 0 to T - 1, NaN where the ball was not seen.
+
+    Raises:
+        RequestError: the file or a column is missing, a value is no number, or a frame stands twice.
+    """
+    table = read_named_rows(path, "a CSV with a ball's pixels", ("frame", "x", "y"))
+    visible = next((name for name in table.names if name.lower() in VISIBLE), None)
+    first, shift = (1, 0.0) if visible is None else (0, HALF_PIXEL)
+    found: dict[int, tuple[float, float]] = {}
+    for line, row in table.rows:
+        frame = whole_number(path, line, "frame", row["frame"], first, LAST_FRAME + first) - first
+        if frame in found:
+            raise RequestError(f"{path}:{line}: expected each frame once, got {row['frame']} again")
+        hidden = not (row["x"] or row["y"])
+        if visible is not None and not hidden:
+            hidden = finite_number(path, line, visible, row[visible]) == 0
+        place = (np.nan, np.nan) if hidden else tuple(finite_number(path, line, name, row[name]) for name in ("x", "y"))
+        found[frame] = (place[0] + shift, place[1] + shift)
+    if not any(np.isfinite(place[0]) for place in found.values()):
+        raise RequestError(f"{path}: expected at least one frame that shows the ball, got none")
+    pixels = np.full((max(found) + 1, 2), np.nan)
+    pixels[list(found)] = list(found.values())
+    return pixels
+
+
+DEVIATION = 0.2
+SAME = 5.0
+
+
+@dataclass(frozen=True)
+class FloorPositions:
+    """What a sensor measured, by time.
+
+    Attributes:
+        path: of the file.
+        times: ``(N,)`` seconds.
+        places: ``(N, 2)`` metres.
+        deviations: ``(N,)`` metres.
+        names: ``(N,)`` ids, -1 for none.
+    """
+
+    path: Path
+    times: FloatArray
+    places: FloatArray
+    deviations: FloatArray
+    names: IntArray
+
+
+def read_floor_positions(path: Path) -> FloorPositions:
+    """The positions in a file.
+
+    Raises:
+        RequestError: a column is missing, a value is no number, a deviation is not above 0, or an id is twice at once.
+    """
+    table = read_named_rows(path, "a CSV of positions", ("time", "x", "y"))
+    if not table.rows:
+        raise RequestError(f"{path}: expected rows of positions, found none")
+    rows = []
+    for line, row in table.rows:
+        deviation = finite_number(path, line, "sd", row["sd"]) if row.get("sd") else DEVIATION
+        if not deviation > 0:
+            raise RequestError(f"{path}:{line}: expected an sd above 0 metres, got {deviation:g}")
+        name = whole_number(path, line, "id", row["id"], 1) if row.get("id") else -1
+        rows.append((*(finite_number(path, line, key, row[key]) for key in ("time", "x", "y")), deviation, name))
+    values = np.array([row[:4] for row in rows], dtype=np.float64)
+    names = np.array([row[4] for row in rows], dtype=np.int64)
+    order = np.argsort(values[:, 0], kind="stable")
+    values, names = values[order], names[order]
+    known = np.flatnonzero(names >= 0)
+    key = np.stack([values[known, 0], names[known].astype(np.float64)])
+    if len(np.unique(key, axis=1).T) < len(known):
+        raise RequestError(f"{path}: expected each id once at a time, got one twice")
+    return FloorPositions(path, values[:, 0], values[:, 1:3], values[:, 3], names)
+
+
+def check_names(sensors: list[FloorPositions], tolerance: float) -> None:
+    """Refuse an id that two sensors give to different people at once.
+
+    Raises:
+        RequestError: two places of one id within the tolerance lie farther apart than their deviations allow.
+    """
+    for k, one in enumerate(sensors):
+        for other in sensors[k + 1 :]:
+            for row in np.flatnonzero(one.names >= 0):
+                at = (other.names == one.names[row]) & (np.abs(other.times - one.times[row]) <= tolerance)
+                for twin in np.flatnonzero(at):
+                    apart = float(np.linalg.norm(one.places[row] - other.places[twin]))
+                    if apart > SAME * np.hypot(one.deviations[row], other.deviations[twin]) + 1.0:
+                        raise RequestError(
+                            f"expected one place of id {one.names[row]} at {one.times[row]:g} s, got places "
+                            f"{apart:.1f} m apart in {one.path} and {other.path}"
+                        )
+
+
+COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
+HEADER = ("time", "x", "y", "z", *COVARIANCE, "score", "status")
+
+
+def write_track3d(path: Path, positions: Sequence[Position]) -> None:
+    """Write one row a position: seconds, metres, square metres, score and status."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(HEADER)
+        for p in positions:
+            numbers = [p.time, *p.point, *p.covariance[np.triu_indices(3)], p.score]
+            writer.writerow([f"{value:.9g}" for value in numbers] + [p.status])
+
+
+def write_path3d(path: Path, truth: Path3D) -> None:
+    """Write times and points without the rest."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(HEADER[:4])
+        writer.writerows([f"{value:.9g}" for value in (t, *p)] for t, p in zip(truth.times, truth.points, strict=True))
+
+
+def read_path3d(path: Path) -> Path3D:
+    """Times and points of a file with at least the columns time, x, y, z.
+
+    Raises:
+        RequestError: the file is missing, lacks a column, has no row, or a value is no number.
+    """
+    table = read_named_rows(path, "a CSV file with columns time, x, y, z", HEADER[:4])
+    if not table.rows:
+        raise RequestError(f"{path}: expected a header and rows of positions, found none")
+    values = np.array([[finite_number(path, line, name, row[name]) for name in HEADER[:4]] for line, row in table.rows])
+    return Path3D(values[:, 0], values[:, 1:])
+
+
+FLOOR_HEADER = "id,time,x,y,left,top,width,height,rx,ry,rw,rh,degrees"
+
+
+def write_world(path: Path, tracks: Sequence[FloorTrack], seconds: Callable[[IntArray], FloatArray]) -> None:
+    """Write ``tracks`` by time, then by id; ``seconds`` gives the times of 0-based frames."""
+    rows = []
+    for each in tracks:
+        boxes = xywh_from_corners(each.track.boxes) + np.array([1, 1, 0, 0])
+        degrees = (np.degrees(each.rotated[:, 4:]) + 180) % 360 - 180
+        values = np.concatenate([each.places, boxes, each.rotated[:, :4], degrees], axis=1)
+        times = seconds(each.track.frames).tolist()
+        for frame, time, line in zip(each.track.frames.tolist(), times, values.tolist(), strict=True):
+            x, y, *rest = line
+            text = ",".join([f"{x:.4f}", f"{y:.4f}", *(f"{v:.2f}" for v in rest)])
+            rows.append((frame, each.track.id, f"{each.track.id},{time:.4f},{text}\n"))
+    path.write_text(FLOOR_HEADER + "\n" + "".join(line for *_, line in sorted(rows)), encoding="utf-8")
