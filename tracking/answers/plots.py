@@ -1,4 +1,4 @@
-"""Plots of answers, and the numbers behind them: how many at a time, crossings, from where to where, time spent where."""
+"""Plots of answers and their numbers: how many at a time, crossings, from where to where, and time spent where."""
 
 from __future__ import annotations
 

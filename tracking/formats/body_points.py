@@ -12,7 +12,6 @@ Points are in pixels; SLEAP and DeepLabCut take the centre of the first pixel as
 
 from __future__ import annotations
 
-import csv
 import re
 import warnings
 from pathlib import Path
@@ -20,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.formats.rows import NamedRows, Rows, read_named_rows, read_rows, whole_number
+from tsuiseki.tracking.formats.rows import NamedRows, Rows, read_named_rows, read_rows, whole_number, write_csv
 from tsuiseki.tracking.formats.sleap_hdf5 import is_hdf5, read_sleap_hdf5
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.tracks import PointTable
@@ -65,24 +64,22 @@ def _text_table(path: Path) -> PointTable:
 def write_sleap(path: Path, table: PointTable) -> None:
     """Write SLEAP's analysis CSV; the score of an animal is the mean of its points'."""
     columns = [f"{node}.{part}" for node in table.nodes for part in ("x", "y", "score")]
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["track", "frame_idx", "instance.score", *columns])
-        for n in _by_frame(table):
-            values = np.concatenate([table.points[n], table.scores[n][:, None]], axis=1).ravel()
-            known = table.scores[n][np.isfinite(table.scores[n])]
-            score = f"{known.mean():.4f}" if len(known) else ""
-            writer.writerow([table.tracks[n], int(table.frames[n]), score, *map(_text, values)])
+    rows = []
+    for n in sorted(range(len(table)), key=lambda n: (int(table.frames[n]), table.tracks[n])):
+        values = np.concatenate([table.points[n], table.scores[n][:, None]], axis=1).ravel()
+        known = table.scores[n][np.isfinite(table.scores[n])]
+        score = f"{known.mean():.4f}" if len(known) else ""
+        rows.append([table.tracks[n], int(table.frames[n]), score, *map(_text, values)])
+    write_csv(path, ["track", "frame_idx", "instance.score", *columns], rows)
 
 
-def write_deeplabcut(path: Path, table: PointTable, length: int, scorer: str = "tsuiseki") -> None:
+def write_deeplabcut(path: Path, table: PointTable, length: int) -> None:
     """Write DeepLabCut's CSV of several animals.
 
     Args:
         path: file to write.
         table: its tracks name the individuals.
         length: frames of the video: each gets a line.
-        scorer: who found the points.
     """
     names = list(dict.fromkeys(table.tracks))
     columns = [(name, node, part) for name in names for node in table.nodes for part in ("x", "y", "likelihood")]
@@ -91,17 +88,9 @@ def write_deeplabcut(path: Path, table: PointTable, length: int, scorer: str = "
         lines[table.frames[n], names.index(table.tracks[n])] = np.concatenate(
             [table.points[n], table.scores[n][:, None]], axis=1
         )
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow([DLC_FIRST, *[scorer] * len(columns)])
-        for place, head in enumerate(DLC_ROWS):
-            writer.writerow([head, *(column[place] for column in columns)])
-        for frame, line in enumerate(lines):
-            writer.writerow([frame, *map(_text, line.ravel())])
-
-
-def _by_frame(table: PointTable) -> list[int]:
-    return sorted(range(len(table)), key=lambda n: (int(table.frames[n]), table.tracks[n]))
+    heads = ([head, *(column[place] for column in columns)] for place, head in enumerate(DLC_ROWS))
+    rows = ([frame, *map(_text, line.ravel())] for frame, line in enumerate(lines))
+    write_csv(path, [DLC_FIRST, *["tsuiseki"] * len(columns)], [*heads, *rows])
 
 
 def _named(table: NamedRows, ends: tuple[str, str, str], frame: str, track: str, first: int) -> PointTable:

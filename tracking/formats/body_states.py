@@ -5,14 +5,13 @@ Frames count from 1 as in the other text files; centres are pixels, angles radia
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, whole_number
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, repeated, whole_number, write_csv
 from tsuiseki.tracking.types import STATUSES, Status
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.tracks import BodyTrack
@@ -27,10 +26,8 @@ def write_states(path: Path, tracks: Iterable[BodyTrack], fields: Sequence[str])
         for track in tracks
         for frame, state, score, status in zip(track.frames, track.states, track.scores, track.statuses, strict=True)
     ]
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["frame", "id", *fields, *LAST_COLUMNS])
-        writer.writerows([frame, identity, *values] for frame, identity, values in sorted(rows))
+    lines = ([frame, identity, *values] for frame, identity, values in sorted(rows))
+    write_csv(path, ["frame", "id", *fields, *LAST_COLUMNS], lines)
 
 
 def read_fields(path: Path) -> tuple[str, ...]:
@@ -70,9 +67,10 @@ Row = tuple[int, int, list[float], float, Status]
 def _track(path: Path, identity: int, rows: list[Row]) -> BodyTrack:
     own = sorted((row for row in rows if row[1] == identity), key=lambda row: row[0])
     frames = np.array([row[0] for row in own], dtype=np.int64)
-    if np.any(np.diff(frames) == 0):
-        twice = int(frames[np.flatnonzero(np.diff(frames) == 0)[0]]) + 1
-        raise RequestError(f"{path}: expected an id once in a frame, got id {identity} twice in frame {twice}")
+    if (row := repeated(frames)) is not None:
+        raise RequestError(
+            f"{path}: expected an id once in a frame, got id {identity} twice in frame {frames[row] + 1}"
+        )
     states = np.array([row[2] for row in own], dtype=np.float64)
     return BodyTrack(identity, frames, states, np.array([row[3] for row in own]), tuple(row[4] for row in own))
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.tracked_video import TrackedVideo, inside, read_json, tracks_of_rows
+from tsuiseki.tracking.formats.rows import read_json
+from tsuiseki.tracking.formats.tracked_video import TrackedVideo, inside, tracks_of_rows
 from tsuiseki.tracking.geometry import xywh_from_corners
 
 WHAT = "COCO's JSON"

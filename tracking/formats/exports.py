@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,13 +10,14 @@ from typing import Literal
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_points import write_deeplabcut
+from tsuiseki.tracking.formats.box_labels import write_kitti
 from tsuiseki.tracking.formats.coco_video import read_coco, write_coco
 from tsuiseki.tracking.formats.cvat import read_cvat, write_cvat
 from tsuiseki.tracking.formats.geff import write_geff
-from tsuiseki.tracking.formats.kitti import write_kitti
 from tsuiseki.tracking.formats.label_studio import read_label_studio, write_label_studio
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.mot_sequence import write_sequence
+from tsuiseki.tracking.formats.rows import write_csv
 from tsuiseki.tracking.formats.sleap_hdf5 import write_sleap_analysis, write_sleap_project
 from tsuiseki.tracking.formats.track_tables import KNOWN, write_table
 from tsuiseki.tracking.formats.tracked_video import NONE, TrackedVideo
@@ -35,14 +35,13 @@ def write_via_tracks(path: Path, video: TrackedVideo) -> None:
         rows.frames.tolist(), rows.ids.tolist(), xywh_from_corners(rows.boxes).round(3).tolist(),
         rows.scores.round(4).tolist(), strict=True,
     )  # fmt: skip
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(HEADING)
-        for frame, number, box, score in columns:
-            shape = {"name": "rect", **dict(zip(("x", "y", "width", "height"), box, strict=True))}
-            about = {"track": str(number), "confidence": str(score), "class": video.kind[number]}
-            image = f"{video.stem}_{frame:08d}.jpg"
-            writer.writerow([image, 0, json.dumps({"frame": frame}), 1, 0, json.dumps(shape), json.dumps(about)])
+    lines = []
+    for frame, number, box, score in columns:
+        shape = {"name": "rect", **dict(zip(("x", "y", "width", "height"), box, strict=True))}
+        about = {"track": str(number), "confidence": str(score), "class": video.kind[number]}
+        image = f"{video.stem}_{frame:08d}.jpg"
+        lines.append([image, 0, json.dumps({"frame": frame}), 1, 0, json.dumps(shape), json.dumps(about)])
+    write_csv(path, HEADING, lines)
 
 
 FOLDER = ""

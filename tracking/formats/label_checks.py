@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,15 @@ PEOPLE = "person"
 
 class NothingLabelledError(RequestError):
     """A sequence has no box that counts."""
+
+
+@dataclass(frozen=True)
+class LabelFile:
+    """A video's name, its images by frame, none where there are labels alone, and its label file."""
+
+    name: str
+    images: tuple[Path, ...]
+    labels: Path
 
 
 def wanted_numbers(

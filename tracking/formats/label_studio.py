@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.tracked_video import Size, TrackedVideo, between_keys, read_json, runs_of, tracks_of_rows
+from tsuiseki.tracking.formats.rows import read_json
+from tsuiseki.tracking.formats.tracked_video import Size, TrackedVideo, between_keys, runs_of, tracks_of_rows
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME

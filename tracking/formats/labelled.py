@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.bdd100k import images_of, is_bdd100k, label_files, read_bdd100k
+from tsuiseki.tracking.formats.box_labels import BOX_LAYOUTS, BoxLayout
 from tsuiseki.tracking.formats.drone_action import (
     DroneActionClip,
     drone_action_labels,
@@ -29,14 +29,12 @@ from tsuiseki.tracking.formats.drone_action import (
     read_drone_action_boxes,
 )
 from tsuiseki.tracking.formats.exports import exported_in, format_at, read_exported
-from tsuiseki.tracking.formats.kitti import LABELS, KittiSequence, find_kitti, is_kitti, read_kitti
-from tsuiseki.tracking.formats.label_checks import compare_with_picture, wanted_numbers
+from tsuiseki.tracking.formats.label_checks import LabelFile, compare_with_picture, wanted_numbers
 from tsuiseki.tracking.formats.mot import NAMES as MOT_NAMES
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences, list_images, read_sequence
 from tsuiseki.tracking.formats.okutama import (
     ACTIONS_FILE,
-    OkutamaVideo,
     Protocol,
     clip_labelled_by,
     counted_from,
@@ -48,8 +46,6 @@ from tsuiseki.tracking.formats.okutama import (
     read_okutama_video,
 )
 from tsuiseki.tracking.formats.tracked_video import inside
-from tsuiseki.tracking.formats.visdrone import NAMES as VISDRONE_NAMES
-from tsuiseki.tracking.formats.visdrone import VisDroneSequence, find_visdrone, is_visdrone, read_visdrone
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
@@ -130,8 +126,8 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
     """
     if path.is_dir():
         return _in_folder(path, multiple_actions)
-    if is_bdd100k(path):
-        return [_bdd100k(path)]
+    if boxes := [_of_boxes(layout, one) for layout in BOX_LAYOUTS for one in layout.at(path)]:
+        return boxes
     if not path.is_file():
         raise RequestError(f"expected a ground truth, a sequence folder or a folder of sequences, found no {path}")
     if format_at(path):
@@ -139,19 +135,19 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
     if (clip := clip_labelled_by(path)) is not None:
         return [_clip_by_actions(clip)]
     if is_okutama_file(path):
-        return [_okutama(OkutamaVideo(path.stem, (), path))]
-    if path.parent.name == "annotations" and is_visdrone(path.parent.parent):
-        return [_visdrone(found) for found in find_visdrone(path.parent.parent) if found.labels.name == path.name]
-    if path.parent.name == LABELS:
-        return [_kitti(found) for found in find_kitti(path.parent.parent) if found.labels.name == path.name]
+        return [_okutama(LabelFile(path.stem, (), path))]
     return [_ground_truth(path)]
 
 
 def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
-    for fits, videos in FOLDERS:
-        if fits(folder):
-            return videos(folder, multiple_actions)
-    return [_sequence(sequence) for sequence in find_sequences(folder)]
+    if is_okutama(folder):
+        return [_okutama(video) for video in find_okutama(folder, multiple_actions)]
+    for layout in BOX_LAYOUTS:
+        if found := layout.at(folder):
+            return [_of_boxes(layout, one) for one in found]
+    if is_drone_action(folder):
+        return [_drone_action(clip) for clip in find_drone_action(folder)]
+    return [_exported(path) for path in exported_in(folder)] or [_sequence(one) for one in find_sequences(folder)]
 
 
 def _sequence(sequence: MotSequence) -> LabelledVideo:
@@ -183,27 +179,15 @@ def _ground_truth(path: Path) -> LabelledVideo:
     return LabelledVideo(name, (), None, lambda _, wanted: read_ground_truth(path, wanted), classes=MOT_NAMES)
 
 
-def _okutama(video: OkutamaVideo) -> LabelledVideo:
+def _okutama(video: LabelFile) -> LabelledVideo:
     length = len(video.images) or None
-    return LabelledVideo(video.name, video.images, length, None, lambda size: read_okutama_video(video, size=size))
+    return LabelledVideo(video.name, video.images, length, None, lambda size: read_okutama_video(video, size))
 
 
-def _visdrone(sequence: VisDroneSequence) -> LabelledVideo:
-    length = len(sequence.images)
-    read: Callable[[Size, Wanted], GroundTruth] = lambda _, wanted: read_visdrone(sequence.labels, length, wanted)  # noqa: E731
-    return LabelledVideo(sequence.name, sequence.images, length, read, classes=VISDRONE_NAMES)
-
-
-def _kitti(sequence: KittiSequence) -> LabelledVideo:
-    length = len(sequence.images) or None
-    return LabelledVideo(
-        sequence.name, sequence.images, length, lambda _, wanted: read_kitti(sequence.labels, length, wanted)
-    )
-
-
-def _bdd100k(labels: Path) -> LabelledVideo:
-    images = images_of(labels)
-    return LabelledVideo(labels.stem, images, len(images) or None, lambda _, wanted: read_bdd100k(labels, wanted))
+def _of_boxes(layout: BoxLayout, one: LabelFile) -> LabelledVideo:
+    length = len(one.images) or None
+    read: Callable[[Size, Wanted], GroundTruth] = lambda _, wanted: layout.read(one.labels, length, wanted)  # noqa: E731
+    return LabelledVideo(one.name, one.images, length, read, classes=layout.names)
 
 
 def _only_people(wanted: Wanted, clip: DroneActionClip, length: int | None) -> GroundTruth:
@@ -239,14 +223,3 @@ def _exported(path: Path) -> LabelledVideo:
 
     names = {number: kind for kind, number in known.kinds.items()}
     return LabelledVideo(name, files, length, read, None, known.size, names)
-
-
-# By layout: whether a folder has it, and the videos there. What fits none is read as MOTChallenge sequences.
-FOLDERS: tuple[tuple[Callable[[Path], bool], Callable[[Path, bool], list[LabelledVideo]]], ...] = (
-    (is_okutama, lambda folder, every: [_okutama(video) for video in find_okutama(folder, every)]),
-    (is_visdrone, lambda folder, _: [_visdrone(sequence) for sequence in find_visdrone(folder)]),
-    (is_kitti, lambda folder, _: [_kitti(sequence) for sequence in find_kitti(folder)]),
-    (is_bdd100k, lambda folder, _: [_bdd100k(labels) for labels in label_files(folder)]),
-    (is_drone_action, lambda folder, _: [_drone_action(clip) for clip in find_drone_action(folder)]),
-    (lambda folder: bool(exported_in(folder)), lambda folder, _: [_exported(path) for path in exported_in(folder)]),
-)

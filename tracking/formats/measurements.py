@@ -8,7 +8,6 @@ nothing. Where measurements have errors of their own, columns ``sd_x,sd_y`` give
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from itertools import combinations_with_replacement, pairwise
@@ -19,7 +18,7 @@ import numpy as np
 import yaml
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import NamedRows, finite_number, read_named_rows, read_text
+from tsuiseki.tracking.formats.rows import NamedRows, finite_number, read_named_rows, read_text, write_csv
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.measurements import (
     BirthPlace,
@@ -146,11 +145,7 @@ def write_sensed_tracks(path: Path, tracks: Sequence[SensedTrack], dimensions: i
             numbers = [*track.positions[k], *track.velocities[k], *(track.covariances[k, a, b] for a, b in triangle)]
             numbers += [track.existence[k], *track.modes[k]]
             lines.append((int(track.scans[k]) + 1, track.id, f"{track.times[k]:.9g}", [f"{v:.7g}" for v in numbers]))
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        for frame, identity, time, numbers in sorted(lines):
-            writer.writerow([frame, time, identity, *numbers])
+    write_csv(path, header, ([frame, time, identity, *numbers] for frame, identity, time, numbers in sorted(lines)))
 
 
 T = TypeVar("T")

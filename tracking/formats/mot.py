@@ -25,7 +25,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.formats.label_checks import NothingLabelledError, compare_with_picture, wanted_numbers
-from tsuiseki.tracking.formats.rows import Rows, read_rows, whole_number
+from tsuiseki.tracking.formats.rows import Rows, read_rows, repeated, whole_number
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
@@ -286,9 +286,7 @@ def write_tracks(path: str | Path, tracks: Iterable[Track]) -> None:
 
 
 def _refuse_repeated(path: Path, lines: IntArray, frames: IntArray, ids: IntArray) -> None:
-    _, first = np.unique(np.column_stack([frames, ids]), axis=0, return_index=True)
-    if len(first) < len(frames):
-        row = int(np.setdiff1d(np.arange(len(frames)), first)[0])
+    if (row := repeated(frames, ids)) is not None:
         raise RequestError(f"{path}:{lines[row]}: id {ids[row]} stands twice in frame {frames[row] + 1}")
 
 

@@ -9,7 +9,7 @@ in ``MultiActionLabels`` everybody gets another one every 180 frames.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -18,8 +18,9 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
+from tsuiseki.tracking.formats.label_checks import LabelFile
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, is_sequence, list_images, read_sequence
-from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text, rows_of, whole_number
+from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text, repeated, rows_of, whole_number
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME, FrameRange
@@ -34,15 +35,12 @@ FILE_NAMES = {"Handshaking": "Hand Shaking"}
 _SPELLINGS = {name.replace(" ", "").lower(): name for name in OKUTAMA_ACTIONS}
 
 
-def read_okutama(
-    path: str | Path, size: tuple[int, int], class_names: tuple[str, ...] = OKUTAMA_ACTIONS
-) -> ActionLabels:
+def read_okutama(path: str | Path, size: tuple[int, int]) -> ActionLabels:
     """The labels in the file at ``path``.
 
     Args:
         path: of the text file.
         size: width and height of the frames that the boxes are wanted for, pixels.
-        class_names: the actions that are known.
 
     Raises:
         RequestError: the file is missing or malformed, quotes are missing, an action is unknown, a box that is not
@@ -53,7 +51,7 @@ def read_okutama(
     if not rows.cells:
         raise RequestError(f"{path} is empty: expected rows of labels")
     numbers, ids = np.empty((len(rows.cells), 9)), np.empty(len(rows.cells), dtype=np.int64)
-    actions = np.zeros((len(rows.cells), len(class_names)), dtype=np.bool_)
+    actions = np.zeros((len(rows.cells), len(OKUTAMA_ACTIONS)), dtype=np.bool_)
     for k, (line, cells) in enumerate(zip(rows.lines, rows.cells, strict=True)):
         if complaint := _complaint(cells, rows.texts[k]):
             raise rows.error(k, complaint)
@@ -61,7 +59,7 @@ def read_okutama(
         ids[k] = whole_number(path, line, "track_id", cells[0], first=0)
         whole_number(path, line, "frame", cells[5], first=0, last=LAST_FRAME - 1)
         for name in cells[10:]:
-            actions[k, _index(name, class_names, f"{path}:{line}")] = True
+            actions[k, _index(name, f"{path}:{line}")] = True
     labels = ActionLabels(
         frames=numbers[:, 5].astype(np.int64),
         ids=ids,
@@ -70,7 +68,7 @@ def read_okutama(
         occluded=numbers[:, 7] == 1,
         generated=numbers[:, 8] == 1,
         actions=actions,
-        class_names=class_names,
+        class_names=OKUTAMA_ACTIONS,
     )
     return _checked(labels, rows, size)
 
@@ -85,9 +83,8 @@ def _checked(labels: ActionLabels, rows: Rows, size: tuple[int, int]) -> ActionL
             f"xmin ymin xmax ymax of a box in {width}x{height} (mark a person out of view as lost)",
         )
     kept = ~labels.lost
-    _, first = np.unique(np.column_stack([labels.frames, labels.ids])[kept], axis=0, return_index=True)
-    if len(first) < kept.sum():
-        k = int(np.flatnonzero(kept)[np.setdiff1d(np.arange(int(kept.sum())), first)[0]])
+    if (row := repeated(labels.frames[kept], labels.ids[kept])) is not None:
+        k = np.flatnonzero(kept)[row]
         raise RequestError(f"{rows.path}:{rows.lines[k]}: id {labels.ids[k]} stands twice in frame {labels.frames[k]}")
     boxes = np.where(labels.lost[:, None], np.array([0.0, 0.0, 1.0, 1.0]), inside)
     return replace(labels, boxes=boxes)
@@ -108,11 +105,11 @@ def _complaint(cells: list[str], text: str) -> str:
     return ""
 
 
-def _index(name: str, class_names: tuple[str, ...], place: str) -> int:
+def _index(name: str, place: str) -> int:
     known = _SPELLINGS.get(name.replace(" ", "").lower(), name)
-    if known not in class_names:
-        raise RequestError(f"{place}: unknown action {name!r}; known are {', '.join(class_names)}")
-    return class_names.index(known)
+    if known not in OKUTAMA_ACTIONS:
+        raise RequestError(f"{place}: unknown action {name!r}; known are {', '.join(OKUTAMA_ACTIONS)}")
+    return OKUTAMA_ACTIONS.index(known)
 
 
 def write_okutama(path: Path, labels: ActionLabels, size: tuple[int, int]) -> None:
@@ -174,21 +171,6 @@ EXTRACTED_SIZE = (1280, 720)
 ADVICE = "use the frames that come with the data, Extracted-Frames-1280x720"
 
 
-@dataclass(frozen=True)
-class OkutamaVideo:
-    """A video's files.
-
-    Attributes:
-        name: of the video.
-        images: by frame number; empty where only the labels are there.
-        labels: the label file.
-    """
-
-    name: str
-    images: tuple[Path, ...]
-    labels: Path
-
-
 def is_okutama(folder: Path) -> bool:
     """Whether ``folder`` has Okutama-Action's layout; MOTChallenge sequences beside a folder Labels do not."""
     return any((folder / "Labels" / kind).is_dir() for kind in LABEL_FOLDERS)
@@ -227,7 +209,7 @@ def read_clip_labels(clip: MotSequence, size: tuple[int, int] | None = None) -> 
     return read_okutama(clip.folder / ACTIONS_FILE, size)
 
 
-def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[OkutamaVideo]:
+def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[LabelFile]:
     """The videos of Okutama-Action at ``folder``, or of a generated clip, or of a folder of generated clips, by name.
 
     Args:
@@ -241,7 +223,7 @@ def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[Oku
     if not is_okutama(folder):
         clips = [folder] if (folder / ACTIONS_FILE).is_file() else sorted(folder.glob("*/"))
         clips = [clip for clip in clips if (clip / ACTIONS_FILE).is_file()]
-        videos = [OkutamaVideo(clip.name, list_images(clip / "img1"), clip / ACTIONS_FILE) for clip in clips]
+        videos = [LabelFile(clip.name, list_images(clip / "img1"), clip / ACTIONS_FILE) for clip in clips]
     else:
         # Walking through the folders takes a while where there are a hundred thousand frames: once for all videos.
         # Of frames in several sizes the 1280x720 ones come last, and stay.
@@ -257,14 +239,11 @@ def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[Oku
     return videos
 
 
-def read_okutama_video(
-    video: OkutamaVideo, class_names: tuple[str, ...] = OKUTAMA_ACTIONS, size: tuple[int, int] | None = None
-) -> ActionLabels:
+def read_okutama_video(video: LabelFile, size: tuple[int, int] | None = None) -> ActionLabels:
     """The labels of a video, in pixels of its frames.
 
     Args:
         video: see `find_okutama`.
-        class_names: the actions that are known.
         size: width and height that the labels are wanted for; by default those of the frames, or where there are none
             those of `EXTRACTED_SIZE`.
 
@@ -272,12 +251,12 @@ def read_okutama_video(
         RequestError: labels are broken (see `read_okutama`), or frames and labels do not match.
     """
     if not video.images:
-        return read_okutama(video.labels, size or EXTRACTED_SIZE, class_names)
+        return read_okutama(video.labels, size or EXTRACTED_SIZE)
     first = cv2.imread(str(video.images[0]))
     if first is None:
         raise RequestError(f"{video.images[0]}: expected an image, got something unreadable")
     frame_size = (first.shape[1], first.shape[0])
-    labels = read_okutama(video.labels, size or frame_size, class_names)
+    labels = read_okutama(video.labels, size or frame_size)
     check_frames(labels, len(video.images), frame_size, str(video.labels))
     return labels
 
@@ -311,7 +290,7 @@ def _label_files(folder: Path, multiple_actions: bool) -> list[Path]:
     return []
 
 
-def _published(labels: Path, frames: Path | None) -> OkutamaVideo:
+def _published(labels: Path, frames: Path | None) -> LabelFile:
     """The video of a label file, with its frames where they are there; their names are their numbers, from 0."""
     images = () if frames is None else list_images(frames)
     for number, image in enumerate(images):
@@ -320,4 +299,4 @@ def _published(labels: Path, frames: Path | None) -> OkutamaVideo:
                 f"{image.parent}: expected frames numbered 0 to {len(images) - 1}, found no frame {number}; "
                 "labels would not line up"
             )
-    return OkutamaVideo(labels.stem, images, labels)
+    return LabelFile(labels.stem, images, labels)

@@ -12,7 +12,7 @@ import csv
 import json
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import FloatArray, IntArray
 
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
 MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
@@ -60,6 +60,18 @@ def read_text(path: Path, what: str) -> str:
     if _BINARY.search(text):
         raise RequestError(f"{path}: expected a text file of {what}, got something binary")
     return text
+
+
+def read_json(path: Path, what: str) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        RequestError: there is none, or it is something else.
+    """
+    try:
+        return json.loads(read_text(path, what))
+    except (ValueError, RecursionError) as error:
+        raise RequestError(f"{path}: expected {what}, got no JSON") from error
 
 
 @dataclass(frozen=True)
@@ -239,6 +251,25 @@ def read_named_rows(path: Path, what: str, columns: Sequence[str] = ()) -> Named
     table = NamedRows(path, names, found, rows.separator)
     table.need(columns)
     return table
+
+
+def repeated(*columns: IntArray | FloatArray) -> int | None:
+    """The first row whose numbers all stand together in an earlier row; None where there is none.
+
+    >>> repeated(np.array([0, 1, 0]), np.array([7, 7, 7]))
+    2
+    """
+    _, first = np.unique(np.column_stack(columns), axis=0, return_index=True)
+    again = np.setdiff1d(np.arange(len(columns[0])), first)
+    return int(again[0]) if len(again) else None
+
+
+def write_csv(path: Path, heading: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Write rows below a heading."""
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(heading)
+        writer.writerows(rows)
 
 
 def finite_number(path: Path, line: int, name: str, text: str | None) -> float:

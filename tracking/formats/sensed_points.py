@@ -5,14 +5,14 @@ Further columns are allowed and passed over. Positions are in the unit of the fi
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import LARGEST_ID, finite_number, read_named_rows, whole_number
+from tsuiseki.tracking.formats.rows import LARGEST_ID, finite_number, read_named_rows, repeated, whole_number, write_csv
+from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
@@ -42,14 +42,12 @@ def read_points(path: Path, length: int | None = None) -> list[FloatArray]:
 
 def write_points(path: Path, detections: Iterable[Detections]) -> None:
     """Centres of the boxes of each frame, as `read_points` reads them."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["frame", "x", "y", "score"])
-        for frame, found in enumerate(detections, start=1):
-            centres = (found.boxes[:, :2] + found.boxes[:, 2:]) / 2
-            scores = np.nan_to_num(found.scores)
-            rows = zip(centres.tolist(), scores.tolist(), strict=True)
-            writer.writerows([frame, f"{x:.3f}", f"{y:.3f}", f"{score:.4f}"] for (x, y), score in rows)
+    rows = (
+        [frame, f"{x:.3f}", f"{y:.3f}", f"{score:.4f}"]
+        for frame, found in enumerate(detections, start=1)
+        for (x, y), score in zip(centres(found.boxes).tolist(), np.nan_to_num(found.scores).tolist(), strict=True)
+    )
+    write_csv(path, ["frame", "x", "y", "score"], rows)
 
 
 def read_point_tracks(path: Path) -> tuple[np.ndarray, np.ndarray, FloatArray]:
@@ -60,24 +58,23 @@ def read_point_tracks(path: Path) -> tuple[np.ndarray, np.ndarray, FloatArray]:
     """
     places, whole = _columns(path, ("frame", "id"))
     frames, ids = whole[:, 0] - 1, whole[:, 1]
-    pairs, counts = np.unique(np.stack([frames, ids], axis=1), axis=0, return_counts=True)
-    if np.any(counts > 1):
-        frame, identity = pairs[np.argmax(counts)]
-        raise RequestError(f"{path}: expected an id once in a frame, got id {identity} twice in frame {frame + 1}")
+    if (row := repeated(frames, ids)) is not None:
+        twice = f"id {ids[row]} twice in frame {frames[row] + 1}"
+        raise RequestError(f"{path}: expected an id once in a frame, got {twice}")
     return frames, ids, places
 
 
 def write_point_tracks(path: Path, tracks: Iterable[Track]) -> None:
     """Centres of the boxes of tracks, as ``frame,id,x,y,score`` by frame."""
     rows = [
-        (int(frame) + 1, track.id, *((box[:2] + box[2:]) / 2), float(score))
+        (frame + 1, track.id, *place, score)
         for track in tracks
-        for frame, box, score in zip(track.frames, track.boxes, track.scores, strict=True)
+        for frame, place, score in zip(
+            track.frames.tolist(), centres(track.boxes).tolist(), track.scores.tolist(), strict=True
+        )
     ]
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["frame", "id", "x", "y", "score"])
-        writer.writerows([frame, i, f"{x:.3f}", f"{y:.3f}", f"{score:.4f}"] for frame, i, x, y, score in sorted(rows))
+    lines = ([frame, i, f"{x:.3f}", f"{y:.3f}", f"{score:.4f}"] for frame, i, x, y, score in sorted(rows))
+    write_csv(path, ["frame", "id", "x", "y", "score"], lines)
 
 
 def _columns(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, IntArray]:

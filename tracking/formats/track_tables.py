@@ -9,7 +9,6 @@ people do, with ``x,y,rx,ry,rw,rh,angle`` where they are on a floor; ``frame,id,
 
 from __future__ import annotations
 
-import csv
 import importlib
 import json
 from collections.abc import Mapping, Sequence
@@ -23,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text, write_csv
 from tsuiseki.tracking.formats.world_tables import COVARIANCE
 from tsuiseki.tracking.types import IntArray, Position, Track
 from tsuiseki.tracking.types.measurements import SensedTrack
@@ -241,10 +240,7 @@ def write_table(path: Path, table: Columns, known: Mapping[str, Any]) -> None:
     ending = path.suffix.lower()
     if ending == ".csv":
         shown = [_shown(column) for column in table.values()]
-        with path.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(table)
-            writer.writerows(zip(*shown, strict=True))
+        write_csv(path, table, zip(*shown, strict=True))
     elif ending == ".json":
         columns = ",\n".join(f"{json.dumps(name)}: {json.dumps(column.tolist())}" for name, column in table.items())
         head = json.dumps(known, default=str)

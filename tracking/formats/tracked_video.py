@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import NothingLabelledError, compare_with_picture, wanted_numbers
-from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES
@@ -271,18 +269,6 @@ def tracks_of_rows(
         number = int(ids[p[0]]) + shift
         found.append(Track(number, frames[p], boxes[p], scores[p], observed[p], origin, {kind: name} if name else {}))
     return found
-
-
-def read_json(path: Path, what: str) -> Any:
-    """The content of a JSON file.
-
-    Raises:
-        RequestError: there is none, or it is something else.
-    """
-    try:
-        return json.loads(read_text(path, what))
-    except (ValueError, RecursionError) as error:
-        raise RequestError(f"{path}: expected {what}, got no JSON") from error
 
 
 def inside(name: object) -> str | None:

@@ -10,7 +10,6 @@ Metres and seconds, z up; pixels with the first one's centre at 0.5. Columns:
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, whole_number
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, repeated, whole_number, write_csv
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, IntArray, Position
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
@@ -154,9 +153,8 @@ def read_floor_positions(path: Path) -> FloorPositions:
     names = np.array([row[4] for row in rows], dtype=np.int64)
     order = np.argsort(values[:, 0], kind="stable")
     values, names = values[order], names[order]
-    known = np.flatnonzero(names >= 0)
-    key = np.stack([values[known, 0], names[known].astype(np.float64)])
-    if len(np.unique(key, axis=1).T) < len(known):
+    known = names >= 0
+    if repeated(values[known, 0], names[known]) is not None:
         raise RequestError(f"{path}: expected each id once at a time, got one twice")
     return FloorPositions(path, values[:, 0], values[:, 1:3], values[:, 3], names)
 
@@ -186,20 +184,15 @@ HEADER = ("time", "x", "y", "z", *COVARIANCE, "score", "status")
 
 def write_track3d(path: Path, positions: Sequence[Position]) -> None:
     """Write one row a position: seconds, metres, square metres, score and status."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(HEADER)
-        for p in positions:
-            numbers = [p.time, *p.point, *p.covariance[np.triu_indices(3)], p.score]
-            writer.writerow([f"{value:.9g}" for value in numbers] + [p.status])
+    numbers = ([p.time, *p.point, *p.covariance[np.triu_indices(3)], p.score] for p in positions)
+    rows = ([*(f"{v:.9g}" for v in row), p.status] for p, row in zip(positions, numbers, strict=True))
+    write_csv(path, HEADER, rows)
 
 
 def write_path3d(path: Path, truth: Path3D) -> None:
     """Write times and points without the rest."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(HEADER[:4])
-        writer.writerows([f"{value:.9g}" for value in (t, *p)] for t, p in zip(truth.times, truth.points, strict=True))
+    rows = zip(truth.times, truth.points, strict=True)
+    write_csv(path, HEADER[:4], ([f"{value:.9g}" for value in (t, *p)] for t, p in rows))
 
 
 def read_path3d(path: Path) -> Path3D:

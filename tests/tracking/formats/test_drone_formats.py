@@ -12,10 +12,10 @@ from tsuiseki.datamodules.action_crops import action_sequences
 from tsuiseki.datamodules.identity_crops import crops_from_folder, training_crops
 from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.box_labels import read_visdrone
 from tsuiseki.tracking.formats.drone_action import find_drone_action, read_drone_action_boxes
 from tsuiseki.tracking.formats.okutama import check_frames, okutama_truth, read_okutama, write_okutama
 from tsuiseki.tracking.formats.person_crops import read_mars
-from tsuiseki.tracking.formats.visdrone import read_visdrone
 
 ROWS = """\
 0 1200 600 1290 810 0 0 0 0 "Person" "Walking"

@@ -12,8 +12,8 @@ import pytest
 from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.calls import evaluate_people
+from tsuiseki.tracking.formats.box_labels import read_kitti
 from tsuiseki.tracking.formats.exports import FORMATS, format_at, read_exported
-from tsuiseki.tracking.formats.kitti import read_kitti
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.sleap_hdf5 import read_sleap_hdf5

@@ -12,7 +12,7 @@ import pytest
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
 from tsuiseki.tracking.formats.body_states import read_states
-from tsuiseki.tracking.formats.kitti import read_kitti
+from tsuiseki.tracking.formats.box_labels import read_kitti, read_visdrone
 from tsuiseki.tracking.formats.measurements import read_scans
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
@@ -21,7 +21,6 @@ from tsuiseki.tracking.formats.rotated import read_rotated_labels
 from tsuiseki.tracking.formats.rows import read_rows
 from tsuiseki.tracking.formats.sensed_points import is_point_file, read_point_tracks
 from tsuiseki.tracking.formats.single import read_boxes
-from tsuiseki.tracking.formats.visdrone import read_visdrone
 from tsuiseki.tracking.formats.world_tables import read_correspondences
 
 LINES = ["1,-1,11,21,30,40,0.5,-1,-1,-1", "2,-1,12.5,21,30,40,0.25,-1,-1,-1"]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.kitti import read_kitti
+from tsuiseki.tracking.formats.box_labels import read_kitti
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.trainers.association.videos import detected_videos
 

@@ -1,0 +1,295 @@
+"""Labelled boxes of KITTI tracking, VisDrone-MOT and BDD100K.
+
+KITTI: ``label_02/0000.txt`` and, where there are pictures, ``image_02/0000/000000.png …``. A row is ``frame track type
+truncated occluded alpha left top right bottom …`` with 0-based frames and 0-based pixels; what follows, places in space
+and a score, is not read. Occlusion is 0 none, 1 part, 2 most, 3 not known. Pedestrians count. A result on somebody who
+sits (``Person``, ``Person_sitting``) or on a region ``DontCare`` is neither right nor wrong. A result on a cyclist or a
+vehicle is wrong.
+
+VisDrone: ``annotations/NAME.txt`` and ``sequences/NAME/0000001.jpg …``. A row is ``frame,id,left,top,width,height,
+score,category,truncation,occlusion`` with 1-based frames and 0-based pixels. Categories are 0 ignored region, 1
+pedestrian (standing or walking), 2 people (in other postures), 3 and on vehicles. Occlusion is 0 none, 1 up to half, 2
+more. Pedestrians and people with score 1 count, both as one class. A result on an ignored region, or on any row with
+score 0, is neither right nor wrong. A result on a vehicle is wrong.
+
+BDD100K: a JSON a video, ``labels/box_track_20/val/NAME.json``, also without the folders above. A file is a list of
+frames with ``frameIndex`` from 0 and ``labels`` of ``id``, ``category`` and ``box2d`` (x1, y1, x2, y2, pixels), maybe
+with ``attributes``. A result on a crowd, or on ``other person``, ``other vehicle`` or ``trailer``, is neither right nor
+wrong; one on another class is wrong. Pictures are found in ``images/track/*/NAME``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.label_checks import LabelFile, NothingLabelledError, compare_with_picture, wanted_numbers
+from tsuiseki.tracking.formats.mot_sequence import list_images
+from tsuiseki.tracking.formats.rows import read_rows, read_text, repeated, whole_number
+from tsuiseki.tracking.formats.tracked_video import TrackedVideo
+from tsuiseki.tracking.geometry import corners_from_xywh
+from tsuiseki.tracking.types.class_choice import PERSON_NAMES
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
+from tsuiseki.tracking.types.labels import GroundTruth
+
+LABELS, ANNOTATIONS = "label_02", "annotations"
+COUNTED = "Pedestrian"
+KITTI_NAMES = dict(enumerate((COUNTED, "Cyclist", "Car", "Van", "Truck", "Tram", "Misc", "Person", "Person_sitting")))
+# Results on them are neither right nor wrong, as KITTI itself scores.
+ALIKE = {COUNTED: ("Person", "Person_sitting"), "Car": ("Van",)}
+# By occlusion.
+KITTI_VISIBLE, VISDRONE_VISIBLE = np.array([1.0, 0.75, 0.25, 0.5]), np.array([1.0, 0.75, 0.25])
+# Height, width, length, place and turn of nothing.
+NO_SPACE = "-1 -1 -1 -1000 -1000 -1000 -10"
+KITTI_ROW = "frame track type truncated occluded alpha left top right bottom"
+VISDRONE_ROW = "frame,id,left,top,width,height,score,category,truncation,occlusion"
+IGNORED_REGION, PEDESTRIAN, PEOPLE, MOST = 0, 1, 2, 11
+_KINDS = ("pedestrian", "people", "bicycle", "car", "van", "truck", "tricycle", "awning-tricycle", "bus", "motor")
+VISDRONE_NAMES = dict(enumerate(_KINDS, start=PEDESTRIAN))
+BDD_NAMES = dict(enumerate(("pedestrian", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle")))
+# As older files call them.
+OLDER = {"person": "pedestrian", "motor": "motorcycle", "bike": "bicycle"}
+BDD_IGNORED = ("other person", "other vehicle", "trailer")
+
+
+def find_kitti(folder: Path) -> list[LabelFile]:
+    """The drives of ``folder`` by name.
+
+    Raises:
+        RequestError: there is no label file.
+    """
+    labels = sorted((folder / LABELS).glob("*.txt"))
+    if not labels:
+        raise RequestError(f"expected label files 0000.txt of KITTI tracking in {folder / LABELS}, found none")
+    return [LabelFile(path.stem, list_images(folder / "image_02" / path.stem), path) for path in labels]
+
+
+def write_kitti(path: Path, video: TrackedVideo) -> None:
+    """Write tracks as results; people are of the type ``Pedestrian``, and what is not known has KITTI's numbers."""
+    rows, text = video.boxes, []
+    for frame, number, box, score in zip(
+        rows.frames.tolist(), rows.ids.tolist(), rows.boxes.tolist(), rows.scores.tolist(), strict=True
+    ):
+        kind = video.kind[number]
+        name = COUNTED if kind.lower() in PERSON_NAMES else kind.title().replace(" ", "_")
+        place = " ".join(f"{value:.2f}" for value in box)
+        text.append(f"{frame} {number} {name} -1 -1 -10 {place} {NO_SPACE} {score:.4f}\n")
+    path.write_text("".join(text), encoding="utf-8")
+
+
+def read_kitti(path: Path, length: int | None = None, wanted: int | str | None = None) -> GroundTruth:
+    """KITTI's labels in a file, ordered by frame.
+
+    Args:
+        path: of the text file.
+        length: frames of the drive, if known.
+        wanted: name of the type that counts; by default pedestrians.
+
+    Raises:
+        RequestError: the file is missing, malformed, has no pedestrian, has one twice in a frame, or labels frames
+            beyond the drive.
+    """
+    given = read_rows(path, "KITTI tracking labels").without_heading(len(KITTI_ROW.split()))
+    rows, ids = np.empty((len(given.cells), 6)), np.empty(len(given.cells), dtype=np.int64)
+    for k, (line, cells) in enumerate(zip(given.lines, given.cells, strict=True)):
+        try:
+            # Frame, occlusion, and the box.
+            rows[k] = [float(cells[column]) for column in (0, 4, 6, 7, 8, 9)]
+        except (ValueError, IndexError):
+            raise given.error(k, KITTI_ROW) from None
+        if not (0 <= rows[k, 0] < LAST_FRAME and rows[k, 0] == int(rows[k, 0])):
+            raise given.error(k, f"a frame number from 0 to {LAST_FRAME - 1}")
+        if not (rows[k, 4] > rows[k, 2] and rows[k, 5] > rows[k, 3]):
+            raise given.error(k, "right beyond left and bottom below top")
+        ids[k] = whole_number(path, line, "track", cells[1])
+    (number,) = wanted_numbers(wanted, KITTI_NAMES, (0,), path)
+    name, kinds = KITTI_NAMES[number], np.array([cells[2] for cells in given.cells], dtype=np.str_)
+    frames, counted = rows[:, 0].astype(np.int64), kinds == name
+    if not counted.any():
+        what = "pedestrians, of the type " if name == COUNTED else ""
+        raise NothingLabelledError(f"{path}: no usable box: expected {what}{name}")
+    if length is not None and frames.max() >= length:
+        raise RequestError(
+            f"{path}: labels reach frame {frames.max()}, but the drive has {length} images, counted from 0; are these "
+            "the labels of another drive?"
+        )
+    if (row := repeated(frames[counted], ids[counted])) is not None:
+        twice = f"track {ids[counted][row]} twice in frame {frames[counted][row]}"
+        raise RequestError(f"{path}: expected a {name} once a frame, got {twice}")
+    ignored = np.isin(kinds, ("DontCare", *ALIKE.get(name, ())))
+    visible = KITTI_VISIBLE[np.clip(rows[:, 1], 0, 3).astype(np.int64)]
+    return _in_order(path, GroundTruth(frames, ids, rows[:, 2:6], counted, ignored, visible))
+
+
+def is_visdrone(folder: Path) -> bool:
+    """Whether ``folder`` has VisDrone's layout."""
+    return (folder / ANNOTATIONS).is_dir() and (folder / "sequences").is_dir()
+
+
+def find_visdrone(folder: Path) -> list[LabelFile]:
+    """The clips of ``folder`` by name.
+
+    Raises:
+        RequestError: a clip has no images, or there is none.
+    """
+    labels = sorted((folder / ANNOTATIONS).glob("*.txt"))
+    found = [LabelFile(path.stem, list_images(folder / "sequences" / path.stem), path) for path in labels]
+    bare = next((one for one in found if not one.images), None)
+    if bare is not None:
+        raise RequestError(f"{bare.labels}: expected images in {folder / 'sequences' / bare.name}, found none")
+    if not found:
+        raise RequestError(f"expected label files NAME.txt in {folder}/{ANNOTATIONS}, found none")
+    return found
+
+
+def read_visdrone(path: Path, length: int | None = None, wanted: int | str | None = None) -> GroundTruth:
+    """VisDrone's labels in a file, ordered by frame.
+
+    Args:
+        path: of the text file.
+        length: frames of the clip, if known.
+        wanted: number or name of the category that counts; by default pedestrians and people.
+
+    Raises:
+        RequestError: the file is missing, malformed, has no such category or none of it to evaluate, or labels frames
+            beyond the clip.
+    """
+    given = read_rows(path, "VisDrone-MOT labels").without_heading(10)
+    rows = given.numbers(VISDRONE_ROW)
+    # Crowds are fenced in by regions that may be as thin as a line.
+    wide = (rows[:, 4] > 0) & (rows[:, 5] > 0)
+    numbers = wanted_numbers(wanted, VISDRONE_NAMES, (PEDESTRIAN, PEOPLE), path)
+    counted = np.isin(rows[:, 7], numbers) & (rows[:, 6] != 0)
+    framed = (rows[:, 0] >= 1) & (rows[:, 0] <= LAST_FRAME) & (rows[:, 0] % 1 == 0)
+    for bad, expected in (
+        (~framed, f"a frame number from 1 to {LAST_FRAME}"),
+        (~np.isin(rows[:, 7], np.arange(MOST + 1)), f"a category of 0-{MOST}"),
+        (counted & ~wide, "a positive width and height"),
+    ):
+        if bad.any():
+            raise given.error(int(np.argmax(bad)), expected)
+    if length is not None and len(rows) and rows[:, 0].max() > length:
+        raise RequestError(
+            f"{path}: labels reach frame {rows[:, 0].max():g}, but the clip has {length} images; "
+            "are these the labels of another clip?"
+        )
+    ids = [whole_number(path, line, "id", cells[1]) for line, cells in zip(given.lines, given.cells, strict=True)]
+    if not counted.any():
+        what = "pedestrians (1) or people (2)" if wanted is None else f"labels of {wanted}"
+        raise NothingLabelledError(f"{path}: no usable box: expected {what} with score 1")
+    visible = VISDRONE_VISIBLE[np.clip(rows[:, 9], 0, 2).astype(np.int64)]
+    ignored = (rows[:, 7] == IGNORED_REGION) | (rows[:, 6] == 0)
+    frames, boxes = rows[:, 0].astype(np.int64) - 1, corners_from_xywh(rows[:, 2:6])
+    truth = GroundTruth(frames, np.array(ids, dtype=np.int64), boxes, counted, ignored, visible)
+    return _in_order(path, truth.select(wide))
+
+
+def is_bdd100k(path: Path) -> bool:
+    """Whether a file, or the first JSON under a folder, is BDD100K's."""
+    first = path if path.is_file() else next(iter(_bdd_files(path)), path)
+    if first.suffix != ".json" or not first.is_file():
+        return False
+    with first.open(encoding="utf-8", errors="replace") as file:
+        head = file.read(100_000)
+    return head.lstrip().startswith("[") and '"frameIndex"' in head and '"labels"' in head
+
+
+def _bdd_files(folder: Path) -> list[Path]:
+    places = ("*.json", "labels/box_track_20/*/*.json", "box_track_20/*/*.json", "labels/*.json")
+    return next((found for place in places if (found := sorted(folder.glob(place)))), [])
+
+
+def find_bdd100k(path: Path) -> list[LabelFile]:
+    """The video of a label file, or those in a folder by name, with pictures where the data set's folders lie above."""
+    found = []
+    for labels in [path] if path.is_file() else _bdd_files(path):
+        above = labels.resolve().parents[:5]
+        places = (place for folder in above for place in sorted(folder.glob(f"images/track/*/{labels.stem}")))
+        images = next((images for place in places if (images := list_images(place))), ())
+        found.append(LabelFile(labels.stem, images, labels))
+    return found
+
+
+def read_bdd100k(path: Path, _: int | None = None, wanted: int | str | None = None) -> GroundTruth:
+    """BDD100K's labels in a file, ordered by frame.
+
+    Args:
+        path: of the JSON file.
+        wanted: name of the class that counts; by default people: pedestrians.
+
+    Raises:
+        RequestError: the file is missing or malformed, has no such class, or none of it is labelled.
+    """
+    try:
+        frames = json.loads(read_text(path, "labels of BDD100K"))
+        rows = [(int(f["frameIndex"]), one) for f in frames for one in f.get("labels") or [] if one.get("box2d")]
+        numbers = np.array([number for number, _ in rows], dtype=np.int64)
+        corners = ("x1", "y1", "x2", "y2")
+        boxes = np.array([[float(one["box2d"][k]) for k in corners] for _, one in rows]).reshape(-1, 4)
+        kinds = np.array([OLDER.get(one["category"], one["category"]) for _, one in rows], dtype=np.str_)
+        ids = np.unique([str(one["id"]) for _, one in rows], return_inverse=True)[1].astype(np.int64) + 1
+        visible = np.array([0.5 if _attribute(one, "occluded") else 1.0 for _, one in rows])
+        crowd = np.array([_attribute(one, "crowd") for _, one in rows], dtype=np.bool_)
+    except (json.JSONDecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise RequestError(
+            f"{path}: expected a list of frames with frameIndex and labels of id, category and box2d: {error}"
+        ) from None
+    if len(numbers) and not (numbers.min() >= 0 and numbers.max() < LAST_FRAME):
+        raise RequestError(f"{path}: expected frameIndex from 0 to {LAST_FRAME - 1}")
+    counted = np.isin(kinds, [BDD_NAMES[n] for n in wanted_numbers(wanted, BDD_NAMES, (0,), path)]) & ~crowd
+    if not counted.any():
+        raise NothingLabelledError(f"{path}: no usable box: expected labels of {wanted or BDD_NAMES[0]}, got none")
+    if bad := np.flatnonzero((boxes[:, 2:] <= boxes[:, :2]).any(axis=1)).tolist():
+        raise RequestError(f"{path}: expected x1 < x2 and y1 < y2, got {boxes[bad[0]].tolist()}")
+    if (row := repeated(numbers[counted], ids[counted])) is not None:
+        raise RequestError(f"{path}: expected each id once a frame, got one twice in frame {numbers[counted][row]}")
+    return _in_order(path, GroundTruth(numbers, ids, boxes, counted, np.isin(kinds, BDD_IGNORED) | crowd, visible))
+
+
+def _attribute(label: dict[str, Any], name: str) -> bool:
+    return bool((label.get("attributes") or {}).get(name, False))
+
+
+def _in_order(path: Path, truth: GroundTruth) -> GroundTruth:
+    compare_with_picture(path, truth.boxes)
+    return truth.select(np.argsort(truth.frames, kind="stable"))
+
+
+@dataclass(frozen=True)
+class BoxLayout:
+    """A layout of labelled boxes.
+
+    Attributes:
+        fits: whether a folder has it.
+        inside: name of the folder in it that has the label files; empty where a label file needs none.
+        find: the videos of a folder.
+        read: the labels in a file of so many frames, if that is known, of a class.
+        names: of the classes by the numbers that results bear, where the layout has numbers.
+    """
+
+    fits: Callable[[Path], bool]
+    inside: str
+    find: Callable[[Path], list[LabelFile]]
+    read: Callable[[Path, int | None, int | str | None], GroundTruth]
+    names: Mapping[int, str] = field(default_factory=dict)
+
+    def at(self, path: Path) -> list[LabelFile]:
+        """The videos of a folder or of one label file; none where it is of another layout."""
+        if path.is_dir() or not self.inside:
+            return self.find(path) if self.fits(path) else []
+        folder = path.parent.parent
+        there = path.is_file() and path.suffix == ".txt" and path.parent.name == self.inside and self.fits(folder)
+        return [one for one in self.find(folder) if one.labels.name == path.name] if there else []
+
+
+BOX_LAYOUTS = (
+    BoxLayout(is_visdrone, ANNOTATIONS, find_visdrone, read_visdrone, VISDRONE_NAMES),
+    BoxLayout(lambda folder: (folder / LABELS).is_dir(), LABELS, find_kitti, read_kitti),
+    BoxLayout(is_bdd100k, "", find_bdd100k, read_bdd100k),
+)
