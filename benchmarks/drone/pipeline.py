@@ -22,9 +22,9 @@ import numpy as np
 from benchmarks.machine import machine
 from benchmarks.walkers import acting_look_alikes, walking_people
 from tsuiseki.tracking.drone.models import DroneMethod
+from tsuiseki.tracking.drone.run import METHODS, suited
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.drone.tracker import DroneTracker
-from tsuiseki.tracking.drone.tracking import METHODS, suited
 from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser
 from tsuiseki.tracking.features.camera_motion import camera_motion
 from tsuiseki.tracking.features.exported import Appearance, Detector

@@ -36,7 +36,7 @@ from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.features.exported import Appearance, Detect, Detector
 from tsuiseki.tracking.fisheye.page import corners
 from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, UnrollingSettings
-from tsuiseki.tracking.fisheye.tracking import FloorMethod, link_on_floor
+from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
 from tsuiseki.tracking.fisheye.view import CeilingView
 from tsuiseki.tracking.formats.rotated import (

@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, TypeAlias
 
@@ -47,7 +46,6 @@ class Body(Protocol):
         limits: ``(D, 2)`` least and greatest value of each component; infinite where there is none.
         strokes: which contour points form lines.
         radius: no contour point is ever farther from the centre, pixels.
-        card: sizes that rebuild the body (:func:`tsuiseki.tracking.bodies.learnt.body_of_card`), for files.
     """
 
     @property
@@ -62,17 +60,15 @@ class Body(Protocol):
     def strokes(self) -> tuple[Stroke, ...]: ...
     @property
     def radius(self) -> float: ...
-    @property
-    def card(self) -> Mapping[str, object]: ...
 
     def contour(self, states: FloatArray) -> Contours:
         """Points ``(N, K, 2)`` float32, x and y in pixels, of states ``(N, D)``; K is the same for every state."""
         ...
 
 
-def unlimited(components: int) -> FloatArray:
-    """Limits ``(components, 2)`` that exclude nothing."""
-    return np.tile([-np.inf, np.inf], (components, 1))
+def shape_limits(*limits: tuple[float, float]) -> FloatArray:
+    """Limits ``(D, 2)`` of a state whose shape has these, a pair each; place and heading have none."""
+    return np.array([*[(-np.inf, np.inf)] * 3, *limits])
 
 
 def turning_basis(basis: Contours) -> Contours:
@@ -129,6 +125,10 @@ class Goldfish:
         tail_points: contour points on the line, the last at its end, at least 1.
     """
 
+    name = "goldfish"
+    fields = ("a", "b", "theta", "phi")
+    angles = (2, 3)
+    limits = shape_limits((-LARGEST_BEND, LARGEST_BEND))
     length: float = 56.0
     width: float = 24.0
     tail: float = 32.0
@@ -145,24 +145,6 @@ class Goldfish:
             raise RequestError("goldfish: expected at least 8 points on the ellipse and 1 on the tail")
 
     @property
-    def name(self) -> str:
-        return "goldfish"
-
-    @property
-    def fields(self) -> tuple[str, ...]:
-        return ("a", "b", "theta", "phi")
-
-    @property
-    def angles(self) -> tuple[int, ...]:
-        return (2, 3)
-
-    @cached_property
-    def limits(self) -> FloatArray:
-        limits = unlimited(4)
-        limits[3] = -LARGEST_BEND, LARGEST_BEND
-        return limits
-
-    @property
     def strokes(self) -> tuple[Stroke, ...]:
         return (
             Stroke(0, self.ellipse_points, closed=True),
@@ -172,10 +154,6 @@ class Goldfish:
     @property
     def radius(self) -> float:
         return self.length / 2 + self.tail
-
-    @property
-    def card(self) -> Mapping[str, object]:
-        return {"body": self.name, **asdict(self)}
 
     def contour(self, states: FloatArray) -> Contours:
         """See :class:`~tsuiseki.tracking.bodies.body.Body`; the ellipse first, then the tail from root to end.
@@ -215,6 +193,10 @@ class Ball:
         points: contour points, at least 8.
     """
 
+    name = "ball"
+    fields = ("a", "b", "theta", "squash")
+    angles = (2,)
+    limits = shape_limits((0.0, LARGEST_SQUASH))
     diameter: float = 60.0
     points: int = 24
 
@@ -225,34 +207,12 @@ class Ball:
             )
 
     @property
-    def name(self) -> str:
-        return "ball"
-
-    @property
-    def fields(self) -> tuple[str, ...]:
-        return ("a", "b", "theta", "squash")
-
-    @property
-    def angles(self) -> tuple[int, ...]:
-        return (2,)
-
-    @cached_property
-    def limits(self) -> FloatArray:
-        limits = unlimited(4)
-        limits[3] = 0.0, LARGEST_SQUASH
-        return limits
-
-    @property
     def strokes(self) -> tuple[Stroke, ...]:
         return (Stroke(0, self.points, closed=True),)
 
     @property
     def radius(self) -> float:
         return self.diameter / 2 / (1 - LARGEST_SQUASH)
-
-    @property
-    def card(self) -> Mapping[str, object]:
-        return {"body": self.name, **asdict(self)}
 
     def contour(self, states: FloatArray) -> Contours:
         """See :class:`~tsuiseki.tracking.bodies.body.Body`; squashes beyond the limits are drawn at the limit.

@@ -11,11 +11,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.bodies.body import Ball, Body, Contours, Goldfish, Stroke, placed, turning_basis, unlimited
+from tsuiseki.tracking.bodies.body import Ball, Body, Contours, Goldfish, Stroke, placed, shape_limits, turning_basis
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import read_learnt
 from tsuiseki.tracking.types import FloatArray
@@ -64,9 +63,7 @@ class LearntBody:
 
     @cached_property
     def limits(self) -> FloatArray:
-        limits = unlimited(len(self.fields))
-        limits[3:] = self.bends
-        return limits
+        return shape_limits(*self.bends.tolist())
 
     @property
     def strokes(self) -> tuple[Stroke, ...]:
@@ -78,11 +75,6 @@ class LearntBody:
         mode, curve = (np.linalg.norm(part, axis=2) for part in (self.modes, self.curves))
         more = (largest * mode + np.maximum(largest**2 - 1, 1) * curve).sum(axis=0)
         return float((np.linalg.norm(self.mean, axis=1) + more).max())
-
-    @cached_property
-    def card(self) -> Mapping[str, object]:
-        arrays = {part: getattr(self, part).round(4).tolist() for part in ("mean", "modes", "curves", "bends")}
-        return {"format": FORMAT, "body": "learnt", "name": self.name, **arrays}
 
     def contour(self, states: FloatArray) -> Contours:
         """See :class:`~tsuiseki.tracking.bodies.body.Body`; bends beyond the limits are drawn at the limit."""
@@ -97,7 +89,9 @@ class LearntBody:
 
 def write_body(path: Path, body: LearntBody) -> None:
     """Writes the file that :func:`read_body` reads."""
-    path.write_text(json.dumps(body.card) + "\n", encoding="utf-8")
+    arrays = {part: getattr(body, part).round(4).tolist() for part in ("mean", "modes", "curves", "bends")}
+    values = {"format": FORMAT, "body": "learnt", "name": body.name, **arrays}
+    path.write_text(json.dumps(values) + "\n", encoding="utf-8")
 
 
 def read_body(path: Path) -> LearntBody:
@@ -120,7 +114,7 @@ BODIES: Mapping[str, Callable[..., Body]] = {"goldfish": Goldfish, "ball": Ball}
 def parse_body(text: str) -> Body:
     """A body by name, with its sizes where they differ from the usual ones, or a file of `tsuiseki train body`.
 
-    >>> parse_body("goldfish,length=40,width=14").card["length"]
+    >>> parse_body("goldfish,length=40,width=14").length
     40.0
 
     Raises:
@@ -128,40 +122,22 @@ def parse_body(text: str) -> Body:
     """
     if text.endswith(".json"):
         return read_body(Path(text))
-    name, *sizes = (part.strip() for part in text.split(","))
-    values: dict[str, object] = {"body": name}
-    for size in sizes:
-        key, equals, value = size.partition("=")
-        if not equals:
-            raise RequestError(f"expected sizes of a body as name=number, got {size!r} in {text!r}")
-        values[key.strip()] = value.strip()
-    return body_of_card(values)
-
-
-def body_of_card(card: Mapping[str, object]) -> Body:
-    """The goldfish or ball that a :attr:`Body.card` describes; numbers may be text.
-
-    Raises:
-        RequestError: as :func:`parse_body`.
-    """
-    make = BODIES.get(str(card.get("body")))
+    name, *given = (part.strip() for part in text.split(","))
+    make = BODIES.get(name)
     if make is None:
         raise RequestError(
-            f"expected a body of {', '.join(BODIES)} or a file .json of tsuiseki train body, got {card.get('body')!r}"
+            f"expected a body of {', '.join(BODIES)} or a file .json of tsuiseki train body, got {name!r}"
         )
-    known = {field.name: _number_type(field.type) for field in fields(make)}  # type: ignore[arg-type]
-    sizes: dict[str, Any] = {}
-    for key, value in card.items():
-        if key == "body":
-            continue
+    known = {field.name: int if field.type == "int" else float for field in fields(make)}  # type: ignore[arg-type]
+    sizes: dict[str, float] = {}
+    for size in given:
+        key, equals, value = (part.strip() for part in size.partition("="))
+        if not equals:
+            raise RequestError(f"expected sizes of a body as name=number, got {size!r} in {text!r}")
         if key not in known:
-            raise RequestError(f"expected sizes of the {card['body']} among {', '.join(known)}, got {key!r}")
+            raise RequestError(f"expected sizes of the {name} among {', '.join(known)}, got {key!r}")
         try:
             sizes[key] = known[key](value)
-        except (TypeError, ValueError) as error:
-            raise RequestError(f"expected a number for {key} of the {card['body']}, got {value!r}") from error
+        except ValueError as error:
+            raise RequestError(f"expected a number for {key} of the {name}, got {value!r}") from error
     return make(**sizes)
-
-
-def _number_type(annotation: object) -> Callable[[Any], float | int]:
-    return int if annotation == "int" else float

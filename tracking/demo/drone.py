@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.devices import Device
-    from tsuiseki.tracking.drone.tracking import DroneResult
+    from tsuiseki.tracking.drone.run import DroneResult
 
 CLIP_FOLDER = "drone"
 
@@ -28,9 +28,8 @@ def demo_drone(output: SeededOutput, frames: int, threads: int, device: Device) 
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import DRONE_METHODS, scored
     from tsuiseki.tracking.drone.models import DroneModels
-    from tsuiseki.tracking.drone.run import observations
+    from tsuiseki.tracking.drone.run import link, observations
     from tsuiseki.tracking.drone.settings import DroneSettings
-    from tsuiseki.tracking.drone.tracking import link
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.people.settings import FindingOptions
     from tsuiseki.tracking.video.source import open_source

@@ -19,7 +19,7 @@ from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.source import Source
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.drone.tracking import DroneResult
+    from tsuiseki.tracking.drone.run import DroneResult
 
 # A track is of a thing that stands still if its centre moves by less than so many heights, and it is mostly on nobody.
 STILL, MOSTLY = 0.5, 0.8

@@ -16,7 +16,7 @@ import json
 import sys
 import zlib
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -116,41 +116,7 @@ VERSION = 4
 MAGIC = b"tsuiseki observations 1\n"
 
 
-def cached_observations(
-    folder: Path,
-    key: Mapping[str, Any],
-    first: int,
-    last: int,
-    compute: Callable[[int, int], Iterator[Observation]],
-    superset_key: Mapping[str, Any] | None = None,
-) -> Iterator[Observation]:
-    """The observations of frames ``first`` to ``last``, both included, read from disk where they are stored.
-
-    Args:
-        folder: of the entries.
-        key: plain values that say what the observations depend on: video, models, settings.
-        first: 0-based.
-        last: 0-based.
-        compute: gives the observations of a range of frames, both ends included; called for missing entries.
-        superset_key: key of observations that include all of these; read where these are not stored.
-
-    Raises:
-        RequestError: the folder cannot be written to.
-    """
-    for start in range(first, last + 1, CHUNK):
-        stop = min(start + CHUNK - 1, last)
-        stretch = {"first": start, "last": stop, "version": VERSION}
-        path = folder / f"{digest({**key, **stretch})}.npz"
-        found = _read(path, start, stop)
-        if found is None and superset_key is not None:
-            found = _read(folder / f"{digest({**superset_key, **stretch})}.npz", start, stop)
-        if found is None:
-            found = list(compute(start, stop))
-            _write(path, found)
-        yield from found
-
-
-def digest(key: Mapping[str, Any]) -> str:
+def _digest(key: Any) -> str:
     """A name for plain values: the same for the same values, whatever their order."""
     return hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()[:32]
 
@@ -161,12 +127,6 @@ def file_digest(path: Path) -> str:
     for file in weight_files(path):
         found.update(file.read_bytes())
     return found.hexdigest()[:32]
-
-
-def files_key(paths: Iterator[Path] | tuple[Path, ...]) -> str:
-    """A digest of files by name, size and time of change: quick, whatever their number."""
-    facts = [(path.name, (status := path.stat()).st_size, status.st_mtime_ns) for path in paths]
-    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:32]
 
 
 def _write(path: Path, observations: list[Observation]) -> None:
@@ -271,16 +231,21 @@ def video_observations(
         return
     if opened.length is None:
         raise RequestError("`cache`: expected a video of known length, such as a folder of images; leave `cache` out")
-    stretch = opened.frames_wanted.within(opened.length)
-    assert stretch.last is not None
+    wanted = opened.frames_wanted.within(opened.length)
+    assert wanted.last is not None
     files = opened.images if isinstance(opened, ImageFolder) else (Path(source),)
-
-    def compute(first: int, last: int) -> Iterator[Observation]:
-        # The frames before the first one are history for the optical flow.
-        start = max(first - observers.history, stretch.first)
-        part = open_source(source, FrameRange(start, last))
-        yield from observe(part.frames(), observers, times, first)
-
-    video = {"video": files_key(files), "start": stretch.first}
-    superset = None if superset_key is None else {**superset_key, **video}
-    yield from cached_observations(cache, {**key, **video}, stretch.first, stretch.last, compute, superset)
+    # By name, size and time of change: quick, whatever their number.
+    facts = [(path.name, (status := path.stat()).st_size, status.st_mtime_ns) for path in files]
+    keys = [{**one, "video": _digest(facts), "start": wanted.first} for one in (key, superset_key) if one is not None]
+    for first in range(wanted.first, wanted.last + 1, CHUNK):
+        last = min(first + CHUNK - 1, wanted.last)
+        part = {"first": first, "last": last, "version": VERSION}
+        paths = [cache / f"{_digest({**one, **part})}.npz" for one in keys]
+        found = next((seen for path in paths if (seen := _read(path, first, last)) is not None), None)
+        if found is None:
+            # The frames before the first one are history for the optical flow.
+            start = max(first - observers.history, wanted.first)
+            again = open_source(source, FrameRange(start, last)).frames()
+            found = list(observe(again, observers, times, first))
+            _write(paths[0], found)
+        yield from found

@@ -14,7 +14,7 @@ from tsuiseki.tracking.report.timeline import Bar, timeline
 from tsuiseki.tracking.types.tracks import ActingTrack
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.drone.tracking import DroneResult
+    from tsuiseki.tracking.drone.run import DroneResult
 
 MOST_NAMED = 3
 

@@ -1,21 +1,263 @@
-"""`tsuiseki track drone`: people in video from a drone, and what they do. The demo of a drone shares its parts."""
+"""People in video from a drone, and what they do: in one call, and by `tsuiseki track drone`.
+
+Both are made of the same parts, which the demo of a drone shares: `DroneModels` and `link`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Literal, get_args
 
+import numpy as np
+
+from tsuiseki.tracking.association.costs import ActionCost
+from tsuiseki.tracking.association.detection_tables import rows_of
+from tsuiseki.tracking.association.learnt_costs import Affinity, CostChanges, CostNetwork
+from tsuiseki.tracking.association.solved_network import NETWORK_FILE
 from tsuiseki.tracking.cli.options import SeededOutput, Video
 from tsuiseki.tracking.cli.run import Run, count, frames_expected
-from tsuiseki.tracking.drone.models import DroneMethod, DroneModels
+from tsuiseki.tracking.devices import Device
+from tsuiseki.tracking.drone.models import DroneMethod, DroneModels, as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
 from tsuiseki.tracking.drone.settings import DroneSettings
-from tsuiseki.tracking.drone.tracking import NAMED, DronePreset, link, link_costs
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
+from tsuiseki.tracking.errors import RequestError, RunError, a_path
+from tsuiseki.tracking.features.action import averaged
+from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
+from tsuiseki.tracking.features.view_choice import devices_of
+from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
+from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.people.inputs import GivenDetections
+from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
 from tsuiseki.tracking.people.settings import FindingOptions
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.people.tracker import FrameLog, shifted
+from tsuiseki.tracking.people.whole_flow import long_tracks
+from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types.tracks import ActingTrack
+from tsuiseki.tracking.video.source import Source, SourceLike, image_size, named
+from tsuiseki.tracking.weights import shipped
 
+# Probability above which an action is named.
+NAMED = 0.4
+METHODS: tuple[DroneMethod, ...] = ("flow", "flow-saf", "flow-maf")
+DronePreset = Literal["default", "printed"]
 DRONE = DroneSettings()
+
+
+def track_drone(
+    source: SourceLike,
+    method: DroneMethod = "flow-maf",
+    *,
+    detections: GivenDetections | None = None,
+    detector: DetectorLike | None = None,
+    appearance: AppearanceLike | None = None,
+    actions: Sequence[str | Path] | None = None,
+    affinity: str | Path | None = None,
+    preset: DronePreset = "default",
+    frames: str | None = None,
+    settings: DroneSettings | None = None,
+    threads: int = 0,
+    device: Device = "auto",
+    seed: int = 0,
+) -> DroneResult:
+    """Everyone in a video from a drone, each with an id and with what they do.
+
+    Args:
+        source: a video file, a folder of images, a MOTChallenge sequence folder, or images in a list.
+        method: ``flow`` links by place and appearance; ``flow-saf`` also by actions of single frames; ``flow-maf``
+            averages actions along the tracks, links again and repeats.
+        detections: use these instead of a detector: a file (MOTChallenge ``det.txt``), or one entry a frame of
+            whatever `as_detections` understands.
+        detector: an exported detector's file, a `Detector`, or a function from an image to detections; by default the
+            shipped one.
+        appearance: an exported network's file, an `Appearance`, or a function from crops to rows; by default the
+            shipped one; ``"none"`` does without.
+        actions: files of exported action streams; by default the shipped ones. Not used by ``flow``.
+        affinity: file of costs learnt on whole tracks; by default those of the settings. With the preset printed, of
+            costs learnt on pairs by the features ``thesis`` or, but for ``flow``, ``thesis_action``.
+        preset: ``printed`` links as the thesis prints it, see `PrintedFlow`: MCF, MHT-SAF, MHT-MAF.
+        frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
+        settings: of flow, alternation and output.
+        threads: CPU threads of the networks; 0 takes all.
+        device: what networks that are given as files run on, see `opened_on`.
+        seed: draws nothing; the methods here are exact.
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+        RunError: the video breaks off.
+    """
+    if method not in METHODS:
+        raise RequestError(f"expected the method {', '.join(METHODS)}, got {method!r}")
+    opened = Video.given(source, frames).open(images=True, replayable=True)
+    given: Any = {"detections": detections, "detector": detector}
+    finding = FindingOptions(**given, threads=threads, device=device, view="auto")
+    streams = None if actions is None else [a_path(path, "actions") for path in actions]
+    moving = preset == "default"
+    models = DroneModels.choose(opened, method, finding, appearance, streams, camera_motion=moving)
+    times = StageTimes()
+    costs = link_costs(affinity, preset, method, threads)
+    observations = observe(opened.frames(), models.observers, times)
+    made = {"method": method, "source": named(source), "seed": seed}
+    return link(observations, opened, models, method, settings or DRONE, times, made, costs)
+
+
+def link_costs(
+    affinity: str | Path | None, preset: DronePreset, method: DroneMethod, threads: int
+) -> CostNetwork | PrintedFlow | None:
+    """Costs learnt on whole tracks, or the flow of the preset printed, which learns its costs on pairs."""
+    if preset not in get_args(DronePreset):
+        raise RequestError(f"expected the preset {' or '.join(get_args(DronePreset))}, got {preset!r}")
+    if preset == "printed":
+        chosen = (
+            shipped("affinity_printed_drone" if method == "flow" else "affinity_printed_drone_action")
+            if affinity is None
+            else affinity
+        )
+        pairs = Affinity(chosen, threads)
+        if method != "flow" and pairs.features != "thesis_action":
+            raise RequestError(f"expected costs by the features thesis_action with {method}, got {pairs.features}")
+        return PrintedFlow(pairs, 1 if method == "flow-saf" else ITERATIONS)
+    return None if affinity is None else CostNetwork(affinity, threads)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DroneResult(Result[ActingTrack]):
+    """People and what they do.
+
+    Attributes:
+        threshold: an action is named where its probability is above.
+    """
+
+    threshold: float = NAMED
+
+    @property
+    def boxes(self) -> list[Track]:
+        """The tracks without the actions."""
+        return [person.track for person in self]
+
+
+def link(
+    observations: Iterable[Observation],
+    source: Source,
+    models: DroneModels,
+    method: DroneMethod,
+    settings: DroneSettings,
+    times: StageTimes,
+    made: Mapping[str, Any],
+    costs: CostChanges | PrintedFlow | None = None,
+    threshold: float = NAMED,
+) -> DroneResult:
+    """The people of a video out of what was observed in its frames.
+
+    Args:
+        observations: of consecutive frames.
+        source: the video.
+        models: what observed them.
+        method: how people are linked.
+        settings: of the tracker.
+        times: of the run; gets the seconds of linking.
+        made: settings of the run.
+        costs: by how much learnt costs differ from the settings', by default not at all; or the flow as printed.
+        threshold: an action is named where its probability is above.
+
+    Raises:
+        RunError: there is no frame.
+    """
+    from tsuiseki.tracking.answers.page import with_page
+    from tsuiseki.tracking.drone.page import action_timelines, captions_of
+    from tsuiseki.tracking.report.overlay import Overlay
+
+    watching = models.observers
+    log, facts = FrameLog(), dict[str, Any](devices_of(watching.detect, watching.describe, watching.recognise))
+    logged = _logged(observations, log)
+    files: dict[str, Writer] = {}
+    if models.given is not None:
+        people = _named(logged, models, models.given, settings, source.frame_rate, log)
+    else:
+        printed = costs if isinstance(costs, PrintedFlow) else None
+        changes = None if isinstance(costs, PrintedFlow) else costs
+        tracker = DroneTracker(suited(settings, method), source.frame_rate, image_size(source), changes, printed)
+        for one in logged:
+            actions = None if one.actions is None or method == "flow" else averaged(one.actions)
+            with times.measure("link"):
+                tracker.update(replace(one.detections, actions=actions), one.motion)
+        with times.measure("link"):
+            people = [replace(one, track=shifted(one.track, log.frames[0])) for one in tracker.people()]
+        facts["flow"] = tracker.facts()
+        network = tracker.network()
+        if network is not None:
+            moved = replace(network, frames=network.frames + log.frames[0])
+            files[NETWORK_FILE] = lambda path, _: moved.write(path)
+    tracks = [person.track for person in people]
+    result: DroneResult = DroneResult.of(
+        source,
+        people,
+        settings=made,
+        facts=facts,
+        seconds=times.seconds,
+        frames=log.columns(tracks),
+        files={
+            "tracks.txt": lambda path, _: write_tracks(path, tracks),
+            "tracks.json": lambda path, _: write_acting_tracks(path, people, models.names),
+            **files,
+        },
+        painter=Overlay(tracks, source.frame_rate, captions_of(people, models.names, threshold), 0.0).draw,
+        names=models.names,
+        threshold=threshold,
+    )
+    return with_page(result, more=lambda: [action_timelines(result)])
+
+
+def _logged(observations: Iterable[Observation], log: FrameLog) -> Iterator[Observation]:
+    """The observations, noted in ``log``; raises RunError where there is none."""
+    for one in observations:
+        log.add(one.frame, one.detections)
+        yield one
+    if not log.frames:
+        raise RunError("expected frames, got none")
+
+
+def suited(settings: DroneSettings, method: DroneMethod) -> DroneSettings:
+    """The settings with the action features of the method: none, of single frames, or as they are."""
+    costs = settings.flow.costs
+    action = costs.link.action
+    if method == "flow":
+        action = None
+    elif method == "flow-saf":
+        action = replace(action or ActionCost(), features="single")
+    elif action is None or not action.averaged:
+        raise RequestError(
+            "flow-maf averages the features of actions along tracks, got settings of links that do not: choose the "
+            "method flow or flow-saf, or action features centred or one-sided"
+        )
+    return replace(settings, flow=replace(settings.flow, costs=replace(costs, link=replace(costs.link, action=action))))
+
+
+def _named(
+    observations: Iterable[Observation],
+    models: DroneModels,
+    given: Sequence[Track],
+    settings: DroneSettings,
+    frame_rate: float,
+    log: FrameLog,
+) -> list[ActingTrack]:
+    """Given tracks with what the observations of their boxes say that people do."""
+    unknown = np.empty((0, len(models.names)))
+    parts = [unknown if one.actions is None else averaged(one.actions) for one in observations]
+    boxes, labels = as_detections(given)
+    first = sum(len(found) for found in boxes[: log.frames[0]])
+    labels = labels[first : first + sum(log.detections)]
+    rows = rows_of(boxes[log.frames[0] : log.frames[-1] + 1] or [Detections.empty()], log.frames[0], 0)
+    actions, half = np.concatenate(parts), round(settings.window / 2 * frame_rate)
+    people = []
+    for number, piece in enumerate(long_tracks(labels), start=1):
+        track = Track(number, rows.frames[piece], rows.boxes[piece], np.nan_to_num(rows.scores[piece]))
+        people.append(acting_track(track, actions[piece], half))
+    return people
 
 
 def drone(
@@ -59,7 +301,6 @@ def drone(
         drone: settings of the flow and of what is reported.
     """
     from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
-    from tsuiseki.tracking.drone.models import DroneModels
     from tsuiseki.tracking.features.camera_path import line_on_camera
 
     if not 0 <= threshold <= 1:

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from tsuiseki.tracking.report.overlay import draw_label, track_colour
 from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, section
-from tsuiseki.tracking.report.plots import inline_svg
+from tsuiseki.tracking.report.plots import dress, inline_svg
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.tracks import FloorTrack
 
@@ -86,10 +86,7 @@ def _plan(floor: FloatArray, title: str, ink: str) -> tuple[Figure, Axes]:
     axes.set_title(title, loc="left", color=ink)
     axes.set_xlabel("x, m", color=ink)
     axes.set_ylabel("y, m", color=ink)
-    axes.set_facecolor("none")
-    axes.tick_params(colors=ink)
-    for spine in axes.spines.values():
-        spine.set_color(ink)
+    dress(axes, ink)
     return figure, axes
 
 

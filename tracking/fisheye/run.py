@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,16 +23,9 @@ from tsuiseki.tracking.features.exported import (
 )
 from tsuiseki.tracking.features.view_choice import devices_of
 from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, CeilingOptions, FisheyeSettings, FloorFlowSettings
-from tsuiseki.tracking.fisheye.tracking import (
-    CeilingSource,
-    FloorMethod,
-    given_detections,
-    link_on_floor,
-    open_ceiling,
-    people_on_floor,
-)
+from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
-from tsuiseki.tracking.fisheye.view import BestScore, FloorGate, FoundBoxes
+from tsuiseki.tracking.fisheye.view import CeilingSource, CeilingView, Passed, given_detections, open_ceiling
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.rotated import write_rotated_detections
 from tsuiseki.tracking.formats.world_tables import write_world
@@ -161,21 +154,13 @@ def fisheye(
             result = floor_result(inputs, steps, chosen, hungarian, flow, run.times, made)
             run.save(result, partial(ceiling.draw, run, video, result, folder), folder)
             sections.append(inputs.section(result, run.work / folder))
-            unstarted = inputs.scores.too_low(hungarian.start_score) if chosen == "hungarian" else ""
-            lines.append(f"{name}: {count(len(result), 'person', 'people')}{_left_out(inputs)}{unstarted}")
+            told = inputs.passed.told(hungarian.start_score if chosen == "hungarian" else None)
+            lines.append(f"{name}: {count(len(result), 'person', 'people')}{told}")
         tell_blank(opened[0].detector)
         page = floor_page(sections, run.times.seconds, {name: str(value) for name, value in made.items()})
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
         run.done("\n".join([*lines, f"results: {output.out}"]))
     return run.status
-
-
-def _left_out(inputs: CeilingInputs) -> str:
-    """What to tell of detections outside the floor."""
-    if inputs.gate.left_out == 0:
-        return ""
-    floor = ",".join(f"{value:g}" for value in inputs.ceiling.floor)
-    return f"; {count(inputs.gate.left_out, 'detection', 'detections')} left out, outside the floor {floor}"
 
 
 @dataclass(frozen=True)
@@ -189,9 +174,7 @@ class CeilingInputs:
         detector: the detector behind that, where there is one.
         describe: what describes their appearance, if anything does.
         person: the model of a person.
-        gate: leaves out detections of nobody on the floor.
-        boxes: keeps what was found, where it is to be saved.
-        scores: watches the scores.
+        passed: leaves out detections of nobody on the floor, and notes the others.
     """
 
     ceiling: CeilingSource
@@ -200,16 +183,33 @@ class CeilingInputs:
     detector: Detect | None
     describe: Describe | None
     person: PersonModel
-    gate: FloorGate
-    boxes: FoundBoxes
-    scores: BestScore = field(default_factory=BestScore)
+    passed: Passed
 
     def found(self, frames: Iterable[Frame], times: StageTimes) -> Iterator[FloorDetections]:
         """The people of each frame, located and described; ``times`` gets the stages."""
         with times.measure("table"):
-            view = self.ceiling.view(self.options.tables, self.person).looking(self.describe, self.options.crops)
-        people = people_on_floor(frames, self.detect, view, times, self.ceiling.source.length, self.gate)
-        return self.scores.watched(self.boxes.watched(people) if self.options.save_detections else people)
+            view = self.ceiling.view(self.options.tables, self.person)
+        view = replace(view, appearance=self.describe, crops=self.options.crops)
+        return self.passed.watched(self._located(frames, view, times))
+
+    def _located(self, frames: Iterable[Frame], view: CeilingView, times: StageTimes) -> Iterator[FloorDetections]:
+        """The people of each frame; no frame is read where boxes are given and nothing looks at images."""
+
+        def given_at(given: Sequence[Detections], index: int) -> Detections:
+            return self.passed.keep(given[index]) if index < len(given) else Detections.empty()
+
+        detect, length = self.detect, self.ceiling.source.length
+        if isinstance(detect, Sequence) and view.appearance is None:
+            for index in range(len(detect) if length is None else length):
+                yield view.locate(given_at(detect, index), times)
+            return
+        for frame in frames:
+            if isinstance(detect, Sequence):
+                found = given_at(detect, frame.index)
+            else:
+                with times.measure("detect"):
+                    found = self.passed.keep(detect.detect([frame.image])[0])
+            yield view.describe(frame.image, view.locate(found, times), times)
 
     def section(self, result: Result[FloorTrack], folder: Path) -> FloorSection:
         """What the page shows of this camera; ``folder`` may hold an overlay."""
@@ -249,10 +249,10 @@ def opened_ceiling(
     else:
         found += [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]
     describe = None if network is None else as_describer(network, finding.threads, device=finding.device)
-    gates = [FloorGate(each.placed.camera, each.floor, person.height / 2) for each in views]
+    passed = [Passed(each, person.height / 2, options.save_detections) for each in views]
     return [
-        CeilingInputs(each, options, detect, detector, describe, person, gate, FoundBoxes(each.source))
-        for each, detect, gate in zip(views, found, gates, strict=True)
+        CeilingInputs(each, options, detect, detector, describe, person, one)
+        for each, detect, one in zip(views, found, passed, strict=True)
     ]
 
 
@@ -288,13 +288,13 @@ def floor_result(
         "dwell.png": lambda path, _: dwell_figure(tracks, floor, rate).savefig(path, dpi=120, facecolor="white"),
     }
     if inputs.options.save_detections:
-        files["detections.json"] = lambda path, _: write_rotated_detections(path, inputs.boxes.boxes)
+        files["detections.json"] = lambda path, _: write_rotated_detections(path, inputs.passed.boxes)
     facts = {
         "method": method,
         "people": len(tracks),
-        "frames": inputs.scores.frames,
+        "frames": inputs.passed.frames,
         "frame_rate": rate,
-        "outside_floor": inputs.gate.left_out,
+        "outside_floor": inputs.passed.left_out,
     }
     return Result(
         tracks,

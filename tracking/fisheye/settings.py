@@ -106,7 +106,6 @@ class FloorFlowSettings:
         neutral: cosine distance that leaves the cost of a link as it is, in [0, 2].
         bias: exponent of the cost of a link between equal places with the neutral cosine distance.
         entry: cost of a track's start and of its end, at least 0.
-        min_seconds: shorter tracks are dropped; at least one detection is asked.
         observation: cost of a detection. At 1 frame a second a track has few detections, and they must outweigh the
             cost of its start and end.
     """
@@ -120,7 +119,6 @@ class FloorFlowSettings:
     neutral: float = 0.3
     bias: float = -4.0
     entry: float = 2.0
-    min_seconds: float = 0.2
     observation: ObservationCost = field(default_factory=lambda: ObservationCost(alpha=2.0, beta=-6.0))
 
 

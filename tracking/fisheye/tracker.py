@@ -20,8 +20,9 @@ The thesis leaves these points open; here:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -31,6 +32,7 @@ from tsuiseki.tracking.association.pairwise_flow import GateSettings, HandSetCos
 from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings
 from tsuiseki.tracking.people.lifecycle import Record
 from tsuiseki.tracking.people.whole_flow import long_tracks
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 
@@ -38,6 +40,9 @@ from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 SQUARE = 1.0
 # Frames after which what came of no track is dropped.
 PRUNED = 200
+SHORTEST = 0.2
+"""Seconds of detections that a track of the flow has at least; one detection at least."""
+FloorMethod: TypeAlias = Literal["hungarian", "flow"]
 
 
 @dataclass(frozen=True)
@@ -189,19 +194,6 @@ class FisheyeTracker:
         return np.asarray(np.where(np.isnan(before), now, np.where(np.isnan(now), before, mean)))
 
 
-def _joined(number: int, rows: Sequence[tuple[int, FloorDetections, int]]) -> FloorTrack:
-    frames = np.array([frame for frame, _, _ in rows], dtype=np.int64)
-    boxes = np.array([found.detections.boxes[k] for _, found, k in rows])
-    scores = np.nan_to_num([found.detections.scores[k] for _, found, k in rows])
-    origin = np.array([found.detections.origin[k] for _, found, k in rows])
-    names = {kind: name for _, found, _ in rows for kind, name in found.detections.names.items()}
-    return FloorTrack(
-        Track(number, frames, boxes, scores, np.ones(len(frames), np.bool_), origin, names),
-        np.array([found.rotated[k] for _, found, k in rows]),
-        np.array([found.places[k] for _, found, k in rows]),
-    )
-
-
 def flow_on_floor(
     found: Sequence[FloorDetections], frame_rate: float, settings: FloorFlowSettings = DEFAULT_FLOW
 ) -> list[FloorTrack]:
@@ -232,9 +224,37 @@ def flow_on_floor(
     )
     costs = PairwiseCosts(gate, settings.observation, transition, settings.entry, 0.1 * min(1.0, 10 * step))
     labels = pairwise_tracks(rows, costs)
-    place = np.concatenate([np.arange(len(each.places)) for each in found]).astype(np.int64)
-    fewest = max(1, round(settings.min_seconds * frame_rate))
+    boxes, scores, origin = (
+        np.concatenate([getattr(each.detections, name) for each in found]) for name in ("boxes", "scores", "origin")
+    )
+    rotated, places = (np.concatenate([getattr(each, name) for each in found]) for name in ("rotated", "places"))
+    names = {kind: name for each in found for kind, name in each.detections.names.items()}
+    seen, fewest = np.empty(0, np.bool_), max(1, round(SHORTEST * frame_rate))
     return [
-        _joined(number, [(int(rows.frames[k]), found[rows.frames[k]], int(place[k])) for k in tracklet])
-        for number, tracklet in enumerate(long_tracks(labels, fewest), start=1)
+        FloorTrack(
+            Track(number, rows.frames[k], boxes[k], np.nan_to_num(scores[k]), seen, origin[k], names),
+            rotated[k],
+            places[k],
+        )
+        for number, k in enumerate(long_tracks(labels, fewest), start=1)
     ]
+
+
+def link_on_floor(
+    found: Iterable[FloorDetections],
+    rate: float,
+    method: FloorMethod,
+    hungarian: FisheyeSettings,
+    flow: FloorFlowSettings,
+    times: StageTimes,
+) -> list[FloorTrack]:
+    """The tracks of one camera: ``hungarian`` decides frame by frame, ``flow`` links the whole video at the end."""
+    online, kept = FisheyeTracker(rate, hungarian), []
+    for each in found:
+        if method == "flow":
+            kept.append(each)
+            continue
+        with times.measure("associate"):
+            online.update(each)
+    with times.measure("associate"):
+        return flow_on_floor(kept, rate, flow) if method == "flow" else online.tracks()

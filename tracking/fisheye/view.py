@@ -1,28 +1,38 @@
-"""Detections of a ceiling camera before tracking: boxes, rotated boxes, floor positions, appearance features.
-
-Beside them: the gate that leaves out detections outside the floor, and two watchers of what passes through. One keeps
-the rotated boxes to write them, the other the best score, to explain why no track started.
-"""
+"""Ceiling cameras with their sources, and their detections before tracking: rotated boxes, places, appearance."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from pathlib import Path
+from typing import Literal, TypeAlias
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, PersonTable
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras
+from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, PersonTable, cached_table
 from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
+from tsuiseki.tracking.cli.run import count
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Describe
-from tsuiseki.tracking.formats.rotated import RotatedBoxes, about_bodies, half_turned
+from tsuiseki.tracking.formats.mot import read_detections
+from tsuiseki.tracking.formats.rotated import (
+    RotatedBoxes,
+    about_bodies,
+    as_detections,
+    half_turned,
+    is_rotated,
+    read_rotated_detections,
+    read_rotated_labels,
+)
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.tracks import FloorDetections
 from tsuiseki.tracking.video.image_folder import ImageFolder
-from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.source import Source, SourceLike, open_source
 
 Crops = Literal["image", "upright", "standing"]
+Scaling: TypeAlias = Literal["no", "cut", "widen"]
 # Height and width of a crop, pixels: what the shipped appearance network takes.
 CROP = (128, 64)
 
@@ -45,10 +55,6 @@ class CeilingView:
     person: PersonModel
     appearance: Describe | None = None
     crops: Crops = "upright"
-
-    def looking(self, appearance: Describe | None, crops: Crops) -> CeilingView:
-        """The same view with another appearance model and other crops."""
-        return replace(self, appearance=appearance, crops=crops)
 
     def locate(self, found: Detections, times: StageTimes | None = None) -> FloorDetections:
         """Rotated boxes and places of detected boxes; ``times`` gets the stage ``look up``."""
@@ -99,92 +105,230 @@ def as_unturned(boxes: FloatArray) -> FloatArray:
     return np.concatenate([centre, size, np.zeros((len(boxes), 1))], axis=1)
 
 
+REACH = 10.0
+"""Metres from the camera to the ends of a floor that the camera file does not tell."""
+
+
+@dataclass(frozen=True)
+class CeilingSource:
+    """A source, its camera for images of this size, and the floor.
+
+    Attributes:
+        source: the video.
+        placed: its camera.
+        floor: ``(4,)`` x1, y1, x2, y2 of the floor that people stand on, metres.
+    """
+
+    source: Source
+    placed: CameraOverFloor
+    floor: FloatArray
+
+    @property
+    def rate(self) -> float:
+        """Frames per second."""
+        return self.placed.frame_rate or self.source.frame_rate
+
+    def seconds(self, frames: IntArray) -> FloatArray:
+        """``(N,)`` times of 0-based ``frames`` ``(N,)``, as fast as the camera file says."""
+        source = self.source
+        return source.times.at(frames, source.frame_rate) * (1.0 if source.live else source.frame_rate / self.rate)
+
+    def view(self, tables: Path, person: PersonModel) -> CeilingView:
+        """What finds people's places, with the table of boxes that the folder ``tables`` keeps."""
+        camera = self.placed.camera
+        return CeilingView(camera, cached_table(tables, camera, self.floor, person), person)
+
+
+def open_ceiling(
+    sources: Sequence[SourceLike],
+    cameras: Path,
+    resize: Scaling = "no",
+    *,
+    needs_images: bool = True,
+    only: str | None = None,
+) -> list[CeilingSource]:
+    """Sources with their cameras, checked against each other.
+
+    Args:
+        sources: one for each camera, in their order.
+        cameras: the camera file.
+        resize: how a calibration is scaled to images of another size.
+        needs_images: refuse a sequence that is text only.
+        only: name of the camera to take; by default all.
+
+    Raises:
+        RequestError: there is no such camera, the numbers differ, there are no images, a calibration is of another
+            size, or one of several sources is live.
+    """
+    placed = read_cameras(cameras)
+    if only is not None:
+        names = ", ".join(entry.name for entry in placed)
+        placed = [entry for entry in placed if entry.name == only]
+        if not placed:
+            raise RequestError(f"`camera`: expected one of {names} in {cameras}, got {only}")
+    if len(sources) != len(placed):
+        raise RequestError(
+            f"expected one source for each camera, got {len(sources)} sources and {len(placed)} cameras in {cameras}"
+        )
+    views = []
+    for text, entry in zip(sources, placed, strict=True):
+        opened = open_source(text)
+        if opened.live and len(sources) > 1:
+            raise RequestError(f"{opened.name} is live and never ends; track each live source in a run of its own")
+        if needs_images and not opened.has_images:
+            raise RequestError(f"{opened.name} has no images; give `detections`, and none for `appearance`")
+        fitted = _fitted(entry, opened, resize)
+        x, y = fitted.camera.position[:2]
+        floor = np.array([x - REACH, y - REACH, x + REACH, y + REACH]) if fitted.floor is None else fitted.floor
+        views.append(CeilingSource(opened, fitted, floor))
+    return views
+
+
+def _image_size(source: Source) -> tuple[int, int] | None:
+    """Width and height of a source's images, of a live one of its first; None for text that does not say."""
+    if isinstance(source, ImageFolder):
+        return source.size if min(source.size) > 0 else None
+    height, width = next(iter(source.frames())).image.shape[:2]
+    return width, height
+
+
+def _fitted(placed: CameraOverFloor, source: Source, resize: Scaling) -> CameraOverFloor:
+    """The camera for the source's images."""
+    size = _image_size(source)
+    have = placed.camera.width, placed.camera.height
+    if size is None or size == have:
+        return placed
+    width, height = size
+    if resize == "no":
+        raise RequestError(
+            f"{placed.name}: expected images of {have[0]}x{have[1]} as calibrated, got {width}x{height} in "
+            f"{source.name}; calibrate at that size, or scale the calibration with `resize` cut or widen"
+        )
+    return placed.resized(width, height, resize)
+
+
+def given_detections(
+    path: Path, view: CeilingSource, score_range: tuple[float, float] | None = None
+) -> list[Detections]:
+    """The detections of each frame of a source in a file: MOTChallenge text, or rotated boxes by image.
+
+    Args:
+        path: a det.txt, or what `tsuiseki.tracking.formats.rotated` reads: detections, or labels as such.
+        view: the source, a folder of images where the boxes are rotated, since those name images; and its camera.
+        score_range: smallest and largest score to expect; by default any.
+
+    Raises:
+        RequestError: the file is missing or malformed, names images that the source has not, or has boxes outside the
+            image or the lens's rim or scores outside the range.
+    """
+    rotated = path.is_dir() or path.suffix.lower() == ".json"
+    if rotated:
+        found = _given_rotated(path, view.source, score_range)
+    else:
+        found = read_detections(path, view.source.length, score_range)
+    size = np.array([view.placed.camera.width, view.placed.camera.height])
+    for index, each in enumerate(found):
+        # A box outside would be looked up as the nearest one at the rim.
+        middle = (each.boxes[:, :2] + each.boxes[:, 2:]) / 2
+        outside = middle[((middle < 0) | (middle > size)).any(axis=1)]
+        if len(outside):
+            raise RequestError(
+                f"{path}: frame {index + 1}: expected boxes in images of {size[0]}x{size[1]}, got one about "
+                f"{outside[0, 0]:g}, {outside[0, 1]:g}; was it found in images of another size?"
+            )
+        nowhere = middle[np.isnan(view.placed.camera.ground(middle)).any(axis=1)]
+        if len(nowhere):
+            raise RequestError(
+                f"{path}: frame {index + 1}: expected boxes of people on the floor, got one about {nowhere[0, 0]:g}, "
+                f"{nowhere[0, 1]:g}, where {view.placed.name} sees none: beyond the lens's rim or above the horizon"
+            )
+    return found
+
+
+def _given_rotated(path: Path, source: Source, score_range: tuple[float, float] | None) -> list[Detections]:
+    found = read_rotated_labels(path) if path.is_dir() or is_rotated(path) else read_rotated_detections(path)
+    images = source.images if isinstance(source, ImageFolder) else ()
+    if not images:
+        raise RequestError(f"{path}: rotated boxes name images; expected a folder of images, got {source.name}")
+    frames = {name: index for index, image in enumerate(images) for name in (image.name, image.stem)}
+    strangers = [name for name in found if name not in frames]
+    if strangers:
+        raise RequestError(
+            f"{path}: expected boxes of the {len(images)} images of {source.name}, got some of {strangers[0]}"
+        )
+    low, high = score_range or (-np.inf, np.inf)
+    result = [Detections.empty()] * len(images)
+    for name, each in found.items():
+        outside = each.scores[~((each.scores >= low) & (each.scores <= high))]
+        if len(outside):
+            raise RequestError(f"{path}: {name}: expected scores from {low:g} to {high:g}, got {outside[0]:g}")
+        result[frames[name]] = as_detections(each)
+    return result
+
+
 # How far outside somebody may seem to stand, metres, and besides as a share of the distance: boxes are not exact.
 MARGIN, SHARE = 1.0, 0.15
 
 
 @dataclass
-class FloorGate:
-    """Keeps who stands on the floor, and counts the others.
+class Passed:
+    """Keeps who stands on the floor, and notes what passes through to the tracker.
 
     Attributes:
-        camera: over the floor.
-        floor: ``(4,)`` x1, y1, x2, y2, metres.
+        ceiling: the camera, its source and the floor.
         middle: height of the middle of a person, metres.
+        keeps_boxes: whether `boxes` are kept.
         left_out: detections so far that belong to nobody on the floor.
-    """
-
-    camera: FloorCamera
-    floor: FloatArray
-    middle: float
-    left_out: int = 0
-
-    def keep(self, found: Detections) -> Detections:
-        """The detections of those on the floor."""
-        inside = self.inside(found.boxes)
-        self.left_out += int((~inside).sum())
-        return found if inside.all() else found.select(inside)
-
-    def inside(self, boxes: FloatArray) -> BoolArray:
-        """``(N,)`` whether the middles of ``(N, 4)`` boxes are those of people on the floor."""
-        places = self.camera.ground((boxes[:, :2] + boxes[:, 2:]) / 2, self.middle)[:, :2]
-        allowed = MARGIN + SHARE * np.linalg.norm(places - self.camera.position[:2], axis=1, keepdims=True)
-        # A pixel at or above the horizon has no place: every comparison with it is False.
-        return np.asarray(((places >= self.floor[:2] - allowed) & (places <= self.floor[2:] + allowed)).all(axis=1))
-
-
-@dataclass
-class FoundBoxes:
-    """Keeps what passes through.
-
-    Attributes:
-        source: of the frames; the images of a folder are named as their files without suffix, other frames by their
-            number from 1.
-        boxes: by the image's name.
-    """
-
-    source: Source
-    boxes: dict[str, RotatedBoxes] = field(default_factory=dict)
-
-    def watched(self, people: Iterable[FloorDetections]) -> Iterator[FloorDetections]:
-        """The same, frame by frame."""
-        images = self.source.images if isinstance(self.source, ImageFolder) else ()
-        for index, each in enumerate(people):
-            name = images[index].stem if images else str(index + 1)
-            rows = each.rotated.copy()
-            rows[:, 4] = half_turned(rows[:, 4])
-            self.boxes[name] = RotatedBoxes(rows, np.full(len(rows), -1), each.detections.scores)
-            yield each
-
-
-@dataclass
-class BestScore:
-    """Watches the scores of what passes through.
-
-    Attributes:
         frames: so far.
         number: of detections so far.
         best: the highest score so far; infinite where a detection has none, for it may always start a track.
+        boxes: rotated boxes by the image's name: of a folder the file's without suffix, else its number from 1.
     """
 
+    ceiling: CeilingSource
+    middle: float
+    keeps_boxes: bool = False
+    left_out: int = 0
     frames: int = 0
     number: int = 0
     best: float = -np.inf
+    boxes: dict[str, RotatedBoxes] = field(default_factory=dict)
+
+    def keep(self, found: Detections) -> Detections:
+        """The detections of those on the floor."""
+        camera, floor = self.ceiling.placed.camera, self.ceiling.floor
+        places = camera.ground((found.boxes[:, :2] + found.boxes[:, 2:]) / 2, self.middle)[:, :2]
+        allowed = MARGIN + SHARE * np.linalg.norm(places - camera.position[:2], axis=1, keepdims=True)
+        # A pixel at or above the horizon has no place: every comparison with it is False.
+        inside = ((places >= floor[:2] - allowed) & (places <= floor[2:] + allowed)).all(axis=1)
+        self.left_out += int((~inside).sum())
+        return found if inside.all() else found.select(inside)
 
     def watched(self, people: Iterable[FloorDetections]) -> Iterator[FloorDetections]:
         """The same, frame by frame."""
-        for each in people:
+        source = self.ceiling.source
+        images = source.images if isinstance(source, ImageFolder) else ()
+        for index, each in enumerate(people):
             scores = each.detections.scores
             self.frames += 1
             self.number += len(scores)
             self.best = max(self.best, float(np.nan_to_num(scores, nan=np.inf).max(initial=-np.inf)))
+            if self.keeps_boxes:
+                rows = each.rotated.copy()
+                rows[:, 4] = half_turned(rows[:, 4])
+                name = images[index].stem if images else str(index + 1)
+                self.boxes[name] = RotatedBoxes(rows, np.full(len(rows), -1), scores)
             yield each
 
-    def too_low(self, start_score: float) -> str:
-        """What to tell where no detection starts a track from ``start_score`` on; empty where one does."""
-        if self.number == 0 or self.best >= start_score:
-            return ""
-        return (
-            f"; none of {self.number} detections scores {start_score:g}, from which a track starts: the best has "
-            f"{self.best:.2f}; give a lower `hungarian.start_score`, or `method` flow"
-        )
+    def told(self, start_score: float | None) -> str:
+        """What to tell of detections outside the floor, and where none starts a track from ``start_score`` on."""
+        text = ""
+        if self.left_out:
+            floor = ",".join(f"{value:g}" for value in self.ceiling.floor)
+            text = f"; {count(self.left_out, 'detection', 'detections')} left out, outside the floor {floor}"
+        if start_score is not None and self.number and self.best < start_score:
+            text += (
+                f"; none of {self.number} detections scores {start_score:g}, from which a track starts: the best has "
+                f"{self.best:.2f}; give a lower `hungarian.start_score`, or `method` flow"
+            )
+        return text

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.calibrate.checking import check_cameras as check_cameras
     from tsuiseki.tracking.calibrate.people import PeopleCalibration as PeopleCalibration
     from tsuiseki.tracking.calibrate.people import calibrate_people as calibrate_people
+    from tsuiseki.tracking.drone.run import track_drone as track_drone
     from tsuiseki.tracking.drone.settings import DroneSettings as DroneSettings
-    from tsuiseki.tracking.drone.tracking import track_drone as track_drone
     from tsuiseki.tracking.errors import RequestError as RequestError
     from tsuiseki.tracking.errors import RunError as RunError
     from tsuiseki.tracking.evaluation.calls import evaluate_people as evaluate_people
@@ -77,9 +77,9 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.result import convert as convert
     from tsuiseki.tracking.single.run import follow_single as follow_single
     from tsuiseki.tracking.single.run import track_single as track_single
-    from tsuiseki.tracking.sphere.points import track_sphere_points as track_sphere_points
     from tsuiseki.tracking.sphere.run import follow_sphere as follow_sphere
     from tsuiseki.tracking.sphere.run import track_sphere as track_sphere
+    from tsuiseki.tracking.sphere.run import track_sphere_points as track_sphere_points
     from tsuiseki.tracking.sphere.settings import SphereSettings as SphereSettings
     from tsuiseki.tracking.types import Detections as Detections
     from tsuiseki.tracking.types import Estimate as Estimate

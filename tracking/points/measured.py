@@ -6,7 +6,9 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.progress import progress
@@ -19,10 +21,15 @@ from tsuiseki.tracking.points.observed import positions_of, region_of
 from tsuiseki.tracking.points.run import extent_of
 from tsuiseki.tracking.points.settings import Lag, SetMethod
 from tsuiseki.tracking.points.tracker import MeasurementTracker
+from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
 from tsuiseki.tracking.video.source import open_source
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def track_measurements(
@@ -115,8 +122,6 @@ def sensed_result(
     numbers = Counter(int(scan) for track in every for scan in track.scans)
 
     def draw(path: Path, _: Path) -> None:
-        from tsuiseki.tracking.points.page import tracks_figure
-
         figure = tracks_figure(tracks, [positions_of(model, scan.measurements) for scan in done])
         figure.savefig(path, facecolor="white")
 
@@ -136,6 +141,31 @@ def sensed_result(
             "tracks.png": draw,
         },
     )
+
+
+def tracks_figure(tracks: Sequence[SensedTrack], measured: Sequence[FloatArray]) -> Figure:
+    """The tracks seen from above, each with its id at its end, over all measurements as dots; 3D also from the side.
+
+    Args:
+        tracks: D is 2 or 3.
+        measured: positions ``(M, D)`` of each scan's measurements.
+    """
+    from matplotlib.figure import Figure
+
+    every = np.concatenate(measured)
+    panels = [(0, 1)] if every.shape[1] == 2 else [(0, 1), (0, 2)]
+    figure = Figure(figsize=(6.4 * len(panels), 6), dpi=110, layout="constrained")
+    for place, (a, b) in enumerate(panels, start=1):
+        axes = figure.add_subplot(1, len(panels), place)
+        axes.plot(every[:, a], every[:, b], ".", markersize=1.5, color="0.75", label="measured")
+        for number, track in enumerate(tracks):
+            colour = COLOURS[number % len(COLOURS)]
+            axes.plot(track.positions[:, a], track.positions[:, b], color=colour, linewidth=1.6)
+            axes.text(track.positions[-1, a], track.positions[-1, b], str(track.id), color=colour, fontsize=8)
+        axes.set(xlabel="xyz"[a], ylabel="xyz"[b])
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.grid(alpha=0.3)
+    return figure
 
 
 def detected_scans(video: Path, model: SensingModel, detector: Path) -> tuple[SensingModel, list[Scan]]:

@@ -1,19 +1,14 @@
-"""What finite-set filters are told of their targets: observation models of boxes, of coloured regions and of scans.
-
-An observation model says for each observation which filter takes it, and as what. `FiniteSetTracker` does the rest.
-"""
+"""The finite-set filters of boxes, of coloured regions and of a sensor's scans, with their models of both."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any, Protocol, TypeAlias
+from collections.abc import Sequence
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.colour_region import ColourImage, ColourRange
-from tsuiseki.tracking.filters.base import Births, Filter, Motion, ObservationIn, SetInfo
+from tsuiseki.tracking.filters.base import Births, Filter, Motion, SetInfo
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.finite_sets.models import (
@@ -50,14 +45,10 @@ from tsuiseki.tracking.points.settings import (
     PointSettings,
     SetMethod,
 )
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
 from tsuiseki.tracking.types.measurements import MotionSettings, Scan, SensingModel
 
 SetFilter: TypeAlias = Filter[Any, Any, SetInfo]
-FILTERS: dict[SetMethod, Callable[[PointModel, MeasurementBirths, int], SetFilter]] = {
-    "labelled": LabelledMultiBernoulliFilter,
-    "phd": PhdFilter,
-}
 COLUMNS = 6
 """Length of a state of a box or region."""
 BIRTHS = 0.05
@@ -68,130 +59,13 @@ FIRST_TURN = 0.05
 """Standard deviation of a new target's rate of turn, radians a second."""
 
 
-class PointObservations(Protocol[ObservationIn]):
-    """What is observed, and how.
-
-    Attributes:
-        columns: length of a state.
-    """
-
-    columns: int
-
-    def chosen(self, observation: ObservationIn, /) -> tuple[SetFilter, Any] | None:
-        """The filter of this step, and the observation as it takes it; None before there is anything to follow."""
-        ...
-
-
-class ObservedBoxes:
-    """Boxes as points of four coordinates, centre and size, frame by frame.
-
-    Their model is made from the first boxes, in units of a typical one, so that it needs no setting for another image
-    size.
-
-    Args:
-        settings: of the filter and its model.
-        extent: width and height of the image, pixels.
-    """
-
-    columns = COLUMNS
-
-    def __init__(self, settings: PointSettings, extent: tuple[float, float]) -> None:
-        self.settings, self.extent = settings, extent
-        self._filter: SetFilter | None = None
-
-    def chosen(self, observation: Detections) -> tuple[SetFilter, FloatArray] | None:
-        """See `PointObservations`."""
-        used = observation.boxes[observation.scores >= self.settings.min_score]
-        measured = np.concatenate([(used[:, :2] + used[:, 2:]) / 2, used[:, 2:] - used[:, :2]], axis=1)
-        if self._filter is None:
-            if len(measured) == 0:
-                return None
-            model, births = box_model(self.settings, self.extent, float(np.median(measured[:, 3])))
-            self._filter = FILTERS[self.settings.method](model, births, self.settings.particles)
-        return self._filter, measured
-
-
-class ObservedColours:
-    """Parts of the image that have a colour, frame by frame; finite-sets paper, section 6.
-
-    Args:
-        colour: of the targets.
-        settings: see `BlobSettings`.
-
-    Attributes:
-        filter: of all steps.
-        image: where the colour is in the last frame.
-    """
-
-    columns = COLUMNS
-
-    def __init__(self, colour: ColourRange, settings: BlobSettings) -> None:
-        self.colour = colour
-        self.filter = region_filter(settings)
-        self.image: ColourImage
-
-    def chosen(self, observation: Frame) -> tuple[RegionPhdFilter, ColourImage]:
-        """See `PointObservations`."""
-        self.image = ColourImage.of(observation.image, self.colour)
-        return self.filter, self.image
-
-
-class ObservedScans:
-    """A sensor's scans, each with its time: points in two or three dimensions.
-
-    Before every step the filter is told the time that passed, and the covariances of what was measured.
-
-    Args:
-        model: of the sensor and the targets, with a region.
-        method: labelled multi-Bernoulli filter, or phd.
-        particles: of each target.
-
-    Attributes:
-        time: of the last scan, seconds; None before the first.
-    """
-
-    def __init__(self, model: SensingModel, method: SetMethod, particles: int) -> None:
-        self.model = model
-        self.columns = state_columns(model)
-        self.time: float | None = None
-        self._births = point_births(model, particles)
-        self._filter: LabelledMultiBernoulliFilter | PhdFilter = PhdFilter(point_model(model), self._births, particles)
-        if method == "labelled":
-            modes = int(len(model.motions) > 1)
-            self._filter = LabelledMultiBernoulliFilter(
-                point_model(model), self._births, particles, kernel=KERNEL, discrete=modes
-            )
-
-    def chosen(self, observation: Scan) -> tuple[LabelledMultiBernoulliFilter | PhdFilter, FloatArray]:
-        """See `PointObservations`.
-
-        Raises:
-            RequestError: the scan is not later than the last one.
-        """
-        if self.time is not None and not observation.time > self.time:
-            raise RequestError(f"expected scans in order of time, got {observation.time:g} s after {self.time:g} s")
-        # Before the first scan there is nothing to move: any time will do.
-        seconds = 1.0 if self.time is None else observation.time - self.time
-        self.time = observation.time
-        model, covariances, births = self._filter.model, observation.covariances, self._births
-        sensor = model.sensor if covariances is None else model.sensor.of_scan(covariances)
-        if isinstance(births, MeasurementBirths):
-            births = replace(births, density=births.density * seconds, sensor=sensor)
-        elif isinstance(births, MixtureBirths):
-            births = replace(births, masses=births.masses * seconds, sensor=sensor)
-        model = replace(model, period=seconds, sensor=sensor, survival=self.model.survival**seconds)
-        return replace(self._filter, model=model, births=births), observation.measurements
-
-
 def box_of(particles: FloatArray) -> FloatArray:
     """Centres and sizes ``(N, 4)`` of states ``(N, 6)``."""
     return particles[:, [0, 2, 4, 5]]
 
 
-def box_model(
-    settings: PointSettings, extent: tuple[float, float], unit: float
-) -> tuple[PointModel, MeasurementBirths]:
-    """The model of boxes about ``unit`` pixels high in an image of ``extent`` pixels."""
+def box_filter(settings: PointSettings, extent: tuple[float, float], unit: float) -> SetFilter:
+    """The filter of boxes about ``unit`` pixels high in an image of ``extent`` pixels: points of centre and size."""
     place, size = PLACE_ERROR * unit, SIZE_ERROR * unit
     sensor = GaussianSensor(box_of, np.array([place, place, size, size]))
     # False boxes lie anywhere in the image, their sides within about half of a typical one.
@@ -205,7 +79,9 @@ def box_model(
         states[:, [1, 3]] = settings.speed * unit * rng.standard_normal((len(measurements), 2))
         return states
 
-    return model, MeasurementBirths(settings.births / volume, sensor, complete, COLUMNS)
+    births = MeasurementBirths(settings.births / volume, sensor, complete, COLUMNS)
+    chosen = LabelledMultiBernoulliFilter if settings.method == "labelled" else PhdFilter
+    return chosen(model, births, settings.particles)
 
 
 def points_as_boxes(points: FloatArray, box: tuple[float, float]) -> Detections:
@@ -231,6 +107,14 @@ def region_filter(settings: BlobSettings) -> RegionPhdFilter:
         motion, patches, WithoutOthers(settings.margin), update, settings.particles, 0, settings.survival,
         settings.detection,
     )  # fmt: skip
+
+
+def scan_filter(model: SensingModel, method: SetMethod, particles: int) -> LabelledMultiBernoulliFilter | PhdFilter:
+    """The filter of a sensor's scans, for steps of one second, with so many particles of each target."""
+    points, births, modes = point_model(model), point_births(model, particles), int(len(model.motions) > 1)
+    if method == "phd":
+        return PhdFilter(points, births, particles)
+    return LabelledMultiBernoulliFilter(points, births, particles, kernel=KERNEL, discrete=modes)
 
 
 def state_columns(model: SensingModel) -> int:

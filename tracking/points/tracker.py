@@ -1,13 +1,12 @@
-"""An unknown number of targets, by a finite-set filter: one tracker, whose observation model is an argument.
+"""An unknown number of targets, by a finite-set filter: one tracker for what is observed in three ways.
 
 `PointTracker` follows measured points or boxes, `BlobTracker` coloured regions, `MeasurementTracker` a sensor's scans.
-
-A `BlobTracker` filters the image itself with particles (finite-sets paper, section 6).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Generic
 
@@ -16,15 +15,17 @@ import numpy as np
 from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourImage, ColourRange, region_contrast
-from tsuiseki.tracking.filters.base import ObservationIn, SetInfo, TargetEstimates, bootstrap
+from tsuiseki.tracking.filters.base import Observation, SetInfo, TargetEstimates, bootstrap
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths
 from tsuiseki.tracking.filters.finite_sets.clusters import PhdState
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import (
     LabelledInfo,
+    LabelledMultiBernoulliFilter,
     LabelledState,
     TrackParticles,
     likely,
 )
-from tsuiseki.tracking.filters.finite_sets.phd import PhdInfo
+from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter, PhdInfo
 from tsuiseki.tracking.filters.finite_sets.region_births import (
     AnywhereBirths,
     Confirmation,
@@ -33,13 +34,13 @@ from tsuiseki.tracking.filters.finite_sets.region_births import (
     at_patches,
 )
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import boxes_of, cluster_means
-from tsuiseki.tracking.filters.finite_sets.region_phd import RegionInfo
+from tsuiseki.tracking.filters.finite_sets.region_phd import RegionInfo, RegionPhdFilter
 from tsuiseki.tracking.filters.motion.points import SteppingBox
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.resampling import weighted_mean
 from tsuiseki.tracking.geometry import centres as box_centres
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.points.observed import ObservedBoxes, ObservedColours, ObservedScans, PointObservations
+from tsuiseki.tracking.points.observed import SetFilter, box_filter, region_filter, scan_filter, state_columns
 from tsuiseki.tracking.points.settings import (
     LOST_BELOW,
     PLACE_NOISE,
@@ -50,104 +51,62 @@ from tsuiseki.tracking.points.settings import (
     PointSettings,
     SetMethod,
 )
-from tsuiseki.tracking.types import BoolArray, Estimate, FloatArray, Frame, IntArray, Status, Targets, Track
+from tsuiseki.tracking.types import BoolArray, Detections, Estimate, FloatArray, Frame, IntArray, Status, Targets, Track
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
 
 REPORT = 0.5
 """Existence above which a target is shown once the next scan is known; 0.4 and 0.6 were no better on seeds 200-209."""
 
 
-class FiniteSetTracker(Generic[ObservationIn]):
+class FiniteSetTracker(ABC, Generic[Observation]):
     """Feeds a finite-set filter with one observation after the other.
 
     Args:
-        observed: what is observed, and how.
+        columns: length of a state.
         seed: of the particles.
 
     Attributes:
         state: of the filter; None before the first step.
     """
 
-    def __init__(self, observed: PointObservations[ObservationIn], seed: int) -> None:
-        self._observed = observed
+    def __init__(self, columns: int, seed: int) -> None:
+        self._columns = columns
         self._rng = np.random.default_rng(seed)
         self.state: Any = None
 
-    def step(self, observation: ObservationIn) -> SetInfo | None:
+    @abstractmethod
+    def _chosen(self, observation: Observation) -> tuple[SetFilter, Any] | None:
+        """The filter of this step, and the observation as it takes it; None before there is anything to follow."""
+
+    def step(self, observation: Observation) -> SetInfo | None:
         """One observation further; None before there is anything to follow."""
-        chosen = self._observed.chosen(observation)
+        chosen = self._chosen(observation)
         if chosen is None:
             return None
         filter_, given = chosen
-        before = filter_.init(np.empty((0, self._observed.columns))) if self.state is None else self.state
+        before = filter_.init(np.empty((0, self._columns))) if self.state is None else self.state
         self.state, info = filter_.step(before, given, self._rng)
         return info
 
 
-class EstimatedTracks:
-    """Boxes by label, frame after frame; a label gets an id, counted from 1, once it was in enough frames.
+class BoxedSetTracker(FiniteSetTracker[Observation]):
+    """Keeps the boxes of the targets, frame after frame; a label gets an id, from 1, once it was in enough frames."""
 
-    Args:
-        min_length: labels in fewer frames become no track.
-    """
-
-    def __init__(self, min_length: int = 1) -> None:
-        self.min_length = min_length
-        self.frames = 0
+    def __init__(self, seed: int) -> None:
+        super().__init__(6, seed)
+        self._frames = 0
         # In how many frames each label without an id was, in the order in which they first appeared.
         self._counts: dict[int, int] = {}
         self._ids: dict[int, int] = {}
         self._names: dict[int, str] = {}
         self._rows: list[tuple[IntArray, IntArray, FloatArray, FloatArray, BoolArray, IntArray]] = []
 
-    def add(
-        self,
-        labels: IntArray,
-        boxes: FloatArray,
-        scores: FloatArray,
-        observed: BoolArray | None = None,
-        trusted: BoolArray | None = None,
-        origin: IntArray | None = None,
-        names: Mapping[int, str] | None = None,
-    ) -> Targets:
-        """Take the next frame; the targets of it that have an id.
-
-        Args:
-            labels: ``(N,)``, each once.
-            boxes: ``(N, 4)`` pixels.
-            scores: ``(N,)``.
-            observed: ``(N,)`` False where nothing in the frame supports the box; by default all are supported.
-            trusted: ``(N,)`` False where a label is to get no id yet; by default all may.
-            origin: ``(N, 2)`` row and class of the detection of each; -1, by default, where none is known.
-            names: of the classes.
-        """
-        origin = np.full((len(labels), 2), -1) if origin is None else origin
-        self._names |= names or {}
-        supported = np.ones(len(labels), dtype=np.bool_) if observed is None else observed
-        self._rows.append((np.full(len(labels), self.frames), labels, boxes, scores, supported, origin))
-        self.frames += 1
-        self._number(labels.tolist(), (labels if trusted is None else labels[trusted]).tolist())
-        ids = np.array([self._ids.get(label, 0) for label in labels.tolist()], dtype=np.int64)
-        status = np.where(supported, "tracking", "searching")
-        scores = np.where(supported, scores, 0.0)
-        return Targets(self.frames - 1, ids, boxes, scores, status, origin, self._names).select(ids > 0)
-
-    def _number(self, labels: list[int], trusted: list[int]) -> None:
-        """Give ids to the trusted ones of ``labels`` that were now in enough frames."""
-        for label in labels:
-            if label not in self._ids:
-                self._counts[label] = self._counts.get(label, 0) + 1
-        waiting = set(trusted)
-        for label in [one for one, count in self._counts.items() if one in waiting and count >= self.min_length]:
-            del self._counts[label]
-            self._ids[label] = len(self._ids) + 1
-
     def forget(self) -> None:
         """Drop the frames so far from `tracks`; ids go on."""
         self._rows.clear()
 
     def tracks(self) -> list[Track]:
-        """The tracks so far, by id."""
+        """The tracks of all frames so far, by id."""
         if not self._rows:
             return []
         columns = (np.concatenate(part) for part in zip(*self._rows, strict=True))
@@ -161,9 +120,46 @@ class EstimatedTracks:
             for number, row in named
         ]
 
+    def _add(
+        self,
+        found: TargetEstimates,
+        boxes: FloatArray,
+        observed: BoolArray | None = None,
+        trusted: BoolArray | None = None,
+        origin: IntArray | None = None,
+    ) -> Targets:
+        """Take the next frame; the targets of it that have an id.
 
-class PointTracker(FiniteSetTracker[Any]):
+        Args:
+            found: N targets.
+            boxes: ``(N, 4)`` of them, pixels.
+            observed: ``(N,)`` False where nothing in the frame supports the box; by default all are supported.
+            trusted: ``(N,)`` False where a target is to get no id yet; by default all may.
+            origin: ``(N, 2)`` row and class of the detection of each; -1, by default, where none is known.
+        """
+        labels, count = found.ids, len(found)
+        origin = np.full((count, 2), -1) if origin is None else origin
+        supported = np.ones(count, dtype=np.bool_) if observed is None else observed
+        self._rows.append((np.full(count, self._frames), labels, boxes, found.weights, supported, origin))
+        self._frames += 1
+        for label in labels.tolist():
+            if label not in self._ids:
+                self._counts[label] = self._counts.get(label, 0) + 1
+        waiting = set((labels if trusted is None else labels[trusted]).tolist())
+        for label in [one for one, times in self._counts.items() if one in waiting and times >= SHORTEST]:
+            del self._counts[label]
+            self._ids[label] = len(self._ids) + 1
+        ids = np.array([self._ids.get(label, 0) for label in labels.tolist()], dtype=np.int64)
+        status = np.where(supported, "tracking", "searching")
+        scores = np.where(supported, found.weights, 0.0)
+        return Targets(self._frames - 1, ids, boxes, scores, status, origin, self._names).select(ids > 0)
+
+
+class PointTracker(BoxedSetTracker[Any]):
     """Targets behind the detections of one frame after the other.
+
+    The model is made from the first boxes, in units of a typical one, so that it needs no setting for another image
+    size.
 
     Args:
         settings: of the filter and its model.
@@ -175,16 +171,26 @@ class PointTracker(FiniteSetTracker[Any]):
         sides = np.asarray(extent)
         if sides.shape != (2,) or sides.dtype.kind not in "iuf" or not ((sides > 0) & np.isfinite(sides)).all():
             raise RequestError(f"`extent`: expected width and height of the image in pixels, got {extent}")
-        super().__init__(ObservedBoxes(settings, extent), seed)
-        self.settings = settings
-        self.record = EstimatedTracks(SHORTEST)
+        super().__init__(seed)
+        self.settings, self._extent = settings, extent
+        self._filter: SetFilter | None = None
+
+    def _chosen(self, observation: Detections) -> tuple[SetFilter, FloatArray] | None:
+        used = observation.boxes[observation.scores >= self.settings.min_score]
+        measured = np.concatenate([(used[:, :2] + used[:, 2:]) / 2, used[:, 2:] - used[:, :2]], axis=1)
+        if self._filter is None:
+            if len(measured) == 0:
+                return None
+            self._filter = box_filter(self.settings, self._extent, float(np.median(measured[:, 3])))
+        return self._filter, measured
 
     def update(self, detections: DetectionsLike) -> Targets:
         """Take the detections of the next frame; its targets."""
         given = as_detections(detections)
         info = self.step(given)
         if info is None:
-            return self.record.add(np.empty(0, dtype=np.int64), np.empty((0, 4)), np.empty(0))
+            nothing = TargetEstimates(np.empty(0, dtype=np.int64), np.empty((0, 6)), np.empty(0))
+            return self._add(nothing, np.empty((0, 4)))
         found = info.estimates
         size, centres = np.maximum(found.states[:, 4:6], 1.0), found.states[:, [0, 2]]
         boxes = np.concatenate([centres - size / 2, centres + size / 2], axis=1)
@@ -193,19 +199,12 @@ class PointTracker(FiniteSetTracker[Any]):
         rows, columns = assign(away / size.max(axis=1, keepdims=True), 1.0)
         origin = np.full((len(boxes), 2), -1)
         origin[rows] = given.origin[columns]
-        return self.record.add(found.ids, boxes, found.weights, origin=origin, names=given.names)
-
-    def forget(self) -> None:
-        """See `OnlineTracker`."""
-        self.record.forget()
-
-    def tracks(self) -> list[Track]:
-        """The tracks of all frames so far, by id."""
-        return self.record.tracks()
+        self._names |= given.names
+        return self._add(found, boxes, origin=origin)
 
 
-class BlobTracker(FiniteSetTracker[Frame]):
-    """Every object of a colour through frames.
+class BlobTracker(BoxedSetTracker[Frame]):
+    """Every object of a colour through frames; the filter takes the image itself (finite-sets paper, section 6).
 
     Args:
         colour: theirs.
@@ -217,43 +216,44 @@ class BlobTracker(FiniteSetTracker[Frame]):
     """
 
     def __init__(self, colour: ColourRange, settings: BlobSettings | None = None, seed: int = 0) -> None:
+        super().__init__(seed)
         self.settings = settings or BlobSettings()
-        self._colours = ObservedColours(colour, self.settings)
-        super().__init__(self._colours, seed)
-        self.record = EstimatedTracks(SHORTEST)
         self.expected: list[float] = []
+        self._colour, self._filter = colour, region_filter(self.settings)
+        self._image: ColourImage
         self._confirmation = Confirmation(*self.settings.confirm)
+
+    def _chosen(self, observation: Frame) -> tuple[RegionPhdFilter, ColourImage]:
+        self._image = ColourImage.of(observation.image, self._colour)
+        return self._filter, self._image
 
     def update(self, frame: Frame) -> Targets:
         """Take the next frame; its targets."""
         info = self.step(frame)
         assert isinstance(info, RegionInfo)
-        boxes = boxes_of(info.estimates.states)
         observed = np.nan_to_num(info.likelihood) > info.background
         confirmed = self._confirmed(info.estimates.ids)
         self.expected.append(info.expected_count)
-        targets = self.record.add(info.estimates.ids, boxes, info.estimates.weights, observed, confirmed)
+        targets = self._add(info.estimates, boxes_of(info.estimates.states), observed, confirmed)
         return replace(targets, frame=frame.index)
 
     def _confirmed(self, ids: IntArray) -> BoolArray | None:
         """Which of the estimates ``(N,)`` are confirmed; what cannot be any more leaves the filter."""
-        births = self._colours.filter.births
+        births = self._filter.births
         if not isinstance(births, PatchBirths):
             return None
         names, _, means = cluster_means(self.state)
-        supported = at_patches(boxes_of(means), births.components(self._colours.image))
+        supported = at_patches(boxes_of(means), births.components(self._image))
         failed = self._confirmation.update(names, supported)
         if len(failed):
             self.state = self.state.select(~np.isin(self.state.labels, failed))
         return self._confirmation.confirmed(ids)
 
-    def tracks(self) -> list[Track]:
-        """The tracks of all frames so far, by id."""
-        return self.record.tracks()
-
 
 class MeasurementTracker(FiniteSetTracker[Scan]):
-    """Targets from a sensor's scans.
+    """Targets from a sensor's scans, each with its time: points in two or three dimensions.
+
+    Before every step the filter is told the time that passed, and the covariances of what was measured.
 
     Args:
         model: of the sensor and the targets, with a region.
@@ -268,21 +268,33 @@ class MeasurementTracker(FiniteSetTracker[Scan]):
     """
 
     def __init__(
-        self,
-        model: SensingModel,
-        method: SetMethod = "labelled",
-        particles: int = 1000,
-        seed: int = 0,
-        lag: Lag = 0,
+        self, model: SensingModel, method: SetMethod = "labelled", particles: int = 1000, seed: int = 0, lag: Lag = 0
     ) -> None:
         if particles < 1:
             raise RequestError(f"`particles`: expected at least 1, got {particles}")
         if lag not in ((0, 1) if method == "labelled" else (0,)):
             raise RequestError(f"`lag`: expected 0, or 1 with the method labelled, got {lag} with {method}")
-        super().__init__(ObservedScans(model, method, particles), seed)
+        super().__init__(state_columns(model), seed)
         self.model, self.lag = model, lag
+        self._filter = scan_filter(model, method, particles)
+        self._time: float | None = None
         self._found: list[SensedTargets] = []
         self._unsettled: SensedTargets | None = None
+
+    def _chosen(self, observation: Scan) -> tuple[LabelledMultiBernoulliFilter | PhdFilter, FloatArray]:
+        if self._time is not None and not observation.time > self._time:
+            raise RequestError(f"expected scans in order of time, got {observation.time:g} s after {self._time:g} s")
+        # Before the first scan there is nothing to move: any time will do.
+        seconds = 1.0 if self._time is None else observation.time - self._time
+        self._time = observation.time
+        model, covariances, births = self._filter.model, observation.covariances, self._filter.births
+        sensor = model.sensor if covariances is None else model.sensor.of_scan(covariances)
+        if isinstance(births, MeasurementBirths):
+            births = replace(births, density=births.density * seconds, sensor=sensor)
+        elif isinstance(births, MixtureBirths):
+            births = replace(births, masses=births.masses * seconds, sensor=sensor)
+        model = replace(model, period=seconds, sensor=sensor, survival=self.model.survival**seconds)
+        return replace(self._filter, model=model, births=births), observation.measurements
 
     def update(self, scan: Scan) -> SensedTargets | None:
         """Take the next scan; its targets, or with a lag those of the scan before and None of the first.

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from html import escape
-from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +17,10 @@ from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path, distance_to_position
 from tsuiseki.tracking.formats.world_tables import write_track3d
-from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, scrolling, section
-from tsuiseki.tracking.report.plots import COLOURS, inline_svg
+from tsuiseki.tracking.report.plots import COLOURS, dress, inline_svg
 from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.sphere.following import SphereLog, SphereRun
+from tsuiseki.tracking.sphere.tracker import SphereLog, SphereRun
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import STATUSES, FloatArray, Frame, ImageArray, Position
 from tsuiseki.tracking.types.tracks import Path3D
@@ -67,11 +66,8 @@ def path_figure(
         axes.set_ylabel(f"{'xyz'[pair[1]]}, m", color=ink)
         axes.set_aspect("equal", adjustable="datalim")
         axes.margins(0.12)
-        axes.set_facecolor("none")
         axes.grid(alpha=0.2, color=ink)
-        axes.tick_params(colors=ink)
-        for spine in axes.spines.values():
-            spine.set_color(ink)
+        dress(axes, ink)
     handles, names = figure.axes[0].get_legend_handles_labels()
     if handles:
         figure.legend(handles, names, loc="outside lower center", ncols=5, frameon=False, labelcolor=ink)
@@ -82,25 +78,21 @@ def deviation_figure(positions: Sequence[Position], truth: Path3D | None = None,
     """The standard deviation that the filter states over time, and the true error where it is known, cm."""
     from matplotlib.figure import Figure
 
-    from tsuiseki.tracking.evaluation.space import distance_to_position
-
     figure = Figure(figsize=(10, 2.8), layout="constrained")
     axes = figure.subplots()
     times = np.array([p.time for p in positions])
     stated = np.array([np.sqrt(np.trace(p.covariance)) for p in positions])
     axes.plot(times, 100 * stated, color=COLOURS[1], label="stated standard deviation")
     if truth is not None:
-        track = Path3D(times, np.array([p.point for p in positions]))
-        axes.plot(times, 100 * distance_to_position(track, truth), color=COLOURS[0], label="distance to the truth")
+        axes.plot(
+            times, 100 * distance_to_position(_track(positions), truth), color=COLOURS[0], label="distance to the truth"
+        )
     axes.set_xlabel("time, s", color=ink)
     axes.set_ylabel("cm", color=ink)
     axes.set_ylim(bottom=0)
-    axes.set_facecolor("none")
     axes.grid(alpha=0.2, color=ink)
-    axes.tick_params(colors=ink)
     axes.legend(frameon=False, labelcolor=ink)
-    for spine in axes.spines.values():
-        spine.set_color(ink)
+    dress(axes, ink)
     return figure
 
 
@@ -175,7 +167,7 @@ def draw_sphere(
         ring = _fixed(np.concatenate([points, points[:1]]))
         parts = [ring] if used else [ring[k : k + DASH] for k in range(0, POINTS, 2 * DASH)]
         cv2.polylines(drawn, parts, False, colour, 2, cv2.LINE_AA, SHIFT)
-        cv2.drawMarker(drawn, _whole(outlines.centre[0]), colour, cv2.MARKER_CROSS, 7, 1, cv2.LINE_AA)
+        cv2.drawMarker(drawn, _fixed(outlines.centre[0], 0).tolist(), colour, cv2.MARKER_CROSS, 7, 1, cv2.LINE_AA)
     x, y, z = position.point
     text = f"{position.time:6.2f} s   x {x:+.2f}  y {y:+.2f}  z {z:+.2f} m   {position.status}"
     text += "" if used else ", this camera is covered"
@@ -185,25 +177,9 @@ def draw_sphere(
     return drawn
 
 
-def _fixed(points: FloatArray) -> NDArray[np.int32]:
+def _fixed(points: FloatArray, shift: int = SHIFT) -> NDArray[np.int32]:
     # OpenCV counts from the first pixel's centre.
-    return np.asarray(np.round((points - 0.5) * 2**SHIFT), dtype=np.int32)
-
-
-def _whole(point: FloatArray) -> tuple[int, int]:
-    return round(float(point[0] - 0.5)), round(float(point[1] - 0.5))
-
-
-def write_sphere_overlay(path: Path, frames: Iterable[Frame], chosen: SphereRun, log: SphereLog, view: int) -> None:
-    """Write the video of camera ``view`` with the ball's outline, up to the last frame that was used.
-
-    Raises:
-        RunError: the video breaks off, or cannot be written.
-    """
-    frame_rate = chosen.placed[view].frame_rate or chosen.sources[view].frame_rate
-    last = max((number for m in log.moments if (number := m.frames[view]) is not None), default=-1)
-    draw = sphere_painter(chosen, log, view)
-    write_drawn(path, takewhile(lambda frame: frame.index <= last, frames), frame_rate, draw)
+    return np.asarray(np.round((points - 0.5) * 2**shift), dtype=np.int32)
 
 
 def sphere_painter(chosen: SphereRun, log: SphereLog, view: int) -> Callable[[Frame], ImageArray]:
@@ -269,25 +245,13 @@ def sphere_page(
     seconds: Mapping[str, float],
     settings: Mapping[str, Any],
 ) -> str:
-    """The page as HTML, self-contained.
-
-    Args:
-        chosen: what ran.
-        log: what was found.
-        truth: the true path, where it is known.
-        folder: where overlays may lie.
-        seconds: per stage of the run.
-        settings: of the run, plain values.
-    """
+    """The page as HTML, self-contained; ``folder`` is where overlays may lie, the rest as in `sphere_result`."""
     positions, cameras, radius = log.positions, chosen.placed, chosen.radius
     sections = [
         ("What was found", _summary(log, cameras, seconds)),
         ("Distance to the truth", "" if truth is None else _distances(positions, truth)),
-        ("Path", scrolling(inline_svg(lambda ink: path_figure(positions, cameras, truth, ink), "path")) + NOTE),
-        (
-            "Uncertainty over time",
-            scrolling(inline_svg(lambda ink: deviation_figure(positions, truth, ink), "uncertainty")),
-        ),
+        ("Path", scrolling(inline_svg(partial(path_figure, positions, cameras, truth), "path")) + NOTE),
+        ("Uncertainty over time", scrolling(inline_svg(partial(deviation_figure, positions, truth), "uncertainty"))),
     ]
     videos = [(placed.name, embedded_overlay(folder, f"overlay{k}")) for k, placed in enumerate(cameras, start=1)]
     sections += [(f"Overlay of {name}", video) for name, video in videos if video]
@@ -333,10 +297,7 @@ def _track(positions: Sequence[Position]) -> Path3D:
 def _distances(positions: Sequence[Position], truth: Path3D) -> str:
     """Distances of the estimates to the truth, centimetres."""
     track, away, rows = _track(positions), distances_to_truth(positions, truth), ""
-    for name, values in (
-        ("true position", away),
-        ("true path", distance_to_path(track.points, truth.points)),
-    ):
+    for name, values in (("true position", away), ("true path", distance_to_path(track.points, truth.points))):
         if len(values):
             scores = distance_scores(values)
             cells = "".join(f"<td>{100 * v:.2f} cm</td>" for v in (scores.mean, scores.maximum, scores.deviation))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 from typing import TypedDict, Unpack
 
@@ -12,21 +13,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective_cameras
-from tsuiseki.tracking.cameras.volume import check_volume, common_volume
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.cameras.triangulation import triangulate
+from tsuiseki.tracking.cameras.volume import check_volume, common_volume, in_sight
 from tsuiseki.tracking.cli.options import Drawing, SeededOutput
 from tsuiseki.tracking.cli.run import Run
 from tsuiseki.tracking.errors import RequestError, a_path
+from tsuiseki.tracking.filters.resampling import Covering
+from tsuiseki.tracking.formats.world_tables import read_ball_points
+from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.sphere.following import Seen, SphereLog, SphereRun, Start, check_start
-from tsuiseki.tracking.sphere.page import distances_to_truth, sphere_result, write_sphere_overlay
+from tsuiseki.tracking.sphere.page import distances_to_truth, sphere_painter, sphere_result
 from tsuiseki.tracking.sphere.search import find_ball
 from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen_motion, frame_times
-from tsuiseki.tracking.sphere.tracker import SphereTracker
+from tsuiseki.tracking.sphere.tracker import Seen, SphereLog, SphereRun, SphereTracker, Start
 from tsuiseki.tracking.sphere.views import (
     BackgroundLikelihood,
+    PointLikelihood,
     PrintedContourLikelihood,
     SphereContourLikelihood,
     ViewLikelihood,
+    Views,
     median_background,
 )
 from tsuiseki.tracking.stages import StageTimes
@@ -132,7 +139,9 @@ def sphere_run(
         return moments_with_images(moments, [begin() for begin in frames])
 
     def newest(_: Sequence[Moment]) -> Iterator[Seen]:
-        return LatestFrames(frames, live_tolerance(videos, settings.tolerance)).moments()
+        # Half the shortest time between frames: cameras of one rate have a frame each in all moments but the first.
+        half = 0.5 / max(video.frame_rate for video in videos)
+        return LatestFrames(frames, half if settings.tolerance is None else settings.tolerance).moments()
 
     seen, tracker = newest if live else recorded, _tracker(settings, weigh, radius)
     return SphereRun(placed, stamps, settings.tolerance, tracker, start, seen, radius, videos)
@@ -166,11 +175,32 @@ def _start(
                 "`start`: expected x, y, z with the preset paper, which measures where the ball is at first"
             )
         return None, box
+    place = _place(start)
+    check_start(place, placed)
+    return place, box
+
+
+def _place(start: ArrayLike) -> FloatArray:
     place = np.asarray(start, dtype=np.float64)
     if place.shape != (3,):
         raise RequestError(f"`start`: expected x, y, z in metres, got shape {place.shape}")
-    check_start(place, placed)
-    return place, box
+    return place
+
+
+def check_start(position: FloatArray, cameras: Sequence[PlacedCamera]) -> None:
+    """Refuse a start that no two cameras can see.
+
+    Raises:
+        RequestError: it lies behind a camera, or in fewer than two images.
+    """
+    depths = [float(entry.camera.to_camera(position[None])[0, 2]) for entry in cameras]
+    seen = sum(bool(in_sight(entry.camera, position[None])[0]) for entry in cameras)
+    shown = ",".join(f"{v:g}" for v in position)
+    behind = [entry.name for entry, depth in zip(cameras, depths, strict=True) if depth <= 0]
+    if behind and seen < 2:
+        raise RequestError(f"expected the ball before the cameras, but {shown} lies behind {behind[0]}; check `start`")
+    if seen < 2:
+        raise RequestError(f"expected a start that two cameras see, but {shown} is in {seen} of {len(cameras)} images")
 
 
 def _tracker(settings: SphereSettings, weigh: ViewLikelihood, radius: float) -> SphereTracker:
@@ -179,14 +209,6 @@ def _tracker(settings: SphereSettings, weigh: ViewLikelihood, radius: float) -> 
     plain = printed or settings.likelihood == "background"
     tracker = SphereTracker(weigh, moves, covering=None, stages=1) if plain else SphereTracker(weigh, moves)
     return replace(tracker, patience=np.inf) if printed else tracker
-
-
-def live_tolerance(sources: Sequence[Source], wanted: float | None) -> float:
-    """Seconds within which live frames count as taken together: by default half the shortest time between frames.
-
-    Cameras of one rate then have a frame each in every moment but the first, whatever their phases.
-    """
-    return 0.5 / max(source.frame_rate for source in sources) if wanted is None else wanted
 
 
 def checked_frames(source: Source, placed: PlacedCamera) -> Iterator[Frame]:
@@ -248,6 +270,104 @@ def _box(volume: ArrayLike) -> FloatArray:
     return np.stack([low, high])
 
 
+# A detector seldom misses for long, so a view opens again soon; where all disagree the ball is looked for anew.
+COVERING = Covering(covers=0.05, opens=5.0, floor=0.01)
+STAGES, PATIENCE = 4, 0.2
+SPEED = 5.0
+"""Standard deviation of the velocity of a ball that was just found, along each axis, m/s."""
+
+
+def track_sphere_points(
+    files: Sequence[str | Path],
+    cameras: str | Path,
+    *,
+    start: ArrayLike | None = None,
+    settings: SphereSettings | None = None,
+    deviation: float = 2.0,
+    radius: float = 0.0,
+    seed: int = 0,
+) -> Result[Position]:
+    """Where a ball is in space, from its pixels in every camera.
+
+    Args:
+        files: a CSV for each camera (`tracking.formats.world_tables`), in the order of the cameras.
+        cameras: ``cameras.yaml`` with one entry per file, each with its frame_rate.
+        start: ``(3,)`` the ball at first, metres; by default where two cameras that see it say.
+        settings: see `SphereSettings`; no preset and no likelihood, for there is no image.
+        deviation: standard deviation of a measured pixel along x and y.
+        radius: of the ball, metres, for its bounces.
+        seed: of all random numbers.
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+        RunError: no two cameras show the ball at about one time.
+    """
+    chosen, times = sphere_points_run(files, cameras, start, settings, deviation, radius), StageTimes()
+    log = chosen.run(np.random.default_rng(seed), times)
+    return sphere_result(chosen, log, times, {"points": [str(file) for file in files], "seed": seed})
+
+
+def sphere_points_run(
+    files: Sequence[str | Path],
+    cameras: str | Path,
+    start: ArrayLike | None = None,
+    settings: SphereSettings | None = None,
+    deviation: float = 2.0,
+    radius: float = 0.0,
+    times: FrameTimes | None = None,
+) -> SphereRun:
+    """A run of `track_sphere_points`; ``times`` of the frames are by default as the camera file says.
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+    """
+    settings = settings or SphereSettings()
+    for name, expected in (("preset", "extended"), ("likelihood", "contour"), ("faint", None)):
+        if getattr(settings, name) != expected:
+            raise RequestError(
+                f"`{name}`: expected none with `points`, which have no image to weigh; got {getattr(settings, name)}"
+            )
+    placed = read_projective_cameras(a_path(cameras, "cameras"))
+    if len(files) != len(placed) or len(files) < 2:
+        raise RequestError(
+            f"`points`: expected at least two files and one camera for each, got {len(files)} files and {len(placed)} "
+            f"cameras in {cameras}; give the files in the order of its entries"
+        )
+    if not 0 < deviation < np.inf or not 0 <= radius < 10:
+        raise RequestError(f"expected a `deviation` above 0 and a `radius` from 0, got {deviation:g} and {radius:g}")
+    pixels = [read_ball_points(Path(file)) for file in files]
+    stamps = (times or FrameTimes()).of_pixels(pixels, placed)
+    pinholes = [p.camera for p in placed]
+    likelihood = PointLikelihood(pinholes, np.full(len(placed), float(deviation)))
+    tracker = SphereTracker(likelihood, chosen_motion(settings, radius), COVERING, patience=PATIENCE, stages=STAGES)
+
+    def search(views: Views, rng: np.random.Generator) -> FloatArray:
+        return _placed_by_rays(pinholes, views, deviation, settings.particles, rng)
+
+    def seen(moments: Sequence[Moment]) -> Iterator[Seen]:
+        for moment in moments:
+            found = [None if f is None else p[f] for f, p in zip(moment.frames, pixels, strict=True)]
+            yield moment, [None if f is None or np.isnan(f[0]) else f for f in found]
+
+    place = None if start is None else _place(start)
+    begin = Start(place, settings.spread, settings.particles, search, SPEED)
+    return SphereRun(placed, stamps, settings.tolerance, tracker, begin, seen, radius)
+
+
+def _placed_by_rays(
+    cameras: Sequence[PinholeCamera], views: Views, deviation: float, count: int, rng: np.random.Generator
+) -> FloatArray:
+    """``(count, 3)`` positions about where the rays of the pixels meet; far off where they do not."""
+    pixels = np.array([[np.nan, np.nan] if view is None else view for view in views])
+    points, covariances = triangulate(cameras, pixels[None], deviation)
+    if np.isnan(points[0, 0]):
+        middle = np.mean([camera.position + 3 * camera.rotation[2] for camera in cameras], axis=0)
+        return np.asarray(middle + rng.standard_normal((count, 3)))
+    # The frames of a search lie up to some hundredths of a second apart.
+    spread = np.linalg.cholesky(covariances[0] + 0.05**2 * np.eye(3))
+    return np.asarray(points[0] + rng.standard_normal((count, 3)) @ spread.T)
+
+
 NO_SOURCES: list[str] = []
 
 
@@ -288,7 +408,6 @@ def sphere(
         truth: CSV with the columns time, x, y, z (seconds, metres) to compare with in the report.
     """
     from tsuiseki.tracking.formats.world_tables import read_path3d
-    from tsuiseki.tracking.sphere.points import sphere_points_run
 
     true_path = None if truth is None else read_path3d(truth)
     chosen: SphereRun
@@ -344,10 +463,11 @@ def _corners(volume: tuple[float, float, float, float, float, float] | None) -> 
 
 
 def _draw(run: Run, drawing: Drawing, chosen: SphereRun, log: SphereLog) -> None:
-    """A video for each camera, where that is wanted."""
-    if not drawing.overlay:
-        return
-    for view, (source, placed) in enumerate(zip(chosen.sources, chosen.placed, strict=True)):
-        frames = run.watched(source.frames(), f"drawing {placed.name}", source.length)
-        write = partial(write_sphere_overlay, frames=frames, chosen=chosen, log=log, view=view)
+    """A video for each camera, where that is wanted, up to the last frame that was used."""
+    for view, (source, placed) in enumerate(zip(chosen.sources, chosen.placed, strict=True) if drawing.overlay else ()):
+        last = max((number for m in log.moments if (number := m.frames[view]) is not None), default=-1)
+        watched = run.watched(source.frames(), f"drawing {placed.name}", source.length)
+        frames = takewhile(lambda frame, last=last: frame.index <= last, watched)  # type: ignore[misc]
+        rate, painter = placed.frame_rate or source.frame_rate, sphere_painter(chosen, log, view)
+        write = partial(write_drawn, frames=frames, frame_rate=rate, draw=painter)
         run.draw(f"overlay{view + 1}.{drawing.overlay_format}", write)

@@ -9,10 +9,15 @@ and particles are weighed in two stages (both are in `tracking.filters.resamplin
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera
+from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.motion.points import ConstantVelocity3D
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
@@ -20,7 +25,6 @@ from tsuiseki.tracking.filters.resampling import (
     Covering,
     bearable_share,
     drawn_and_spread,
-    log_sum,
     open_after,
     probabilities,
     weigh_views,
@@ -28,7 +32,10 @@ from tsuiseki.tracking.filters.resampling import (
     weighted_mean,
 )
 from tsuiseki.tracking.sphere.views import ViewLikelihood, Views
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray, Position, Status
+from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
 
 # A view counts as open from OPEN on, and begins with TRUST.
 OPEN, TRUST = 0.5, 0.9
@@ -68,21 +75,6 @@ class SphereState:
     open: FloatArray
     last_frames: FloatArray
     unseen: float = 0.0
-
-
-@dataclass(frozen=True)
-class SphereInfo:
-    """What came of one step.
-
-    Attributes:
-        position: the estimate.
-        log_evidence: logarithm of the density of the views given all before them, over that of views that say nothing.
-        deviation: standard deviation of the position along its least known direction, m.
-    """
-
-    position: Position
-    log_evidence: float
-    deviation: float
 
 
 def with_velocities(positions: FloatArray, speed: float, rng: np.random.Generator) -> FloatArray:
@@ -133,32 +125,24 @@ class SphereTracker:
         time: float = 0.0,
         speed: float = START_SPEED,
     ) -> SphereState:
-        """Particles around a measured position, as the paper starts.
+        """So many ``particles`` around a measured position ``(3,)``, as the paper starts; see `init`.
 
-        Args:
-            position: ``(3,)`` metres.
-            spread: standard deviation around it, m.
-            particles: how many.
-            views: number of cameras.
-            rng: random numbers.
-            time: of the start, seconds.
-            speed: standard deviation of the velocity along each axis, m/s.
+        ``spread`` is the standard deviation of the position, m, and ``speed`` that of the velocity along each axis,
+        m/s.
         """
         positions = position + spread * rng.standard_normal((particles, 3))
         return self.init(with_velocities(positions, speed, rng), views, time)
 
     def step(
         self, state: SphereState, observation: TimedViews, rng: np.random.Generator
-    ) -> tuple[SphereState, SphereInfo]:
+    ) -> tuple[SphereState, Position]:
         """One observation further: the state after it and the estimate."""
         seconds = max(observation.time - state.time, 0.0)
         fresh = np.array([view is not None for view in observation.views])
         before = state.open if self.covering is None else self.covering.predict(state.open, seconds)
         stages = _Stages(self, seconds, before)
         # Drawn anew every time (2.3), so that the stages begin with equal weights.
-        after, info = ParticleFilter(stages.propose, stages.weigh, threshold=1.0).step(
-            state.particles, observation, rng
-        )
+        after, _ = ParticleFilter(stages.propose, stages.weigh, threshold=1.0).step(state.particles, observation, rng)
         weights = probabilities(after.log_weights)
         opened = np.where(fresh, stages.opened(weights), before)
         mean = weighted_mean(after.particles, after.log_weights)
@@ -172,10 +156,7 @@ class SphereTracker:
         status: Status = "tracking" if known else "searching" if unseen <= self.patience else "lost"
         score = float(np.mean(opened)) * float(np.exp(-deviation / self.largest_deviation))
         position = Position(observation.time, mean[:3], covariance[:3, :3], score, status, mean[3:], opened)
-        evidence = stages.log_evidence + info.log_evidence
-        return SphereState(after, observation.time, opened, last_frames, unseen), SphereInfo(
-            position, evidence, deviation
-        )
+        return SphereState(after, observation.time, opened, last_frames, unseen), position
 
 
 class _Stages:
@@ -185,7 +166,6 @@ class _Stages:
         self._tracker, self._seconds, self._open = tracker, seconds, opened
         self._done = 0.0
         self.ratios: FloatArray | None = None
-        self.log_evidence = 0.0
 
     def propose(
         self, particles: FloatArray, observation: TimedViews, rng: np.random.Generator
@@ -199,7 +179,6 @@ class _Stages:
                 break
             gained = self._path(share) - self._path(self._done)
             moved = drawn_and_spread(moved, gained, STAGE_WIDTH, rng)
-            self.log_evidence += log_sum(gained) - float(np.log(len(moved)))
             self._done, self.ratios = share, None
         return moved, np.zeros(len(moved))
 
@@ -221,3 +200,144 @@ class _Stages:
             return np.zeros(len(self.ratios))
         ratios = share * self.ratios
         return np.asarray((ratios if self._tracker.covering is None else weigh_views(ratios, self._open)).sum(axis=1))
+
+
+# A search takes frames of different cameras within so many seconds for one look.
+RECENT = 0.15
+Seen: TypeAlias = tuple[Moment, Views]
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where the ball is looked for first.
+
+    Attributes:
+        position: ``(3,)`` metres; None searches the volume.
+        spread: standard deviation around it, m.
+        particles: how many.
+        search: positions ``(particles, 3)`` after one look at everything: the start without a position, and for a ball
+            that was lost.
+        speed: standard deviation of the velocity of a ball that was just found, along each axis, m/s.
+    """
+
+    position: FloatArray | None
+    spread: float
+    particles: int
+    search: Callable[[Views, np.random.Generator], FloatArray]
+    speed: float = START_SPEED
+
+
+@dataclass
+class SphereLog:
+    """What a run keeps.
+
+    Attributes:
+        positions: one a moment.
+        moments: which frames they are of.
+        searches: indices of the moments at which the volume was searched.
+    """
+
+    positions: list[Position] = field(default_factory=list)
+    moments: list[Moment] = field(default_factory=list)
+    searches: list[int] = field(default_factory=list)
+
+    def columns(self) -> dict[str, list[Any]]:
+        """What happened at each moment, for ``run.json``: one list a column."""
+        return {
+            "time": [round(p.time, 6) for p in self.positions],
+            "score": [round(p.score, 4) for p in self.positions],
+            "status": [p.status for p in self.positions],
+            "open": [[round(float(v), 3) for v in p.open] for p in self.positions],
+            "frame_of_each_video": [list(m.frames) for m in self.moments],
+        }
+
+
+@dataclass(frozen=True)
+class SphereRun:
+    """Everything that a run needs, checked.
+
+    Attributes:
+        placed: the cameras.
+        stamps: ``(T,)`` of each camera, the time of every frame, seconds; none of live cameras.
+        tolerance: frames within so many seconds count as taken together; None takes a quarter of the shortest time
+            between frames.
+        tracker: the filter.
+        start: where the ball is looked for first.
+        seen: what the cameras see at these moments; of live ones, from now on.
+        radius: of the ball, metres; 0 of a point.
+        sources: the videos, where there are some.
+    """
+
+    placed: Sequence[PlacedCamera]
+    stamps: Sequence[FloatArray]
+    tolerance: float | None
+    tracker: SphereTracker
+    start: Start
+    seen: Callable[[Sequence[Moment]], Iterable[Seen]]
+    radius: float
+    sources: Sequence[Source] = ()
+
+    @property
+    def length(self) -> int | None:
+        """Frames of the longest video; None of live cameras."""
+        return max(map(len, self.stamps)) if self.stamps else None
+
+    def run(
+        self, rng: np.random.Generator, times: StageTimes, watch: Callable[[Iterable[Seen]], Iterable[Seen]] = iter
+    ) -> SphereLog:
+        """Track through all moments; ``times`` gets the stages, ``watch`` passes the moments through.
+
+        Raises:
+            RunError: no moment had an image.
+        """
+        log = SphereLog()
+        for _ in self.follow(rng, times, log, watch):
+            pass
+        if not log.positions:
+            raise RunError("expected frames of two videos at about one time, got none; check `offsets` or `timestamps`")
+        return log
+
+    def follow(
+        self,
+        rng: np.random.Generator,
+        times: StageTimes | None = None,
+        log: SphereLog | None = None,
+        watch: Callable[[Iterable[Seen]], Iterable[Seen]] = iter,
+    ) -> Iterator[Position]:
+        """Each position as soon as it is known, kept in ``log``; a ball that is lost is searched again."""
+        state: SphereState | None = None
+        times, last_search = times or StageTimes(), -np.inf
+        # The newest frame of each camera: cameras that are out of step never have frames together.
+        recent: dict[int, tuple[float, NDArray[Any]]] = {}
+        tracker, start = self.tracker, self.start
+        for moment, views in watch(self._moments()):
+            now = moment.time
+            recent |= {k: (now, view) for k, view in enumerate(views) if view is not None}
+            recent = {k: seen for k, seen in recent.items() if now - seen[0] <= RECENT}
+            if state is None and start.position is not None:
+                state = tracker.start_at(
+                    start.position, start.spread, start.particles, len(views), rng, now, start.speed
+                )
+            lost = state is None or state.unseen > tracker.patience
+            if lost and len(recent) >= 2 and now - last_search > tracker.patience:
+                with times.measure("search"):
+                    newest = [recent[k][1] if k in recent else None for k in range(len(views))]
+                    positions = start.search(newest, rng)
+                found = tracker.init(with_velocities(positions, start.speed, rng), len(views), now)
+                state, last_search = replace(found, unseen=0.0 if state is None else state.unseen), now
+                if log is not None:
+                    log.searches.append(len(log.positions))
+            if state is None:
+                continue
+            with times.measure("filter"):
+                state, position = tracker.step(state, TimedViews(now, views), rng)
+            if log is not None:
+                log.positions.append(position)
+                log.moments.append(moment)
+            yield position
+
+    def _moments(self) -> Iterable[Seen]:
+        stamps = list(self.stamps)
+        if not stamps:
+            return self.seen([])
+        return self.seen(align(stamps, default_tolerance(stamps) if self.tolerance is None else self.tolerance))

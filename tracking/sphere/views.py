@@ -14,6 +14,7 @@ without the Gaussian (`outline_support`).
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.cameras.outline import Outlines, sphere_circles, sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.volume import in_sight
+from tsuiseki.tracking.filters.resampling import logarithms
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # cv2.remap takes fewer than 32768 columns.
@@ -189,13 +191,13 @@ def median_background(images: list[ImageArray]) -> ImageArray:
     return np.asarray(np.median(np.stack(images), axis=0), dtype=np.uint8)
 
 
-def beside(count: int = 64, nearest: float = 2.0, farthest: float = 5.0) -> FloatArray:
-    """``(count, 3)`` places evenly spread over directions (a Fibonacci spiral), their distances taking turns."""
-    k = np.arange(count)
-    z, turn = 1 - (2 * k + 1) / count, k * np.pi * (3 - np.sqrt(5))
+def _beside() -> FloatArray:
+    """``(64, 3)`` places evenly spread over directions (a Fibonacci spiral), 2 to 5 from the origin in turns."""
+    k = np.arange(64)
+    z, turn = 1 - (2 * k + 1) / 64, k * np.pi * (3 - np.sqrt(5))
     directions = np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
     # Golden steps, so that neighbours on the spiral differ.
-    return np.asarray(directions * (nearest + (farthest - nearest) * (k * 0.618034 % 1))[:, None])
+    return np.asarray(directions * (2.0 + 3.0 * (k * 0.618034 % 1))[:, None])
 
 
 Views: TypeAlias = Sequence[NDArray[Any] | None]
@@ -203,7 +205,7 @@ Views: TypeAlias = Sequence[NDArray[Any] | None]
 
 SMALL = 6.0
 """Radius of an outline that is faint for being small, pixels."""
-BESIDE = beside()
+BESIDE = _beside()
 """Where the support of what is no ball is measured: ``(64, 3)``, 2 to 5 radii from the particles' middle."""
 
 
@@ -217,34 +219,51 @@ class ViewLikelihood(Protocol):
 
 
 @dataclass(frozen=True)
-class SphereContourLikelihood:
+class EachView(ABC):
+    """A likelihood that weighs by one view after the other.
+
+    Attributes:
+        cameras: C cameras.
+    """
+
+    cameras: Sequence[PinholeCamera]
+
+    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
+        """See `ViewLikelihood`."""
+        ratios = np.zeros((len(positions), len(self.cameras)))
+        for k, (_, view) in enumerate(zip(self.cameras, views, strict=True)):
+            if view is not None:
+                ratios[:, k] = self.weigh(k, positions, view)
+        return ratios
+
+    @abstractmethod
+    def weigh(self, k: int, positions: FloatArray, view: NDArray[Any]) -> FloatArray:
+        """``(N,)`` log-ratios by the view of camera ``k``."""
+
+
+@dataclass(frozen=True)
+class SphereContourLikelihood(EachView):
     """Section 2.2.2 with support instead of sums; see the module.
 
     Small and blurred outlines have less support than sharp ones, and so has all else in such an image. Where an outline
     is faint the support that says nothing is the mean of that beside the particles, at most ``settings.clutter``.
 
     Attributes:
-        cameras: C cameras.
         radius: of the sphere, metres.
         settings: of the samples, and how they count.
         faint: whether outlines are; by default those of a radius below `SMALL` pixels.
     """
 
-    cameras: Sequence[PinholeCamera]
     radius: float
     settings: ContourSettings = field(default_factory=ContourSettings)
     faint: bool | None = None
 
-    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
-        ratios = np.zeros((len(positions), len(self.cameras)))
-        for k, (camera, image) in enumerate(zip(self.cameras, views, strict=True)):
-            if image is None:
-                continue
-            maps = polar_maps(camera, positions, self.radius, self.settings)
-            support, share = outline_support(image, maps, self.settings).T
-            clutter = self._clutter(camera, image, np.median(positions, axis=0)) if len(positions) else 0.0
-            ratios[:, k] = self.settings.steepness * share * (support - clutter)
-        return ratios
+    def weigh(self, k: int, positions: FloatArray, view: ImageArray) -> FloatArray:
+        """See `EachView.weigh`."""
+        maps = polar_maps(self.cameras[k], positions, self.radius, self.settings)
+        support, share = outline_support(view, maps, self.settings).T
+        clutter = self._clutter(self.cameras[k], view, np.median(positions, axis=0)) if len(positions) else 0.0
+        return np.asarray(self.settings.steepness * share * (support - clutter))
 
     def _clutter(self, camera: PinholeCamera, image: ImageArray, middle: FloatArray) -> float:
         """The support that says nothing about ``middle`` ``(3,)``, metres."""
@@ -263,108 +282,69 @@ class SphereContourLikelihood:
 
 
 @dataclass(frozen=True)
-class BackgroundLikelihood:
+class BackgroundLikelihood(EachView):
     """Section 2.2.1: the colour differences from the background, multiplied over the cameras.
 
     Attributes:
-        cameras: C cameras.
         backgrounds: C images of the empty scene.
         noise: grey levels added to each difference, so that one zero does not rule a particle out.
     """
 
-    cameras: Sequence[PinholeCamera]
     backgrounds: Sequence[ImageArray]
     noise: float = 1.0
 
-    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
-        ratios = np.zeros((len(positions), len(self.cameras)))
-        for k, (camera, image) in enumerate(zip(self.cameras, views, strict=True)):
-            if image is not None:
-                difference, inside = colour_difference(camera, image, self.backgrounds[k], positions)
-                ratios[:, k] = np.where(inside, np.log(difference + self.noise), np.log(self.noise))
-        return ratios
+    def weigh(self, k: int, positions: FloatArray, view: ImageArray) -> FloatArray:
+        """See `EachView.weigh`."""
+        difference, inside = colour_difference(self.cameras[k], view, self.backgrounds[k], positions)
+        return np.asarray(np.where(inside, np.log(difference + self.noise), np.log(self.noise)))
 
 
 @dataclass(frozen=True)
-class PointLikelihood:
+class PointLikelihood(EachView):
     """Measured pixels of the target's centre: Gaussian with a share of false ones spread over the image.
 
     Attributes:
-        cameras: C cameras.
         sigma: ``(C,)`` standard deviation along x and y, pixels.
     """
 
-    cameras: Sequence[PinholeCamera]
     sigma: FloatArray
 
-    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
-        ratios = np.zeros((len(positions), len(self.cameras)))
-        for k, (camera, pixel) in enumerate(zip(self.cameras, views, strict=True)):
-            if pixel is None:
-                continue
-            projected, _ = camera.project(positions)
-            square = np.square(projected - pixel).sum(axis=1) / self.sigma[k] ** 2
-            density = camera.width * camera.height / (2 * np.pi * self.sigma[k] ** 2)
-            ratios[:, k] = np.log(density) - 0.5 * np.nan_to_num(square, nan=1e4)
-        return np.maximum(ratios, -500.0)
+    def weigh(self, k: int, positions: FloatArray, view: FloatArray) -> FloatArray:
+        """See `EachView.weigh`."""
+        camera, variance = self.cameras[k], self.sigma[k] ** 2
+        square = np.square(camera.project(positions)[0] - view).sum(axis=1) / variance
+        density = camera.width * camera.height / (2 * np.pi * variance)
+        return np.asarray(np.maximum(np.log(density) - 0.5 * np.nan_to_num(square, nan=1e4), -500.0))
 
 
 @dataclass(frozen=True)
-class PrintedContourLikelihood:
+class PrintedContourLikelihood(EachView):
     """The logarithm of the plain sum, 2.2.2; rays that leave the image add nothing.
 
     Attributes:
-        cameras: C cameras.
         radius: of the sphere, metres.
-        settings: of the samples and the Gaussian; `contrast`, `steepness` and `clutter` are not used.
+        settings: of the samples and the Gaussian; ``steepness`` and ``clutter`` are not used, nor, as printed,
+            ``contrast``.
         outlines_of: where r0 lies: a circle, as printed, or the true ellipse (`sphere_outlines`).
         power: of the likelihood; 1 as printed.
+        divided: divide each ray's sum by that without the Gaussian, plus ``contrast``. One strong edge weighs no more
+            than a whole weak outline then. Not in the paper.
     """
 
-    cameras: Sequence[PinholeCamera]
     radius: float
     settings: ContourSettings = field(default_factory=ContourSettings)
     outlines_of: OutlinesOf = sphere_circles
     power: float = 1.0
+    divided: bool = False
 
-    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
-        ratios = np.zeros((len(positions), len(self.cameras)))
-        for k, (camera, image) in enumerate(zip(self.cameras, views, strict=True)):
-            if image is not None:
-                maps = polar_maps(camera, positions, self.radius, self.settings, self.outlines_of)
-                peak, _ = outline_sums(image, maps, self.settings)
-                total = np.where(maps.inside, peak, 0.0).sum(axis=1, dtype=np.float64)
-                ratios[:, k] = self.power * _logarithms(total)
-        return ratios
-
-
-@dataclass(frozen=True)
-class DividedContourLikelihood:
-    """The logarithm of the sum over the rays, each ray's sum divided by that without the Gaussian, plus `contrast`.
-
-    One strong edge weighs no more than a whole weak outline then. Not in the paper; without the exponential of
-    `SphereContourLikelihood`.
-
-    Attributes:
-        cameras: C cameras.
-        radius: of the sphere, metres.
-        settings: of the samples, the Gaussian and the contrast.
-        outlines_of: where r0 lies.
-    """
-
-    cameras: Sequence[PinholeCamera]
-    radius: float
-    settings: ContourSettings = field(default_factory=ContourSettings)
-    outlines_of: OutlinesOf = sphere_circles
-
-    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
-        ratios = np.zeros((len(positions), len(self.cameras)))
-        for k, (camera, image) in enumerate(zip(self.cameras, views, strict=True)):
-            if image is not None:
-                maps = polar_maps(camera, positions, self.radius, self.settings, self.outlines_of)
-                support, share = outline_support(image, maps, self.settings).T
-                ratios[:, k] = _logarithms(support * share)
-        return ratios
+    def weigh(self, k: int, positions: FloatArray, view: ImageArray) -> FloatArray:
+        """See `EachView.weigh`."""
+        maps = polar_maps(self.cameras[k], positions, self.radius, self.settings, self.outlines_of)
+        if self.divided:
+            total = outline_support(view, maps, self.settings).prod(axis=1)
+        else:
+            total = np.where(maps.inside, outline_sums(view, maps, self.settings)[0], 0.0).sum(axis=1, dtype=np.float64)
+        return np.asarray(self.power * logarithms(total))
 
 
 @dataclass(frozen=True)
@@ -383,10 +363,5 @@ class MinMaxWeights:
         least, greatest = float(product.min(initial=1.0)), float(product.max(initial=0.0))
         scaled = np.zeros_like(ratios)
         # Equal weights stay equal.
-        scaled[:, 0] = _logarithms((product - least) / (greatest - least)) if greatest > least else 0.0
+        scaled[:, 0] = logarithms((product - least) / (greatest - least)) if greatest > least else 0.0
         return scaled
-
-
-def _logarithms(values: FloatArray) -> FloatArray:
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.log(values))

@@ -21,9 +21,9 @@ from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.drone.models import DroneMethod, as_detections
 from tsuiseki.tracking.drone.observations import Observation, Observers, observe
+from tsuiseki.tracking.drone.run import suited
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
-from tsuiseki.tracking.drone.tracking import suited
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.actions import (
     ActionScores,

@@ -25,7 +25,6 @@ from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.tracker import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.sphere.views import (
     BackgroundLikelihood,
-    DividedContourLikelihood,
     MinMaxWeights,
     PrintedContourLikelihood,
     SphereContourLikelihood,
@@ -68,7 +67,9 @@ LIKELIHOODS: Mapping[str, MakeLikelihood] = {
     "printed, scaled": lambda cameras, radius, _: MinMaxWeights(PrintedContourLikelihood(cameras, radius)),
     "printed, fourth power": lambda cameras, radius, _: PrintedContourLikelihood(cameras, radius, power=4.0),
     "ellipse": lambda cameras, radius, _: PrintedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
-    "divided": lambda cameras, radius, _: DividedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
+    "divided": lambda cameras, radius, _: PrintedContourLikelihood(
+        cameras, radius, outlines_of=sphere_outlines, divided=True
+    ),
     "contour": lambda cameras, radius, _: SphereContourLikelihood(cameras, radius),
     "faint": lambda cameras, radius, _: SphereContourLikelihood(cameras, radius, faint=True),
 }
@@ -270,7 +271,7 @@ class _Run:
         if index in self.hidden and board is not None:
             views[0] = board
         self.state, info = self.tracker.step(self.state, TimedViews(time, views), self.rng)
-        self.points.append(info.position.point)
+        self.points.append(info.point)
 
     def errors(self) -> FilmErrors:
         points = np.array(self.points)

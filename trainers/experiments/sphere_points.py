@@ -12,7 +12,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.triangulation import triangulate
-from tsuiseki.tracking.sphere.points import track_sphere_points
+from tsuiseki.tracking.sphere.run import track_sphere_points
 from tsuiseki.tracking.sphere.settings import SphereSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.study import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.bodies.body import Ball, Goldfish
-from tsuiseki.tracking.bodies.learnt import body_of_card, parse_body
+from tsuiseki.tracking.bodies.learnt import parse_body
 from tsuiseki.tracking.errors import RequestError
 
 BODIES = [Goldfish(), Goldfish(length=30, width=8, tail=50, tail_points=1), Ball()]
@@ -76,11 +76,6 @@ def test_one_call_for_all_states_equals_one_call_each(body):
     assert body.contour(states) == pytest.approx(one_by_one, abs=1e-3)
     assert body.contour(states[:0]).shape == (0, body.strokes[-1].last, 2)
     assert len(body.fields) == len(body.limits) == states.shape[1]
-
-
-@pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)
-def test_a_card_rebuilds_its_body(body):
-    assert body_of_card(body.card) == body
 
 
 @pytest.mark.parametrize(

@@ -206,5 +206,5 @@ def test_the_sphere_tracker_is_a_filter_too():
     state = tracker.init(with_velocities(np.zeros((100, 3)), 0.3, np.random.default_rng(0)), 1)
     results = [tracker.step(state, TimedViews(0.1, [np.zeros(2)]), np.random.default_rng(1)) for _ in range(2)]
     assert same(results[0][0].particles, results[1][0].particles)
-    assert isinstance(results[0][1].position, Position)
+    assert isinstance(results[0][1], Position)
     assert state.particles.log_weights == pytest.approx(-np.log(100))

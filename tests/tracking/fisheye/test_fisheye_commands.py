@@ -13,7 +13,7 @@ import yaml
 import tsuiseki
 from tests.tracking.features.tiny_onnx import save_constant
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.fisheye.tracking import CeilingSource
+from tsuiseki.tracking.fisheye.view import CeilingSource
 from tsuiseki.tracking.report import overlay
 from tsuiseki.tracking.video import source as video
 

@@ -7,7 +7,6 @@ from tsuiseki.tracking.cameras.outline import sphere_circles, sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.sphere.views import (
     ContourSettings,
-    DividedContourLikelihood,
     MinMaxWeights,
     PrintedContourLikelihood,
 )
@@ -54,12 +53,12 @@ def test_a_stronger_edge_counts_in_proportion_and_a_lamp_outweighs_a_ball():
     )
     assert np.exp(strong - weak) == pytest.approx(4.0, rel=0.02)
     # Divided by the contrast the two differ by less than half of that.
-    divided = DividedContourLikelihood([CAMERA], RADIUS, settings)
+    divided = PrintedContourLikelihood([CAMERA], RADIUS, settings, divided=True)
     assert np.exp(divided(BALL[None], [disk(180)]) - divided(BALL[None], [disk(120)])) < 2.5
 
 
 def test_an_infinite_contrast_is_not_the_papers_sum_but_nothing():
-    divided = DividedContourLikelihood([CAMERA], RADIUS, ContourSettings(contrast=np.inf))
+    divided = PrintedContourLikelihood([CAMERA], RADIUS, ContourSettings(contrast=np.inf), divided=True)
     assert divided(BALL[None], [disk()])[0, 0] == -np.inf
 
 

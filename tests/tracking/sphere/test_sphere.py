@@ -10,7 +10,7 @@ from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.cameras.volume import common_volume, in_sight
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.motion.points import Ballistic, ConstantVelocity3D
-from tsuiseki.tracking.sphere.following import check_start
+from tsuiseki.tracking.sphere.run import check_start
 from tsuiseki.tracking.sphere.search import find_ball
 from tsuiseki.tracking.sphere.settings import check_lengths
 from tsuiseki.tracking.sphere.tracker import SphereTracker, TimedViews, with_velocities
@@ -50,7 +50,7 @@ def follow(film, change=lambda _, views: views, cameras=2, seed=0, particles=400
     found = []
     for k, time in enumerate(TIMES):
         state, info = tracker.step(state, TimedViews(time, change(k, list(film[k][:cameras]))), rng)
-        found.append(info.position)
+        found.append(info)
     return found
 
 
@@ -104,7 +104,7 @@ def test_a_ball_of_seven_pixels_is_followed_where_a_fixed_level_loses_it():
         found = []
         for time, views in zip(TIMES, film, strict=True):
             state, info = tracker.step(state, TimedViews(time, views), rng)
-            found.append(info.position)
+            found.append(info)
         away[faint] = errors(found)
     # A pixel is 1.3 cm.
     assert away[None].mean() < 0.013
@@ -133,8 +133,8 @@ def test_the_whole_volume_is_searched(film):
     positions = find_ball(likelihood, likelihood.broad(), CAMERAS, RADIUS, volume, 400, film[0], rng)
     state = SphereTracker(likelihood).init(with_velocities(positions, 0.3, rng), 3)
     _, info = SphereTracker(likelihood).step(state, TimedViews(0.0, film[0]), rng)
-    assert np.linalg.norm(info.position.point - PATH[0]) < 0.01
-    assert info.position.status == "tracking"
+    assert np.linalg.norm(info.point - PATH[0]) < 0.01
+    assert info.status == "tracking"
 
 
 def test_point_measurements_agree_with_triangulation():
@@ -146,9 +146,9 @@ def test_point_measurements_agree_with_triangulation():
     for _ in range(3):
         state, info = tracker.step(state, TimedViews(0.0, list(pixels[0])), rng)
     _, covariance = triangulate(CAMERAS, pixels)
-    assert np.linalg.norm(info.position.point - point[0]) < 0.01
+    assert np.linalg.norm(info.point - point[0]) < 0.01
     # Three looks at the same pixels hold a third of the variance of one.
-    assert np.trace(info.position.covariance) == pytest.approx(np.trace(covariance[0]) / 3, rel=0.25)
+    assert np.trace(info.covariance) == pytest.approx(np.trace(covariance[0]) / 3, rel=0.25)
 
 
 def test_the_volume_holds_what_two_cameras_see_and_refuses_cameras_that_share_nothing():
@@ -194,8 +194,8 @@ def test_a_bouncing_ball_is_found_again_after_the_frames_of_its_bounce_are_lost(
             views = [None, None] if k in lost else [picture(camera, path[k], rng) for camera in CAMERAS[:2]]
             now, info = tracker.step(now, TimedViews(time, views), rng)
             if k == lost[-1]:
-                away[name] = np.linalg.norm(info.position.point - path[k])
-        away[f"{name} at the end"] = np.linalg.norm(info.position.point - path[-1])
+                away[name] = np.linalg.norm(info.point - path[k])
+        away[f"{name} at the end"] = np.linalg.norm(info.point - path[-1])
     # Half a radius is as far as an outline is noticed (the reach of the samples).
     assert away["ballistic"] < 0.05
     assert away["level"] > 3 * away["ballistic"]
@@ -212,7 +212,7 @@ def test_a_camera_without_frames_for_long_does_not_count_as_seeing():
     for time in np.arange(0.0, 4.0, 0.1):
         views = pixels if time < 1.0 else [pixels[0], None]
         state, info = tracker.step(state, TimedViews(float(time), views), rng)
-        statuses.append(info.position.status)
+        statuses.append(info.status)
     # Known up to a second after the last frame at 0.9 s, then searched for a second, then lost.
     assert statuses[:19] == ["tracking"] * 19
     assert set(statuses[20:29]) == {"searching"}

@@ -79,10 +79,6 @@ class BodyMotion(ABC):
             states = self.moved(states, self.noise.draw(len(states), rng))
         return states
 
-    def drift(self, particles: FloatArray) -> FloatArray:
-        """Where particles go in one frame without noise."""
-        return self.moved(particles, np.tile(self.noise.mean, (len(particles), 1)))
-
 
 @dataclass(frozen=True)
 class RandomWalk(BodyMotion):
