@@ -31,10 +31,10 @@ class TrainingSource:
         generate: fill a folder that does not exist with this many random generated pictures.
         scene: what those show: a street; streets, crowds, views from afar and empty places by day and night (varied);
             few people among many things (sparse); people among many things from above (aerial); a few people near the
-            camera (near); people who act under a drone; or people in rooms, as ceiling cameras see them in unrolled
-            pictures.
-        sprites: folder of rendered people (`tsuiseki simulate sprites`), shown in varied, sparse, aerial and near
-            pictures.
+            camera (near); people all around below a fisheye camera (overhead); people who act under a drone; or people
+            in rooms, as ceiling cameras see them in unrolled pictures.
+        sprites: folder of rendered people (`tsuiseki simulate sprites`), shown in varied, sparse, aerial, near and
+            overhead pictures.
         photographs: folder of photographs without people: ``surfaces/`` and ``views/`` for the grounds of these, cut
             out ``things/`` to stand on them.
         town: these pictures show things of towns, too: traffic lights, signs, bicycles, shop fronts and the like.
@@ -53,7 +53,7 @@ class TrainingSource:
     fixed_camera: bool = False
     least_visible: float = 0.25
     generate: int = 0
-    scene: Literal["street", "varied", "sparse", "aerial", "near", "drone", "ceiling"] = "street"
+    scene: Literal["street", "varied", "sparse", "aerial", "near", "overhead", "drone", "ceiling"] = "street"
     sprites: str = ""
     photographs: str = ""
     town: bool = False

@@ -40,11 +40,11 @@ def check_source(source: TrainingSource) -> None:
     given += ["boxes"] if source.boxes != "silhouettes" else []
     if given and source.scene in ("street", "drone", "ceiling"):
         raise RequestError(
-            f"{where}: expected `{given[0]}` with a varied, sparse, aerial or near scene, got {source.scene}"
+            f"{where}: expected `{given[0]}` with a varied, sparse, aerial, near or overhead scene, got {source.scene}"
         )
     if source.sun and source.scene in ("street", "ceiling"):
         raise RequestError(
-            f"{where}: expected `sun` with a varied, sparse, aerial, near or drone scene, got {source.scene}"
+            f"{where}: expected `sun` with a varied, sparse, aerial, near, overhead or drone scene, got {source.scene}"
         )
     if source.boxes == "steady" and not source.sprites:
         raise RequestError(f"{where}: expected `sprites` with steady `boxes`, which are theirs, got none")

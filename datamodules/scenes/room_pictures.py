@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import people_in_view
-from tsuiseki.datamodules.scenes.people.activities import calling, drinking, reading, sitting
-from tsuiseki.datamodules.scenes.people.person import Person, person_thing, random_person
-from tsuiseki.datamodules.scenes.people.posture import Pose, standing, walking
+from tsuiseki.datamodules.scenes.people.person import Person, person_thing, random_person, random_pose
+from tsuiseki.datamodules.scenes.people.poses import draw_pose
+from tsuiseki.datamodules.scenes.people.posture import Pose
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Thing, both_shadows, compose, empty_picture
 from tsuiseki.datamodules.scenes.render.solids import Float32
@@ -150,24 +150,9 @@ def _towards(heading: float) -> FloatArray:
 def _upright(made: _Room) -> None:
     """Somebody who stands or walks."""
     spot, rng = made.spot(APART / 2), made.rng
-    if spot is None:
-        return
-    person = random_person(rng)
-    if rng.random() < 0.5:
-        pose = walking(person.build, person.manner, float(rng.random()), float(rng.uniform(0.5, 1.6)))
-    else:
-        pose = _busy(rng, person, standing(rng, person.manner))
-    made.add(person, pose, spot, float(rng.uniform(0, 2 * np.pi)))
-
-
-def _busy(rng: np.random.Generator, person: Person, pose: Pose) -> Pose:
-    """Now and then on the phone, with a cup or with something to read."""
-    kind = rng.random()
-    if kind < 0.12:
-        return calling(person.build, pose, int(rng.integers(2)))
-    if kind < 0.2:
-        return drinking(person.build, pose, int(rng.integers(2)), float(rng.uniform(0, 3)))
-    return reading(person.build, pose) if kind < 0.4 else pose
+    if spot is not None:
+        person = random_person(rng)
+        made.add(person, random_pose(rng, person), spot, float(rng.uniform(0, 2 * np.pi)))
 
 
 def _group(made: _Room, wanted: int) -> int:
@@ -183,7 +168,7 @@ def _group(made: _Room, wanted: int) -> int:
         if not ((seat > 0.3) & (seat < made.size[:2] - 0.3)).all() or not made.free(seat, 0.2):
             continue
         person, facing = random_person(rng), heading + float(rng.normal(0, 0.25))
-        pose = _seated(rng, person, with_table)
+        pose = draw_pose(int(rng.integers(1 << 31)), person.build, "sitting")
         made.things.append(chair(rng, seat, facing))
         made.add(person, pose, seat - 0.05 * _towards(facing), facing)
     if with_table:
@@ -191,20 +176,6 @@ def _group(made: _Room, wanted: int) -> int:
         made.things.append(table(rng, middle, heading, (0.38, 0.5 * members * spacing + 0.2)))
         made.taken.append((float(middle[0]), float(middle[1]), 0.5))
     return members
-
-
-def _seated(rng: np.random.Generator, person: Person, at_table: bool) -> Pose:
-    """Sitting upright, leaning forward or back, hands in the lap, on the table or busy."""
-    pose = sitting(rng, on_ground=False)
-    lean = rng.uniform(-0.1, 0.5) if at_table else rng.uniform(-0.35, 0.35)
-    knee = float(rng.uniform(0.7, 1.6))
-    pose = replace(pose, lean=float(lean), nod=float(rng.uniform(-0.1, 0.6)), look=float(rng.normal(0, 0.5)),
-                   knee=(knee, float(np.clip(knee + rng.normal(0, 0.25), 0.4, 1.7))))  # fmt: skip
-    if at_table and rng.random() < 0.6:
-        raised = rng.uniform(0.5, 1.1, 2)
-        bent = rng.uniform(0.5, 1.6, 2)
-        pose = replace(pose, shoulder=(float(raised[0]), float(raised[1])), elbow=(float(bent[0]), float(bent[1])))
-    return _busy(rng, person, pose)
 
 
 def _resampled(rng: np.random.Generator, colour: Float32) -> Float32:

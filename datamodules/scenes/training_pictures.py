@@ -18,6 +18,7 @@ from tsuiseki.datamodules.scenes.render.photographs import Photographs, random_f
 from tsuiseki.datamodules.scenes.render.scene import Sighting, Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import hard_sun, random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.datamodules.scenes.room_clip import ceiling_lens, looking_down
 from tsuiseki.datamodules.scenes.things.clutter import (
     apparent_heights,
     buildings_behind,
@@ -26,7 +27,8 @@ from tsuiseki.datamodules.scenes.things.clutter import (
     random_camera,
 )
 from tsuiseki.datamodules.scenes.things.town import random_town_thing
-from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.cameras.camera_files import AnyCamera
+from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -86,6 +88,7 @@ class TrainingSettings:
         town: (fewest, most) things of a town that are nobody: traffic lights, signs, bicycles and the like; where
             there may be any, walls with doors and shop windows too.
         things: (fewest, most) photographed things that are nobody; where there may be any, there must be photographs.
+        overhead: a fisheye camera looks straight down from ``camera_height``; nothing then goes by ``person_height``.
         boxes: ``silhouettes`` go round everybody, and swing with the legs; ``steady`` boxes of rendered people are as
             wide, and lie where, those of their whole walk are and do on average, as people label videos.
     """
@@ -106,6 +109,7 @@ class TrainingSettings:
     facades: float = 0.5
     town: tuple[int, int] = (0, 0)
     things: tuple[int, int] = (0, 0)
+    overhead: bool = False
     boxes: BoxConvention = "silhouettes"
 
     def __post_init__(self) -> None:
@@ -155,12 +159,19 @@ def aerial_settings(width: int, height: int) -> TrainingSettings:
     return replace(above, camera_height=(4.0, 14.0), night=0.05, photographs=0.75, facades=0.2)
 
 
+def overhead_settings(width: int, height: int) -> TrainingSettings:
+    """People all around below a fisheye camera, some of them right under it."""
+    below = TrainingSettings(width, height, people=(0, 14), clutter=(4, 24), camera_height=(2.3, 6.0), overhead=True)
+    return replace(below, photographs=0.0, facades=0.0, beside=0.4)
+
+
 SETTINGS_OF_SCENE: dict[str, Callable[[np.random.Generator, int, int], TrainingSettings]] = {
     "street": lambda _, *size: TrainingSettings(*size),
     "varied": varied_settings,
     "sparse": lambda _, *size: sparse_settings(*size),
     "aerial": lambda _, *size: aerial_settings(*size),
     "near": lambda _, *size: near_settings(*size),
+    "overhead": lambda _, *size: overhead_settings(*size),
 }
 
 
@@ -181,7 +192,7 @@ def random_training_scene(
     Raises:
         RequestError: things are wanted, and there are no photographs of any.
     """
-    camera, spots = _camera_with_spots(rng, settings)
+    camera, spots = _overhead(rng, settings) if settings.overhead else _camera_with_spots(rng, settings)
     # Generators of their own: the rest of a picture depends neither on what there is in stock nor on the sun.
     of_people, of_photographs, of_town, of_things, of_sun = rng.spawn(5)
     light, sunny = random_light(rng), of_sun.random() < settings.sun
@@ -195,6 +206,10 @@ def random_training_scene(
         # Mostly a rendered person is shown in the place of the drawn one.
         if stock.sprites is not None and of_people.random() < settings.rendered:
             sprite = dressed(of_people, stock.sprites.near(of_people, tilt_of(camera, spot)))
+            if sprite.pose is not None:
+                # The drawn one, whose shadow is seen, does the same.
+                facing = np.arctan2(*(spot - camera.position[:2])[::-1]) + sprite.heading
+                people[-1] = person_thing(person, sprite.pose, spot, float(facing))
             people[-1] = replace(people[-1], cutout=Standing(sprite, spot))
     view = None
     if stock.photographs is not None:
@@ -221,7 +236,7 @@ def _scenery(
     rngs: tuple[np.random.Generator, ...],
     settings: TrainingSettings,
     stock: Stock,
-    camera: PinholeCamera,
+    camera: AnyCamera,
     spots: FloatArray,
     in_view: bool,
 ) -> list[Thing]:
@@ -235,7 +250,7 @@ def _scenery(
         facades = random_facades(of_photographs, stock.photographs, int(of_photographs.integers(1, 7)), spots, reach)
     count = _count(rng, settings.clutter) // (4 if in_view else 1)
     static = clutter_around(rng, camera, count, spots, LARGEST)
-    if not in_view:
+    if not (in_view or settings.overhead):
         static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
     static += facades
     if settings.town[1]:
@@ -253,7 +268,7 @@ def _count(rng: np.random.Generator, bounds: tuple[int, int]) -> int:
     return int(rng.integers(bounds[0], bounds[1] + 1))
 
 
-def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> tuple[PinholeCamera, FloatArray]:
+def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> tuple[AnyCamera, FloatArray]:
     """A camera and ``(N, 2)`` places on the ground where a person has a wanted size in its image."""
     count = _count(rng, settings.people)
     for _ in range(CAMERAS):
@@ -274,15 +289,31 @@ def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> 
     wanted = np.exp(rng.uniform(np.log(apparent[good].min()), np.log(apparent[good].max()), count))
     order = np.argsort(np.abs(np.log(apparent[good])[None] - np.log(wanted)[:, None]), axis=1)
     chosen = spots[good[order[np.arange(count), rng.integers(0, 12, count)]]]
-    beside = rng.random(count) < settings.beside
+    return camera, _beside(rng, chosen, settings.beside)
+
+
+def _overhead(rng: np.random.Generator, settings: TrainingSettings) -> tuple[AnyCamera, FloatArray]:
+    """A fisheye camera that looks down, and ``(N, 2)`` places about its foot, near ones as often as far ones."""
+    count, up = _count(rng, settings.people), float(rng.uniform(*settings.camera_height))
+    lens = ceiling_lens(None, settings.width, settings.height)
+    turned = looking_down(float(rng.uniform(0, 2 * np.pi)), *rng.normal(0, 0.03, 2))
+    camera = OmnidirectionalCamera(lens, turned, np.array([0.0, 0.0, up]))
+    angle, away = rng.uniform(0, 2 * np.pi, count), up * np.exp(rng.uniform(np.log(0.1), np.log(3.0), count))
+    spots = away[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return camera, _beside(rng, spots, settings.beside)
+
+
+def _beside(rng: np.random.Generator, spots: FloatArray, share: float) -> FloatArray:
+    """``spots`` ``(N, 2)``, of which a ``share`` lie close to the one before."""
+    beside = rng.random(len(spots)) < share
     beside[:1] = False
-    angle = rng.uniform(0, 2 * np.pi, count)
-    step = rng.uniform(0.35, 1.0, count)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return camera, np.where(beside[:, None], np.roll(chosen, 1, axis=0) + step, chosen)
+    angle = rng.uniform(0, 2 * np.pi, len(spots))
+    step = rng.uniform(0.35, 1.0, len(spots))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return np.asarray(np.where(beside[:, None], np.roll(spots, 1, axis=0) + step, spots))
 
 
 def _photographed(
-    rng: np.random.Generator, ground: Float32, camera: PinholeCamera, photographs: Photographs, often: float
+    rng: np.random.Generator, ground: Float32, camera: AnyCamera, photographs: Photographs, often: float
 ) -> tuple[Float32, Float32 | None]:
     """The picture without things, now and then with a photograph in it, and the view if it is one as a whole."""
     kind = rng.random()
@@ -292,7 +323,7 @@ def _photographed(
     return (photographs.covered(rng, ground, camera) if kind < 1.3 * often else ground), None
 
 
-def _steady(sighting: Sighting | None, thing: Thing, camera: PinholeCamera) -> Sighting | None:
+def _steady(sighting: Sighting | None, thing: Thing, camera: AnyCamera) -> Sighting | None:
     """The sighting of a rendered person with the sides of the whole walk; of drawn ones the silhouette's."""
     if sighting is None or not isinstance(thing.cutout, Standing):
         return sighting

@@ -260,6 +260,7 @@ def sprites(
     views: int = 5,
     height: int = 256,
     tilts: tuple[float, float] = (-0.08, 0.95),
+    poses: float = 0.0,
 ) -> int:
     """Render people from body meshes and clothes, cut out, to be shown in the pictures that detectors learn from.
 
@@ -272,10 +273,11 @@ def sprites(
         views: poses and sides of each.
         height: of a person, pixels.
         tilts: least and greatest angle that cameras look down, radians; 0.2,1.3 for people under drones.
+        poses: share of the views of people who sit, crouch, kneel, bend, lie, fall, jump, run or carry, in [0, 1].
     """
     from tsuiseki.datamodules.scenes.figures.library import SpriteSettings, write_sprites
 
-    settings = SpriteSettings(people, views, height, tilts=tilts)
+    settings = SpriteSettings(people, views, height, tilts=tilts, poses=poses)
     told = f"{people} people of {height} pixels in {views} views each"
 
     def write(folder: Path) -> object:

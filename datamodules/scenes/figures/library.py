@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -12,14 +12,17 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.figures.assets import Assets
-from tsuiseki.datamodules.scenes.figures.rendering import Sprite, random_sprites
+from tsuiseki.datamodules.scenes.figures.rendering import STEEP, Sprite, random_sprites
+from tsuiseki.datamodules.scenes.people.poses import draw_pose
+from tsuiseki.datamodules.scenes.people.posture import Build
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.processes import on_all_cores
-from tsuiseki.tracking.types import FloatArray
 
 _INDEX = "sprites.csv"
 _COLUMNS = ("file", "feet_x", "feet_y", "head_x", "head_y", "height", "tilt", "left", "right")
+# Only where somebody is placed by the middle, and of who neither stands nor walks; see `Sprite`.
+_POSED = ("middle", "heading", "pose")
 
 
 @dataclass(frozen=True)
@@ -31,8 +34,8 @@ class SpriteSettings:
         views: poses and sides of each.
         height: of a person, pixels.
         processes: how many render at a time; 0 takes all cores.
-        tilts: (least, greatest) angle that the cameras look down, radians. Straight down a person has no upright axis
-            to be placed by, so 1.4 at most.
+        tilts: (least, greatest) angle that the cameras look down, radians, -0.5 to 1.55.
+        poses: share of the views in which somebody neither stands nor walks, in [0, 1].
     """
 
     people: int = 240
@@ -40,6 +43,7 @@ class SpriteSettings:
     height: int = 256
     processes: int = 0
     tilts: tuple[float, float] = (-0.08, 0.95)
+    poses: float = 0.0
 
     def __post_init__(self) -> None:
         if self.people < 1 or self.views < 1 or not 32 <= self.height <= 1024 or self.processes < 0:
@@ -47,11 +51,12 @@ class SpriteSettings:
                 "sprites: expected at least one person and one view, a height of 32 to 1024 pixels and processes >= 0, "
                 f"got {self.people}, {self.views}, {self.height} and {self.processes}"
             )
-        if not -0.5 <= self.tilts[0] <= self.tilts[1] <= 1.4:
+        if not -0.5 <= self.tilts[0] <= self.tilts[1] <= 1.55:
             raise RequestError(
-                f"sprites: expected tilts as (least, greatest) within -0.5 to 1.4 radians, got {self.tilts}; "
-                "a person seen from straight above cannot be placed by feet and head"
+                f"sprites: expected tilts as (least, greatest) within -0.5 to 1.55 radians, got {self.tilts}"
             )
+        if not 0 <= self.poses <= 1:
+            raise RequestError(f"sprites: expected poses as a share in [0, 1], got {self.poses}")
 
 
 class SpriteLibrary:
@@ -91,7 +96,12 @@ class SpriteLibrary:
         albedo, label = np.ascontiguousarray(colours[..., 2::-1], np.uint8), np.asarray(colours[..., 3] // 32, np.uint8)
         normal = (normals[..., ::-1].astype(np.int16) - 128).astype(np.int8)
         feet, head = np.array([feet_x, feet_y]), np.array([head_x, head_y])
-        return Sprite(albedo, normal, label, feet, head, height, tilt, np.array(sides))
+        sprite = Sprite(albedo, normal, label, feet, head, height, tilt, np.array(sides), float(row.get("middle", 0)))
+        if not (drawn := row.get("pose")):
+            return sprite
+        pose, seed = drawn.rsplit(" ", 1)
+        posed = draw_pose(int(seed), Build(height), pose)
+        return replace(sprite, heading=float(row["heading"]), pose=posed, drawn=drawn)
 
     def near(self, rng: np.random.Generator, tilt: float) -> Sprite:
         """A random one of those seen from about so high, ``tilt`` in radians: of the nearest twentieth."""
@@ -106,7 +116,7 @@ def write_sprites(
     settings: SpriteSettings,
     seed: int,
     overwrite: bool = False,
-    watch: Callable[[Iterator[list[FloatArray]]], Iterator[list[FloatArray]]] = iter,
+    watch: Callable[[Iterator[list[list[str]]]], Iterator[list[list[str]]]] = iter,
 ) -> Path:
     """Render a library into ``folder``; person n depends on ``seed``, n and the assets only.
 
@@ -129,10 +139,10 @@ def write_sprites(
         rows = [row for views in people for row in views]
         with (work / _INDEX).open("w", newline="") as file:
             writer = csv.writer(file)
-            writer.writerow(_COLUMNS)
+            writer.writerow(_COLUMNS + (_POSED if len(rows[0]) > len(_COLUMNS) else ()))
             for number, row in enumerate(rows):
                 person, view = divmod(number, settings.views)
-                writer.writerow([_name(person, view), *(f"{value:.4f}" for value in row)])
+                writer.writerow([_name(person, view), *row])
     return folder
 
 
@@ -145,9 +155,10 @@ def _opened(folder: Path) -> Assets:
     return Assets(folder)
 
 
-def _person(work: Path, assets: Path, settings: SpriteSettings, seed: int, person: int) -> list[FloatArray]:
+def _person(work: Path, assets: Path, settings: SpriteSettings, seed: int, person: int) -> list[list[str]]:
     rng = np.random.default_rng([seed, person])
-    rows, sprites = [], random_sprites(rng, _opened(assets), settings.views, settings.height, settings.tilts)
+    rows, placed_anyhow = [], settings.poses > 0 or settings.tilts[1] > STEEP
+    sprites = random_sprites(rng, _opened(assets), settings.views, settings.height, settings.tilts, settings.poses)
     for view, sprite in enumerate(sprites):
         name = str(work / _name(person, view))
         # The label lies where a picture viewer expects opacity, so that the files can be looked at.
@@ -155,5 +166,7 @@ def _person(work: Path, assets: Path, settings: SpriteSettings, seed: int, perso
         cv2.imwrite(f"{name}.png", np.dstack([sprite.albedo[..., ::-1], opacity]))
         shifted = (sprite.normal.astype(np.int16) + 128).astype(np.uint8)
         cv2.imwrite(f"{name}.normal.png", shifted[..., ::-1])
-        rows.append(np.array([*sprite.feet, *sprite.head, sprite.height, sprite.tilt, *sprite.steady]))
+        numbers = [*sprite.feet, *sprite.head, sprite.height, sprite.tilt, *sprite.steady]
+        posed = [f"{sprite.middle:.4f}", f"{sprite.heading:.4f}", sprite.drawn] if placed_anyhow else []
+        rows.append([*(f"{number:.4f}" for number in numbers), *posed])
     return rows

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import cv2
@@ -12,7 +13,16 @@ from tsuiseki.datamodules.scenes.figures.assets import BONES, Assets
 from tsuiseki.datamodules.scenes.figures.figure import Figure, random_figure
 from tsuiseki.datamodules.scenes.figures.mesh import Fragments, Mesh, joined, nearest, rasterise, vertex_normals
 from tsuiseki.datamodules.scenes.people.person import view_from
-from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton, place, random_manner, standing, walking
+from tsuiseki.datamodules.scenes.people.poses import draw_pose, random_name
+from tsuiseki.datamodules.scenes.people.posture import (
+    Build,
+    PersonSkeleton,
+    Pose,
+    place,
+    random_manner,
+    standing,
+    walking,
+)
 from tsuiseki.datamodules.scenes.render.solids import tight
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -82,6 +92,8 @@ def shortest_turn(a: FloatArray, b: FloatArray) -> FloatArray:
 
 # Phases of a walk, and every which vertex, that a steady box is the mean of.
 _PHASES, _EVERY = 8, 4
+# From further above, feet and head are too near to each other in the picture to place somebody by them, radians.
+STEEP = 1.4
 
 
 @dataclass(frozen=True)
@@ -92,12 +104,17 @@ class Sprite:
         albedo: ``(h, w, 3)`` uint8 sRGB, black where there is nobody.
         normal: ``(h, w, 3)`` int8, 127 times the unit normal: away from the camera, left, up.
         label: ``(h, w)`` uint8 a `mesh.Worn`, 0 where there is nobody.
-        feet: ``(2,)`` pixels of the place on the ground where the person stands.
-        head: ``(2,)`` pixels of the point ``height`` above it.
+        feet: ``(2,)`` pixels of the place on the ground where the person stands; of who has a ``middle``, those of the
+            left end of a line across the view, as long as the person is tall, with its own middle there.
+        head: ``(2,)`` pixels of the point ``height`` above it; or of the right end of that line.
         height: metres.
         tilt: how far down the camera looked, radians.
         steady: ``(2,)`` pixels from the left border of the left and right side of a box that is as wide, and lies
             where, the silhouettes of the whole walk are and do on average; those of the silhouette of who stands.
+        middle: metres over the ground of the middle of who is seen from straight above or does not stand; else 0.
+        heading: where that one faces, radians to the left of away from the camera.
+        pose: of who neither stands nor walks.
+        drawn: name and seed of that pose, see `poses.draw_pose`.
     """
 
     albedo: ImageArray
@@ -108,20 +125,33 @@ class Sprite:
     height: float
     tilt: float
     steady: FloatArray
+    middle: float = 0.0
+    heading: float = 0.0
+    pose: Pose | None = None
+    drawn: str = ""
 
 
 def random_sprites(
-    rng: np.random.Generator, assets: Assets, views: int, height_px: float, tilts: tuple[float, float]
+    rng: np.random.Generator,
+    assets: Assets,
+    views: int,
+    height_px: float,
+    tilts: tuple[float, float],
+    posed_share: float = 0.0,
 ) -> list[Sprite]:
     """One person in ``views`` poses from as many sides, ``height_px`` pixels tall.
 
-    ``tilts`` bound how far down the cameras look, radians; flatter ones are somewhat more common.
+    ``tilts`` bound how far down the cameras look, radians; flatter ones are somewhat more common. Of the views,
+    ``posed_share`` show one of the poses of `poses`, the others somebody who walks or stands.
     """
     figure = random_figure(rng, assets)
     manner = random_manner(rng)
     sprites = []
     for _ in range(views):
         build = Build(figure.height)
+        if posed_share and rng.random() < posed_share:
+            sprites.append(_posed_sprite(rng, figure, height_px, tilts))
+            continue
         if rng.random() < 0.75:
             phase, speed = float(rng.random()), float(rng.uniform(0.4, 1.45))
             pose = walking(build, manner, phase, speed)
@@ -130,11 +160,37 @@ def random_sprites(
             pose, cycle = standing(rng, manner), []
         heading = float(rng.uniform(0, 2 * np.pi))
         tilt = float(tilts[0] + (tilts[1] - tilts[0]) * rng.beta(1.3, 1.9))
-        camera = view_from(tilt, height_px, figure.height, float(rng.uniform(6, 35)))
         skeleton, *others = (place(build, each, np.zeros(2), heading) for each in (pose, *cycle))
+        if tilt > STEEP:
+            sprites.append(_across(rng, figure, skeleton, height_px, tilt))
+            continue
+        camera = view_from(tilt, height_px, figure.height, float(rng.uniform(6, 35)))
         sprite = render_figure(figure, skeleton, camera, tilt)
         sprites.append(replace(sprite, steady=steady_sides(figure, skeleton, others, camera, sprite)))
     return sprites
+
+
+def _posed_sprite(rng: np.random.Generator, figure: Figure, height_px: float, tilts: tuple[float, float]) -> Sprite:
+    """``figure`` in a random pose, seen from anywhere between ``tilts``."""
+    name, seed, build = random_name(rng), int(rng.integers(1 << 31)), Build(figure.height)
+    pose, heading = draw_pose(seed, build, name), float(rng.uniform(0, 2 * np.pi))
+    skeleton = place(build, pose, np.zeros(2), heading)
+    sprite = _across(rng, figure, skeleton, height_px, float(rng.uniform(*tilts)))
+    return replace(sprite, heading=heading, pose=pose, drawn=f"{name} {seed}")
+
+
+def _across(
+    rng: np.random.Generator, figure: Figure, skeleton: PersonSkeleton, height_px: float, tilt: float
+) -> Sprite:
+    """``figure`` as `render_figure` has it, to be placed by its middle, from anywhere up to straight above."""
+    joints = np.concatenate([skeleton.head[None], skeleton.wrist, skeleton.knee, skeleton.hip])
+    middle, away = np.array([0.0, 0.0, 0.5 * float(joints[:, 2].max())]), float(rng.uniform(6, 35))
+    position = middle + away * np.array([-np.cos(tilt), 0.0, np.sin(tilt)])
+    size = math.ceil(2.6 * height_px)
+    camera = PinholeCamera.look_at(position, middle, height_px * away / figure.height, size, size)
+    across = np.array([[0.0, 0.5, 0.0], [0.0, -0.5, 0.0]]) * figure.height
+    sprite = render_figure(figure, skeleton, camera, tilt, middle + across)
+    return replace(sprite, middle=float(middle[2]))
 
 
 def steady_sides(
@@ -158,10 +214,13 @@ def _sides(figure: Figure, skeleton: PersonSkeleton, camera: PinholeCamera) -> F
     return np.array([columns.min(), columns.max()])
 
 
-def render_figure(figure: Figure, skeleton: PersonSkeleton, camera: PinholeCamera, tilt: float) -> Sprite:
+def render_figure(
+    figure: Figure, skeleton: PersonSkeleton, camera: PinholeCamera, tilt: float, ends: FloatArray | None = None
+) -> Sprite:
     """``figure`` in the pose of ``skeleton`` before ``camera``, which looks down by ``tilt`` radians.
 
-    The steady sides are those of the silhouette.
+    The steady sides are those of the silhouette. ``ends`` ``(2, 3)`` metres are what ``feet`` and ``head`` show; by
+    default feet and head.
     """
     vertices = posed(figure, skeleton)
     parts = [_fragments(mesh, points, camera) for mesh, points in zip(figure.meshes, vertices, strict=True)]
@@ -177,10 +236,11 @@ def render_figure(figure: Figure, skeleton: PersonSkeleton, camera: PinholeCamer
         albedo[rows, columns] = _texel(mesh, triangle, own.where)[:, :3]
         label[rows, columns] = mesh.labels[triangle]
         normal[rows, columns] = np.round(127 * _normals(mesh, points, triangle, own.where, camera)).astype(np.int8)
-    ends, _ = camera.project(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, figure.height]]))
+    upright = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, figure.height]])
+    pixels, _ = camera.project(upright if ends is None else ends)
     left, top, right, bottom = tight(label > 0)
     at = (slice(top, bottom), slice(left, right))
-    feet, head = ends - [left, top]
+    feet, head = pixels - [left, top]
     sides = np.array([0.0, float(right - left)])
     return Sprite(albedo[at], normal[at], label[at], feet, head, figure.height, tilt, sides)
 
@@ -224,7 +284,7 @@ def smaller(sprite: Sprite, factor: float) -> Sprite:
     label = np.asarray(cv2.resize(sprite.label, size, interpolation=cv2.INTER_NEAREST), np.uint8)
     label = np.where(seen, np.maximum(label, 1), 0).astype(np.uint8)
     grown = np.array(size) / sprite.label.shape[::-1]
-    return Sprite(
-        np.clip(albedo, 0, 255).astype(np.uint8), normal.astype(np.int8), label,
-        sprite.feet * grown, sprite.head * grown, sprite.height, sprite.tilt, sprite.steady * grown[0],
+    return replace(
+        sprite, albedo=np.clip(albedo, 0, 255).astype(np.uint8), normal=normal.astype(np.int8), label=label,
+        feet=sprite.feet * grown, head=sprite.head * grown, steady=sprite.steady * grown[0],
     )  # fmt: skip

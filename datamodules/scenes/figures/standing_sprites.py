@@ -10,12 +10,13 @@ import numpy as np
 from tsuiseki.datamodules.scenes.figures.mesh import Worn
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite, smaller
 from tsuiseki.datamodules.scenes.people.look import MIDDLE, random_look
+from tsuiseki.datamodules.scenes.people.poses import mirrored
 from tsuiseki.datamodules.scenes.render.photographs import OPAQUE, Photographs
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Solids, Surface, boxes
 from tsuiseki.datamodules.scenes.things.clutter import clutter_around
-from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # Cloth without a colour of its own always gets one; textured clothes keep theirs now and then.
@@ -57,7 +58,7 @@ class Standing:
             return None
         affine[:, 2] -= [left, top]
         shown = _warped(sprite, affine, (right - left, bottom - top))
-        middle = np.array([*self.spot, 0.5 * self.sprite.height])
+        middle = np.array([*self.spot, self.sprite.middle or 0.5 * self.sprite.height])
         away = np.float32(np.linalg.norm(middle - camera.position))
         distance = np.where(shown.label > 0, away, np.float32(np.inf)).astype(np.float32)
         if not (shown.label > 0).any():
@@ -73,13 +74,23 @@ class Standing:
         return np.asarray(sides @ affine[0, :2] + affine[0, 2])
 
     def _ends(self, camera: RayCamera) -> tuple[FloatArray, FloatArray]:
-        """Where feet and head are seen, ``(2, 2)`` pixels, and their depths ``(2,)``."""
-        return camera.project(np.array([[*self.spot, 0.0], [*self.spot, self.sprite.height]]))
+        """Where feet and head of the `Sprite` are seen, ``(2, 2)`` pixels, and their depths ``(2,)``."""
+        ends = np.array([[*self.spot, self.sprite.middle]] * 2)
+        if self.sprite.middle:
+            away = self._away(camera)
+            ends[:, :2] += 0.5 * self.sprite.height * np.array([[-away[1], away[0]], [away[1], -away[0]]])
+        else:
+            ends[1, 2] = self.sprite.height
+        return camera.project(ends)
+
+    def _away(self, camera: RayCamera) -> FloatArray:
+        """``(2,)`` unit vector on the ground from below the camera to the person."""
+        away = self.spot - camera.position[:2]
+        return np.asarray(away / max(float(np.linalg.norm(away)), 1e-6))
 
     def shade(self, shown: Sprite, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
         """Linear colours ``(n, 3)`` of the subpixels of the window where ``seen`` is True, row by row."""
-        away = self.spot - camera.position[:2]
-        away = away / max(float(np.linalg.norm(away)), 1e-6)
+        away = self._away(camera)
         axes = np.array([[away[0], -away[1], 0], [away[1], away[0], 0], [0, 0, 1]], dtype=np.float32)
         normal = shown.normal[seen].astype(np.float32) / np.float32(127) @ axes.T
         albedo = np.square(shown.albedo[seen].astype(np.float32) / np.float32(255))
@@ -114,7 +125,14 @@ def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
     normal[..., 1] *= -1
     feet, head = (np.array([width, 0.0]) + np.array([-1.0, 1.0]) * place for place in (sprite.feet, sprite.head))
     albedo, labels = np.ascontiguousarray(albedo[:, ::-1]), np.ascontiguousarray(sprite.label[:, ::-1])
-    return Sprite(albedo, normal, labels, feet, head, sprite.height, sprite.tilt, width - sprite.steady[::-1])
+    if sprite.middle:
+        # The left end is that on the left again.
+        feet, head = head, feet
+    pose = None if sprite.pose is None else mirrored(sprite.pose)
+    return replace(
+        sprite, albedo=albedo, normal=normal, label=labels, feet=feet, head=head, steady=width - sprite.steady[::-1],
+        heading=-sprite.heading, pose=pose,
+    )  # fmt: skip
 
 
 def tilt_of(camera: RayCamera, spot: FloatArray) -> float:
@@ -148,7 +166,7 @@ _FACING = (-107, 0, 68)
 
 
 def pictured_things(
-    rng: np.random.Generator, photographs: Photographs, camera: PinholeCamera, count: int, taken: FloatArray,
+    rng: np.random.Generator, photographs: Photographs, camera: AnyCamera, count: int, taken: FloatArray,
     largest: float,
 ) -> list[Thing]:  # fmt: skip
     """Up to ``count`` photographed things, clear of the places ``taken`` ``(N, 2)``; see `clutter_around`."""
@@ -178,7 +196,7 @@ def _as_sprite(rng: np.random.Generator, picture: ImageArray) -> Sprite:
     return Sprite(albedo, normal, label, np.array([middle, tall]), np.array([middle, 0.0]), height, 0.0, sides)
 
 
-def _board(sprite: Sprite, spot: FloatArray, camera: PinholeCamera) -> Solids:
+def _board(sprite: Sprite, spot: FloatArray, camera: RayCamera) -> Solids:
     """The thin upright box before the camera that throws the shadow of ``sprite``."""
     rows, columns = sprite.label.shape
     away = spot - camera.position[:2]

@@ -21,6 +21,8 @@ HAND = 0.08
 FOOT = 0.152
 SHOULDER_ABOVE_HIP = 0.288
 HEAD_ABOVE_SHOULDER = 0.052
+# From a joint to the skin below it.
+_THICK = 0.05
 SIDES = (1.0, -1.0)
 
 Pair = tuple[float, float]
@@ -81,6 +83,8 @@ class Pose:
         straddle: leg raised sideways.
         knee: bend, backward.
         ankle: toes up.
+        pitch: of the whole body, forward; a quarter turn for who lies on the belly.
+        roll: of the whole body, its left side up.
         lift: of the whole body over the ground on which its lower foot rests, metres.
     """
 
@@ -98,6 +102,8 @@ class Pose:
     knee: Pair = (0.0, 0.0)
     ankle: Pair = (0.0, 0.0)
     lift: float = 0.0
+    pitch: float = 0.0
+    roll: float = 0.0
 
 
 def blend(a: Pose, b: Pose, part: float) -> Pose:
@@ -159,7 +165,8 @@ def hanging(forward: float, sideways: float, side: float) -> FloatArray:
 def place(build: Build, pose: Pose, position: FloatArray, heading: float) -> PersonSkeleton:
     """The joints of a person in ``pose`` who stands at ``position`` ``(2,)`` and faces ``heading``.
 
-    The lower foot rests on the ground z = 0, raised by ``pose.lift``.
+    The lower foot rests on the ground z = 0, raised by ``pose.lift``; of a body that is pitched or rolled, the lowest
+    joint does.
     """
     height = build.height
     pelvis_axes = turn(heading)
@@ -172,9 +179,13 @@ def place(build: Build, pose: Pose, position: FloatArray, heading: float) -> Per
     paired = [np.stack(pair) for pair in zip(*limbs, strict=True)]
     ankle, toe = paired[-2:]
     rest = min(ankle[:, 2].min() - ANKLE_HEIGHT * height, toe[:, 2].min() - 0.016 * height)
+    bodies, axes = [chest, head, *paired], [pelvis_axes, trunk_axes, head_axes]
+    if pose.pitch or pose.roll:
+        whole = turn(heading, pose.pitch, pose.roll) @ turn(heading).T
+        bodies, axes = [joint @ whole.T for joint in bodies], [whole @ each for each in axes]
+        rest = min(0.0, *(float(joint[..., 2].min()) for joint in bodies)) - _THICK * height
     root = np.array([position[0], position[1], pose.lift - rest])
-    joints = [joint + root for joint in (chest, head, *paired)]
-    return PersonSkeleton(*[root, *joints, pelvis_axes, trunk_axes, head_axes])
+    return PersonSkeleton(*[root, *(joint + root for joint in bodies), *axes])
 
 
 def _limbs(

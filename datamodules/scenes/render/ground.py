@@ -99,15 +99,22 @@ def random_ground(rng: np.random.Generator) -> Ground:
 
 
 def draw_ground(ground: Ground, camera: RayCamera, light: Light) -> tuple[Float32, Float32]:
-    """``(H, W, 3)`` linear light of the ground and the sky, and the ``(H, W)`` share of it that is direct sunlight."""
+    """``(H, W, 3)`` linear light of the ground and the sky, and the ``(H, W)`` share of it that is direct sunlight.
+
+    Beyond the field of a lens it is dark.
+    """
     rays = ray_grid(camera, 1, 0, 0, camera.width, camera.height)
+    beyond = np.isnan(rays[0])
+    if beyond.any():
+        rays = np.where(beyond, np.float32(0), rays)
     down = -rays[2]
     height = np.float32(camera.position[2])
     distance = height / np.maximum(down, np.float32(1e-4))
     x = rays[0] * distance + np.float32(camera.position[0])
     y = rays[1] * distance + np.float32(camera.position[1])
     # One pixel's angle, from two neighbouring rays, stretched by the slant of the view.
-    angle = np.sqrt(np.square(rays[:, 0, 1] - rays[:, 0, 0]).sum())
+    row, column = (camera.height // 2, camera.width // 2) if beyond.any() else (0, 0)
+    angle = np.sqrt(np.square(rays[:, row, column + 1] - rays[:, row, column]).sum())
     footprint = distance * angle * np.sqrt(distance / height)
     albedo = np.square(np.clip(ground_colour(ground, x, y, footprint), 0, 1))
     up = light.direction[2] * light.sun
@@ -117,6 +124,7 @@ def draw_ground(ground: Ground, camera: RayCamera, light: Light) -> tuple[Float3
     above = sky[0] + rise * (sky[1] - sky[0])
     fade = np.exp(-distance / np.float32(ground.haze))[:, :, None]
     picture = np.where(down[:, :, None] > 1e-4, above + fade * (lit - above), above)
+    picture[beyond] = 0
     share = np.where(down > 1e-4, fade[:, :, 0] * (up / np.maximum(up + light.sky, 1e-6)).mean(), 0)
     return picture.astype(np.float32), share.astype(np.float32)
 

@@ -21,6 +21,7 @@ from tsuiseki.datamodules.scenes.render.solids import (
     extents,
 )
 from tsuiseki.datamodules.scenes.things.town import front
+from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray
 
@@ -218,7 +219,7 @@ def reach_of(solids: Solids, spot: FloatArray) -> float:
 
 def clutter_around(
     rng: np.random.Generator,
-    camera: PinholeCamera,
+    camera: AnyCamera,
     count: int,
     taken: FloatArray,
     largest: float,

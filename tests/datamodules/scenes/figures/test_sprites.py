@@ -17,10 +17,16 @@ from tsuiseki.datamodules.scenes.figures.mesh import Worn
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite, random_sprites, render_figure, smaller, steady_sides
 from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dressed, tilt_of
 from tsuiseki.datamodules.scenes.people.person import view_from
+from tsuiseki.datamodules.scenes.people.poses import draw_pose
 from tsuiseki.datamodules.scenes.people.posture import Build, place, random_manner, walking
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import silhouette_box
-from tsuiseki.datamodules.scenes.training_pictures import Stock, TrainingSettings, random_training_scene
+from tsuiseki.datamodules.scenes.training_pictures import (
+    Stock,
+    TrainingSettings,
+    overhead_settings,
+    random_training_scene,
+)
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
@@ -271,7 +277,7 @@ def test_folders_without_what_is_needed_are_refused(
         SpriteLibrary(tmp_path)
     with pytest.raises(RequestError, match="at least one person"):
         SpriteSettings(people=0)
-    for tilts in ((0.2, 1.5), (1.0, 0.5), (float("nan"), 1.0)):
+    for tilts in ((0.2, 1.6), (1.0, 0.5), (float("nan"), 1.0)):
         with pytest.raises(RequestError, match="expected tilts as"):
             SpriteSettings(tilts=tilts)
     assert main(["simulate", "sprites", "--assets", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
@@ -280,3 +286,44 @@ def test_folders_without_what_is_needed_are_refused(
     assert not (tmp_path / "out").exists()
     with pytest.raises(RequestError, match="clothes/nothing"):
         Assets(assets_folder).garment("clothes", "nothing")
+
+
+@pytest.fixture(scope="module")
+def posed(tmp_path_factory: pytest.TempPathFactory, assets_folder: Path) -> SpriteLibrary:
+    settings = SpriteSettings(2, 3, 64, 1, (0.9, 1.55), poses=1.0)
+    return SpriteLibrary(write_sprites(tmp_path_factory.mktemp("posed") / "library", assets_folder, settings, 6))
+
+
+def test_poses_come_back_from_a_library(posed: SpriteLibrary) -> None:
+    for number in range(len(posed)):
+        sprite = posed.sprite(number)
+        name, seed = sprite.drawn.rsplit(" ", 1)
+        assert sprite.pose == draw_pose(int(seed), Build(sprite.height), name)
+        assert 0.1 < sprite.middle < 1.2
+    with pytest.raises(RequestError, match="expected poses as a share"):
+        SpriteSettings(poses=1.5)
+
+
+@pytest.mark.parametrize("spot", [(0.02, 0.0), (1.5, -1.0)])
+def test_who_is_seen_from_above_is_placed_by_the_middle(posed: SpriteLibrary, spot: tuple[float, float]) -> None:
+    camera = PinholeCamera.look_at(np.array([0, 0, 6.0]), np.array([0.0, 0.01, 0.0]), 300, 320, 320)
+    for number in range(len(posed)):
+        sprite, place = posed.sprite(number), np.array(spot)
+        scale = 300 / (6.0 - sprite.middle) * sprite.height / 64
+        for shown in (sprite, *(dressed(np.random.default_rng(n), sprite) for n in range(3))):
+            traced = Standing(shown, place).trace(camera, 1)
+            assert traced is not None
+            box = silhouette_box(traced[0], 1)
+            middle = camera.project(np.array([[*place, sprite.middle]]))[0][0]
+            assert np.linalg.norm((box[:2] + box[2:]) / 2 - middle) < 0.6 * scale * 64
+            assert sorted(box[2:] - box[:2])[1] < 1.5 * scale * max(sprite.label.shape)
+
+
+def test_pictures_from_straight_above_show_people_within_the_lens(posed: SpriteLibrary) -> None:
+    settings = replace(overhead_settings(120, 120), people=(6, 6), clutter=(2, 2), samples=1, degradation=0.0)
+    for seed in range(3):
+        image, boxes, visibility = random_training_scene(np.random.default_rng(seed), settings, Stock(posed))
+        assert image[:3, :3].max() < 30
+        assert image[40:80, 40:80].mean() > 30
+        assert len(boxes) == len(visibility) > 2
+        assert (np.hypot(*(((boxes[:, :2] + boxes[:, 2:]) / 2 - 60).T)) < 62).all()
