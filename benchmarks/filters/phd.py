@@ -124,7 +124,7 @@ class CountedPhd:
         births = scenario_births(scenario.settings, density)
         model = scenario_model(scenario.settings, clutter)
         alone = PhdFilter(
-            model, births, density, identity=Unlabelled(remember=False), extract=no_targets, smallest_cluster=0
+            model, births, density, identity=Unlabelled(printed=True), extract=no_targets, smallest_cluster=0
         )
         self.filter = PhdFilter(model, births, density) if labelled else alone
         self.state, self.rng = self.filter.init(np.empty((0, 4))), np.random.default_rng(0)

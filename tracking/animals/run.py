@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, get_args
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from tsuiseki.tracking.animals.linking import FIELDS, Animal, link_animals
 from tsuiseki.tracking.animals.pose import AnimalPose
-from tsuiseki.tracking.animals.settings import AnimalSettings, SkeletonSettings
+from tsuiseki.tracking.animals.settings import AnimalChoice, AnimalSettings, SkeletonSettings
 from tsuiseki.tracking.animals.skeleton import (
     headed_by_labels,
     learn_body_points,
@@ -32,8 +32,6 @@ from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
 from tsuiseki.tracking.video.source import Source, SourceLike, named
-
-SETTINGS = AnimalSettings()
 
 
 def track_animals(
@@ -70,17 +68,8 @@ def track_animals(
     opened = Video.given(source, frames).open(images=True, replayable=True)
     skeleton = skeleton or SkeletonSettings()
     made = {"contrast": contrast, "source": named(source), "seed": seed}
-    return animal_result(
-        opened,
-        opened.frames(),
-        skeleton,
-        skeleton.table(),
-        contrast,
-        threshold,
-        settings or SETTINGS,
-        StageTimes(),
-        made,
-    )
+    choice = AnimalChoice(contrast, threshold, animals=settings or AnimalSettings())
+    return animal_result(opened, opened.frames(), skeleton, skeleton.table(), choice, StageTimes(), made)
 
 
 def animal_result(
@@ -88,32 +77,27 @@ def animal_result(
     frames: Iterable[Frame],
     skeleton: SkeletonSettings,
     table: PointTable | None,
-    contrast: Contrast,
-    threshold: float | None,
-    settings: AnimalSettings,
+    choice: AnimalChoice,
     times: StageTimes,
     made: Mapping[str, Any],
-    scale: float | None = None,
 ) -> Result[BodyTrack]:
-    """The result of a run.
+    """The result of a run with the settings ``made``.
 
     Args:
         source: the video.
         frames: of it.
         skeleton: what is known of the points.
         table: those of its file.
-        contrast: see `track_animals`.
-        threshold: likewise.
-        settings: of the tracker.
+        choice: how animals are told from what lies behind them, and followed.
         times: of the run.
         made: settings of the run.
-        scale: see `animals`.
     """
+    settings, scale = choice.animals, choice.scale
     facts: dict[str, Any] = {"frame_rate": source.frame_rate}
     tracker = None
     if skeleton.points is None:
         with times.measure("background"):
-            background = video_background(source, contrast, threshold)
+            background = video_background(source, choice.contrast, choice.threshold)
         facts |= {"contrast": background.contrast, "threshold": background.threshold, "area": background.area}
         tracker = AnimalTracker(background, settings, source.frame_rate)
     size, numbers = (0, 0), []
@@ -123,9 +107,13 @@ def animal_result(
         if tracker is not None:
             with times.measure("poses"):
                 tracker.update(frame)
+
+    def linked(poses: Sequence[list[AnimalPose]], **changed: float) -> list[Animal]:
+        return link_animals(poses, numbers, replace(settings, **changed), source.frame_rate, size)
+
     with times.measure("identities"):
-        seen = tracker.poses if tracker else poses_by_points(table, skeleton, numbers) if table else []
-        found, placed = finished(seen, numbers, settings, source.frame_rate, size, skeleton, table)
+        seen = tracker.poses if tracker else _poses_by_points(table, skeleton, numbers) if table else []
+        found, placed = _finished(seen, numbers, skeleton, table, linked)
     tracks, fields = [one.track for one in found], list(FIELDS)
     if scale is not None:
         tracks, fields = in_millimetres(tracks, scale, source)
@@ -154,12 +142,8 @@ def animal_result(
     return with_page(result, nouns=("animal", "animals"), scene=metres)
 
 
-def poses_by_points(table: PointTable, skeleton: SkeletonSettings, frames: Sequence[int]) -> list[list[AnimalPose]]:
-    """Poses of frames ``frames``, which follow each other, from points seen in them.
-
-    Raises:
-        RequestError: no point lies in these frames, or see `learn_skeleton`.
-    """
+def _poses_by_points(table: PointTable, skeleton: SkeletonSettings, frames: Sequence[int]) -> list[list[AnimalPose]]:
+    """Poses of frames ``frames``, which follow each other, from points seen in them."""
     inside = (table.frames >= frames[0]) & (table.frames <= frames[-1])
     if not inside.any():
         raise RequestError(
@@ -169,33 +153,20 @@ def poses_by_points(table: PointTable, skeleton: SkeletonSettings, frames: Seque
     return poses_of_points(table, body, frames[0], len(frames), skeleton.centre)
 
 
-def finished(
+def _finished(
     poses: Sequence[list[AnimalPose]],
     frames: Sequence[int],
-    settings: AnimalSettings,
-    frame_rate: float,
-    size: tuple[int, int],
     skeleton: SkeletonSettings,
     table: PointTable | None,
+    linked: Callable[..., list[Animal]],
 ) -> tuple[list[Animal], PointTable | None]:
-    """The animals, and their points where a skeleton is known.
-
-    Args:
-        poses: of each frame.
-        frames: 0-based numbers.
-        settings: of the tracker.
-        frame_rate: frames a second.
-        size: width and height of the images.
-        skeleton: what is known of the points.
-        table: those of its file.
-    """
+    """The animals, and their points where a skeleton is known; ``linked`` makes animals of poses."""
     if table is None:
-        return link_animals(poses, frames, settings, frame_rate, size), None
+        return linked(poses), None
     if skeleton.points is not None:
-        animals = link_animals(poses, frames, settings, frame_rate, size)
+        animals = linked(poses)
         return animals, point_table(animals, None, table.nodes)
-    known = headed_by_labels(poses, table, frames[0] if len(frames) else 0, skeleton.line)
-    animals = link_animals(known, frames, replace(settings, forward=0.0), frame_rate, size)
+    animals = linked(headed_by_labels(poses, table, frames[0] if len(frames) else 0, skeleton.line), forward=0.0)
     points = learn_body_points(animals, table)
     written = point_table(animals, points, table.nodes)
     if skeleton.centre is not None:
@@ -210,12 +181,7 @@ def in_millimetres(tracks: Sequence[BodyTrack], scale: float, source: Source) ->
         tracks: of the columns `FIELDS`.
         scale: millimetres of a pixel.
         source: the video, which times its frames, for the speed.
-
-    Raises:
-        RequestError: the scale is not above 0.
     """
-    if not 0 < scale < np.inf:
-        raise RequestError(f"`scale`: expected millimetres a pixel above 0, got {scale:g}")
     found = []
     for track in tracks:
         metric = scale * track.states[:, [0, 1, 3, 4]]
@@ -227,37 +193,20 @@ def in_millimetres(tracks: Sequence[BodyTrack], scale: float, source: Source) ->
     return found, [*FIELDS, "a_mm", "b_mm", "length_mm", "width_mm", "speed_mm_s"]
 
 
-def animals(
-    video: Video,
-    output: Output,
-    skeleton: SkeletonSettings,
-    contrast: Contrast = "auto",
-    threshold: float | None = None,
-    scale: float | None = None,
-    animals: AnimalSettings = SETTINGS,
-) -> int:
+def animals(video: Video, output: Output, skeleton: SkeletonSettings, choice: AnimalChoice) -> int:
     """Track several animals before a fixed camera: place, heading and size of each, through contact, entering, leaving.
 
     DIR gets states.csv (frame, id, a,b,theta,length,width in pixels and radians, score, status), report.html
     with its plots and numbers in report/, run.json and, with --overlay, overlay.webm; with --points or --labels also
     points.sleap.csv and points.dlc.csv, and points.sleap.h5 where h5py is installed.
-
-    Args:
-        contrast: how animals differ from what lies behind them: bright, dark or any; auto finds out.
-        threshold: difference in grey levels from which a pixel belongs to an animal; by default found in the video.
-        scale: millimetres of a pixel; adds a_mm,b_mm,length_mm,width_mm,speed_mm_s.
-        animals: settings of the tracker.
     """
     from tsuiseki.tracking.cli.run import count, frames_expected
 
     source = video.open(images=True, replayable=True, timed=True)
     table = skeleton.table()
-    if scale is not None:
-        in_millimetres([], scale, source)
     with output.run() as run:
         steps = run.steps(run.frames(source, record=video.overlay), total=frames_expected(source))
-        made = output.settings
-        result = animal_result(source, steps, skeleton, table, contrast, threshold, animals, run.times, made, scale)
+        result = animal_result(source, steps, skeleton, table, choice, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
         hint = "; nothing stands out, give `threshold` or another `contrast`"
         if skeleton.points is not None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.background_difference import Contrast
 from tsuiseki.tracking.formats.body_points import read_poses_file
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.types.tracks import PointTable
@@ -42,6 +43,28 @@ class AnimalSettings:
         for name in ("shortest", "evidence"):
             if not 0 <= getattr(self, name) < np.inf:
                 raise RequestError(f"`{name}`: expected a number from 0, got {getattr(self, name):g}")
+
+
+@dataclass(frozen=True)
+class AnimalChoice(Shared):
+    """How animals are told from what lies behind them, and followed.
+
+    Attributes:
+        contrast: how animals differ from what lies behind them: bright, dark or any; auto finds out.
+        threshold: difference in grey levels from which a pixel belongs to an animal; by default found in the video.
+        scale: millimetres of a pixel; adds a_mm,b_mm,length_mm,width_mm,speed_mm_s.
+        animals: settings of the tracker.
+    """
+
+    contrast: Contrast = "auto"
+    threshold: float | None = None
+    scale: float | None = None
+    animals: AnimalSettings = field(default_factory=AnimalSettings)
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        if self.scale is not None and not 0 < self.scale < np.inf:
+            raise RequestError(f"`scale`: expected millimetres a pixel above 0, got {self.scale:g}")
 
 
 @dataclass(frozen=True)

@@ -128,13 +128,18 @@ def systematic(weights: FloatArray, count: int, rng: np.random.Generator) -> Int
     Slice ``k`` draws particle ``i`` when ``C[i-1] <= (k + u) / count < C[i]``, so the copies follow from rounding
     ``count * C - u`` up, with no search.
     """
-    cumulative = _cumulative(weights)
+    total = float(np.sum(weights)) if len(weights) else 0.0
+    if not (np.isfinite(total) and total > 0.0) or np.min(weights) < 0.0:
+        raise ValueError(f"expected finite weights >= 0 with a sum above zero, got {len(weights)} with sum {total}")
+    # Ends at exactly 1, whatever the rounding of the sum.
+    cumulative = np.cumsum(weights)
+    cumulative = cumulative / cumulative[-1]
     edges = np.ceil(count * cumulative - rng.random())
     # With an offset next to 1 the subtraction rounds to count - 1: the end of the scale is known exactly.
     edges[cumulative >= 1.0] = count
     np.maximum(edges, 0.0, out=edges)
     edges[1:] -= edges[:-1].copy()
-    return _repeat(edges.astype(np.int64))
+    return np.repeat(np.arange(len(edges), dtype=np.int64), edges.astype(np.int64))
 
 
 def systematic_rows(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:
@@ -148,24 +153,6 @@ def systematic_rows(weights: FloatArray, count: int, rng: np.random.Generator) -
     copies = np.diff(np.maximum(edges, 0), axis=1, prepend=0)
     drawn: IntArray = np.repeat(np.tile(np.arange(columns, dtype=np.int64), rows), copies.ravel())
     return drawn.reshape(rows, count)
-
-
-def _total(weights: FloatArray) -> float:
-    total = float(np.sum(weights)) if len(weights) else 0.0
-    if not (np.isfinite(total) and total > 0.0) or np.min(weights) < 0.0:
-        raise ValueError(f"expected finite weights >= 0 with a sum above zero, got {len(weights)} with sum {total}")
-    return total
-
-
-def _cumulative(weights: FloatArray) -> FloatArray:
-    """Cumulative weights that end at exactly 1, whatever the rounding of the sum."""
-    _total(weights)
-    cumulative = np.cumsum(weights)
-    return np.asarray(cumulative / cumulative[-1])
-
-
-def _repeat(copies: IntArray) -> IntArray:
-    return np.repeat(np.arange(len(copies), dtype=np.int64), copies)
 
 
 BISECTIONS = 10
@@ -184,13 +171,13 @@ def bearable_share(path: Path, size: float, done: float = 0.0) -> float:
         done: share by which the particles were drawn already.
     """
     before = path(done)
-    if _size(path(1.0) - before) >= size:
+    if effective_sample_size(path(1.0) - before) >= size:
         return 1.0
     # The logarithm of what is added is bisected, for a narrow likelihood bears a small share only.
     low, high = np.log(SMALLEST_SHARE), np.log(1 - done)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        enough = _size(path(done + np.exp(middle)) - before) >= size
+        enough = effective_sample_size(path(done + np.exp(middle)) - before) >= size
         low, high = (middle, high) if enough else (low, middle)
     return done + float(np.exp(low))
 
@@ -212,10 +199,6 @@ def drawn_and_spread(
     values, vectors = np.linalg.eigh(away.T @ away / len(drawn))
     noise = rng.standard_normal(drawn.shape) * np.sqrt(np.maximum(values, 0.0))
     return np.asarray(mean + np.sqrt(1 - width**2) * away + width * noise @ vectors.T)
-
-
-def _size(log_weights: FloatArray) -> float:
-    return effective_sample_size(normalise(log_weights))
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,7 @@ from tsuiseki.tracking.filters.finite_sets.clusters import PhdState
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import (
     LabelledInfo,
     LabelledMultiBernoulliFilter,
-    LabelledState,
     TrackParticles,
-    likely,
 )
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter, PhdInfo
 from tsuiseki.tracking.filters.finite_sets.region_births import (
@@ -313,7 +311,7 @@ class MeasurementTracker(FiniteSetTracker[Scan]):
         if before is None or isinstance(info, PhdInfo):
             return None
         smoothed = info.look_back.smoothed()
-        self._found.append(self._targets(before.time, likely(smoothed, REPORT), smoothed))
+        self._found.append(self._targets(before.time, smoothed.likely(REPORT), smoothed))
         return self._found[-1]
 
     def finish(self) -> SensedTargets | None:
@@ -334,9 +332,7 @@ class MeasurementTracker(FiniteSetTracker[Scan]):
         """Drop what `tracks` would give; the filter goes on, and the ids with it."""
         self._found.clear()
 
-    def _targets(
-        self, time: float, found: TargetEstimates, posterior: LabelledState | PhdState | TrackParticles
-    ) -> SensedTargets:
+    def _targets(self, time: float, found: TargetEstimates, posterior: PhdState | TrackParticles) -> SensedTargets:
         width = 2 * self.model.sensor.dimensions
         spread, modes = moments(found, posterior, len(self.model.motions) if len(self.model.motions) > 1 else 0)
         places, speeds = found.states[:, :width:2], found.states[:, 1:width:2]
@@ -354,7 +350,7 @@ def _columns(found: Sequence[SensedTargets], places: Sequence[tuple[int, int]]) 
 
 
 def moments(
-    estimates: TargetEstimates, posterior: LabelledState | PhdState | TrackParticles, modes: int
+    estimates: TargetEstimates, posterior: PhdState | TrackParticles, modes: int
 ) -> tuple[FloatArray, FloatArray]:
     """Covariance ``(N, D, D)`` of each estimate's particles, and the shares ``(N, modes)`` of the motions in force."""
     columns = estimates.states.shape[1]

@@ -126,7 +126,7 @@ def start_filter(method: str, settings: dict[str, Any], clutter: float, particle
         "phd": PhdFilter(model, births, particles, extract=by_measurements),
         "phd-literal": PhdFilter(
             model, printed_births(settings, particles), particles, smallest_cluster=0, extract=by_clusters,
-            identity=TrackIdentity(remember=False, confirm=False, claim=False, adopt=True),
+            identity=TrackIdentity(printed=True),
         ),
     }  # fmt: skip
     columns = 4 if settings["kind"] == "linear" else 5

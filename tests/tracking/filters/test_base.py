@@ -10,7 +10,7 @@ import pytest
 
 from tsuiseki.tracking.features.colour_region import ColourImage
 from tsuiseki.tracking.filters.base import BornParticles, Running, bootstrap
-from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, NoBirths, newborn
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, PointModel, cartesian
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
@@ -37,6 +37,8 @@ SCAN = np.array([[3.0, -4.0], [200.0, 100.0]])
 MASK = np.zeros((90, 120), dtype=bool)
 MASK[30:60, 40:70] = True
 IMAGE = ColourImage.of_mask(MASK)
+
+NO_BIRTHS = MixtureBirths(np.empty(0), np.empty((0, 4)), np.ones(4))
 
 
 def square_likelihood(particles, observation):
@@ -162,7 +164,7 @@ def test_a_motion_of_one_frame_is_repeated():
 
 
 DRAWS = {
-    "nowhere": (NoBirths(4), SCAN, 0.0),
+    "nowhere": (NO_BIRTHS, SCAN, 0.0),
     "places": (BIRTHS, SCAN, 0.05),
     "measurements": (MeasurementBirths(1e-7, SENSOR, newborn(lambda z: z, 2, 10.0), 4, 5000), SCAN, None),
     "anywhere": (AnywhereBirths(0.1, 50, (30.0, 30.0)), ExplainedImage(IMAGE, np.empty((0, 4))), 0.1),
@@ -186,7 +188,7 @@ def test_a_varying_period_is_a_setting_of_the_step():
     from dataclasses import replace
 
     still = PointModel(constant_velocity(0.0), SENSOR, 1.0, 0.0, 0.0)
-    chosen = PhdFilter(still, NoBirths(4), 10)
+    chosen = PhdFilter(still, NO_BIRTHS, 10)
     state = chosen.init(np.tile([0.0, 1.0, 0.0, 2.0], (10, 1)), 1.0)
     for seconds in (0.5, 3.0):
         now = replace(chosen, model=replace(still, period=seconds))

@@ -22,22 +22,6 @@ QUIET = 0.1
 
 
 @dataclass(frozen=True)
-class NoBirths:
-    """No target ever appears.
-
-    Attributes:
-        columns: length of a state.
-    """
-
-    columns: int
-
-    def draw(self, measurements: FloatArray, rng: np.random.Generator) -> BornParticles:
-        """Nothing."""
-        del measurements, rng
-        return BornParticles(np.empty((0, self.columns)), np.empty(0), np.empty(0, dtype=np.int64))
-
-
-@dataclass(frozen=True)
 class MixtureBirths:
     """Births at known places: a Gaussian mixture intensity, drawn from itself.
 
@@ -115,7 +99,7 @@ class MeasurementBirths:
         """Particles around each measurement."""
         total, width = len(measurements), measurements.shape[1]
         if total == 0:
-            return NoBirths(self.columns).draw(measurements, rng)
+            return BornParticles(np.empty((0, self.columns)), np.empty(0), np.empty(0, dtype=np.int64))
         # Fewer around each where there are hundreds, which may all lie within one gate.
         count = min(self.count, max(self.limit // total, 1))
         noise = self.sensor.spread(rng.standard_normal((total, count, width)))

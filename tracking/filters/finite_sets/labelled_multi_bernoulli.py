@@ -1,16 +1,14 @@
-"""The targets of one observation earlier, given this one as well: smoothing with a lag of one step.
-
-Whether a target has ended or was only missed, and whether a measurement began one, is mostly told by the next
-observation; and a place between two measurements is known better than the last one. A fixed lag of one step of the
-forward-backward recursions, in particle form (Kitagawa, "Monte Carlo filter and smoother", 1996): the particles as they
-were before they moved get the weights that they have after.
-
-Labelled multi-Bernoulli filter with Poisson births, in particle form.
+"""Labelled multi-Bernoulli filter with Poisson births, in particle form, and smoothing with a lag of one step.
 
 Beyond the paper's PHD filter, on the same model (30)-(43): every target that has been measured is a Bernoulli track
 with a label, a probability of existence ``r`` and its own particles; targets not yet measured stay a Poisson intensity,
 so that several may appear at one place at once. Reuter, Vo, Vo and Dietmayer, "The labeled multi-Bernoulli filter"
 (2014); the Poisson part and the marginal association are those of Williams, "Marginal multi-Bernoulli filters" (2015).
+
+Whether a target has ended or was only missed, and whether a measurement began one, is mostly told by the next
+observation; and a place between two measurements is known better than the last one. `LookBack` is a fixed lag of one
+step of the forward-backward recursions (Kitagawa, "Monte Carlo filter and smoother", 1996): the particles as they were
+before they moved get the weights that they have after.
 """
 
 from __future__ import annotations
@@ -27,6 +25,8 @@ from tsuiseki.tracking.filters.resampling import logarithms, systematic_rows
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 TINY = float(np.finfo(np.float64).tiny)
+RESAMPLE_BELOW = 0.5
+"""A track's particles are drawn anew below this share of effective ones."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class TrackParticles:
     """Tracks in particle form.
 
     Attributes:
-        labels: ``(T,)`` positive.
+        labels: ``(T,)`` positive, never used again.
         existence: ``(T,)`` probabilities.
         particles: ``(T, P, D)``.
         log_weights: ``(T, P)``; the weights of each track sum to one.
@@ -44,6 +44,15 @@ class TrackParticles:
     existence: FloatArray
     particles: FloatArray
     log_weights: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def likely(self, report: float | FloatArray) -> TargetEstimates:
+        """The tracks whose existence is above ``report``, one for all or ``(T,)``, at the mean of their particles."""
+        shown = self.existence > report
+        means = np.einsum("tp,tpd->td", np.exp(self.log_weights[shown]), self.particles[shown])
+        return TargetEstimates(self.labels[shown], means, self.existence[shown])
 
 
 @dataclass(frozen=True)
@@ -83,37 +92,19 @@ class LookBack:
         return TrackParticles(self.before.labels, existence, self.before.particles, logarithms(shares))
 
 
-def likely(tracks: TrackParticles, report: float) -> TargetEstimates:
-    """The tracks whose existence is above ``report``, at the mean of their particles."""
-    shown = tracks.existence > report
-    means = np.einsum("tp,tpd->td", np.exp(tracks.log_weights[shown]), tracks.particles[shown])
-    return TargetEstimates(tracks.labels[shown], means, tracks.existence[shown])
-
-
 @dataclass(frozen=True)
-class LabelledState:
+class LabelledState(TrackParticles):
     """Tracks, and the intensity of the targets never measured.
 
     Attributes:
-        labels: ``(T,)`` positive, never used again.
-        existence: ``(T,)`` probabilities.
-        particles: ``(T, P, D)``.
-        log_weights: ``(T, P)``; the weights of each track sum to one.
         hidden: the targets never measured.
         next_label: of the next new track.
         reported: ``(T,)`` whether a track was an estimate before.
     """
 
-    labels: IntArray
-    existence: FloatArray
-    particles: FloatArray
-    log_weights: FloatArray
     hidden: BornParticles
     next_label: int
     reported: BoolArray
-
-    def __len__(self) -> int:
-        return len(self.labels)
 
 
 @dataclass(frozen=True)
@@ -146,7 +137,6 @@ class LabelledMultiBernoulliFilter:
         report: a track is an estimate when its existence is above this,
         confirm: and for the first time when it is above this: clutter beside a place of birth seldom gets so far.
         prune: a track ends when its existence is below this.
-        resample_below: draw a track's particles anew below this share of effective ones.
         near: unreported tracks whose means are closer than this, in deviations of the sensor, become one while their
             existences sum to at most one: they tell of one target that each measurement near its birth began anew. 0
             leaves them apart.
@@ -161,7 +151,6 @@ class LabelledMultiBernoulliFilter:
     report: float = 0.5
     confirm: float = 0.55
     prune: float = 1e-3
-    resample_below: float = 0.5
     near: float = 2.0
     kernel: float = 0.0
     discrete: int = 0
@@ -191,8 +180,7 @@ class LabelledMultiBernoulliFilter:
         new_mass, new_particles, hidden = self._hidden_update(predicted.hidden, measurements, rng)
         unclaimed = self.model.clutter_at(measurements) + new_mass
         updated, pairs, free = self._track_update(predicted, measurements, unclaimed)
-        before = TrackParticles(state.labels, state.existence, state.particles, state.log_weights)
-        back = LookBack(before, predicted.existence, predicted.log_weights, updated.existence, updated.log_weights)
+        back = LookBack(state, predicted.existence, predicted.log_weights, updated.existence, updated.log_weights)
         begun = free * np.divide(new_mass, unclaimed, out=np.zeros_like(new_mass), where=unclaimed > 0)
         joined = self._merge(self._join(updated, begun, new_particles, hidden), rng)
         joined, estimates = self._estimate(joined)
@@ -254,12 +242,12 @@ class LabelledMultiBernoulliFilter:
         r = state.existence
         missed = 1.0 - r + r * undetected
         claimed, none = association_marginals(r[:, None] * likelihood, missed, unclaimed)
-        alive = none * r * undetected / np.maximum(missed, np.finfo(np.float64).tiny)
+        alive = none * r * undetected / np.maximum(missed, TINY)
         existence = alive + claimed.sum(axis=1)
-        share = claimed[pairs.groups, pairs.measurements] / np.maximum(evidence, np.finfo(np.float64).tiny)
+        share = claimed[pairs.groups, pairs.measurements] / np.maximum(evidence, TINY)
         sizes = np.diff(np.append(pairs.starts, len(pairs.particle)))
         gained = pairs.by_particle(joint * np.repeat(share, sizes), weights.size)
-        stayed = weights * (1.0 - detection) * (alive / np.maximum(undetected, np.finfo(np.float64).tiny))[:, None]
+        stayed = weights * (1.0 - detection) * (alive / np.maximum(undetected, TINY))[:, None]
         total = stayed + gained.reshape(weights.shape)
         # A track that can neither be missed nor measured is gone; equal weights instead of 0 / 0.
         total[total.sum(axis=1) <= 0] = 1.0
@@ -310,22 +298,20 @@ class LabelledMultiBernoulliFilter:
             gone[group[1:]] = True
         order = np.flatnonzero(~gone)
         order = order[np.argsort(labels[order], kind="stable")]
-        return LabelledState(
-            labels[order], existence[order], particles[order], log_weights[order], state.hidden, state.next_label,
-            reported[order],
+        return replace(
+            state, labels=labels[order], existence=existence[order], particles=particles[order],
+            log_weights=log_weights[order], reported=reported[order],
         )  # fmt: skip
 
     def _estimate(self, state: LabelledState) -> tuple[LabelledState, TargetEstimates]:
         """The tracks that are likely there; one that was not reported before has to be likelier."""
-        shown = state.existence > np.where(state.reported, self.report, max(self.confirm, self.report))
-        means = np.einsum("tp,tpd->td", np.exp(state.log_weights[shown]), state.particles[shown])
-        estimates = TargetEstimates(state.labels[shown], means, state.existence[shown])
-        return replace(state, reported=state.reported | shown), estimates
+        estimates = state.likely(np.where(state.reported, self.report, max(self.confirm, self.report)))
+        return replace(state, reported=state.reported | np.isin(state.labels, estimates.ids)), estimates
 
     def _resample(self, state: LabelledState, rng: np.random.Generator) -> LabelledState:
         """Tracks whose weights have become uneven, drawn anew, (16)-(19)."""
         weights = np.exp(state.log_weights)
-        uneven = np.flatnonzero(np.sum(weights**2, axis=1) * self.particles * self.resample_below > 1.0)
+        uneven = np.flatnonzero(np.sum(weights**2, axis=1) * self.particles * RESAMPLE_BELOW > 1.0)
         drawn = systematic_rows(weights[uneven], self.particles, rng)
         particles, log_weights = state.particles.copy(), state.log_weights.copy()
         particles[uneven] = self._spread(particles[uneven[:, None], drawn], rng)

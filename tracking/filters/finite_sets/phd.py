@@ -25,10 +25,15 @@ from tsuiseki.tracking.filters.finite_sets.clusters import (
     joined,
 )
 from tsuiseki.tracking.filters.finite_sets.models import PointModel, check_measurements
-from tsuiseki.tracking.filters.finite_sets.pairs import Pairs, find_pairs
+from tsuiseki.tracking.filters.finite_sets.pairs import find_pairs
 from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
 from tsuiseki.tracking.filters.resampling import logarithms, systematic
 from tsuiseki.tracking.types import FloatArray
+
+LIMIT = 200_000
+"""Particles at most, whatever the expected count."""
+NEGLIGIBLE = 1e-5
+"""Weight below which a light cluster is not helped by more particles."""
 
 
 @dataclass(frozen=True)
@@ -59,9 +64,7 @@ class PhdFilter:
         proposal: of surviving particles, ``q_S(. | x, Y)`` of (48)-(49); None draws from the motion model.
         identity: how clusters keep, join and part their labels, section 5.2.
         extract: reads the targets off: ``by_measurements`` or ``by_clusters``.
-        limit: upper bound of the particles, whatever the expected count.
         smallest_cluster: particles that a light cluster keeps, each of less weight; 0 draws by weight alone, (57).
-        negligible: a cluster of less weight is not helped in this way.
     """
 
     model: PointModel
@@ -70,9 +73,7 @@ class PhdFilter:
     proposal: Proposal[FloatArray] | None = None
     identity: TrackIdentity = field(default_factory=TrackIdentity)
     extract: Extraction = by_measurements
-    limit: int = 200_000
     smallest_cluster: int = 200
-    negligible: float = 1e-5
 
     def init(self, particles: FloatArray, count: float = 0.0) -> PhdState:
         """``count`` expected targets spread evenly over particles ``(N, D)``; ``(0, D)`` begins with no target.
@@ -90,7 +91,7 @@ class PhdFilter:
         posterior, clusters = self._update(predicted, measurements, state.next_label)
         posterior, clusters = self.identity.tidy(posterior, clusters, self.model.sensor)
         estimates = self.extract(posterior, clusters)
-        if self.identity.remember:
+        if not self.identity.printed:
             estimates, memory = self.identity.recall(state.memory, estimates, posterior, clusters, self.model)
             posterior = replace(posterior, memory=memory)
         info = PhdInfo(estimates, posterior.expected_count, posterior, len(clusters.pairs))
@@ -112,36 +113,32 @@ class PhdFilter:
         )
 
     def _update(self, predicted: PhdState, measurements: FloatArray, provisional: int) -> tuple[PhdState, Clusters]:
-        """Weights by (53)-(55), an equality."""
+        """Weights by (53)-(55), an equality.
+
+        (54) and (55) are printed without the ``pD`` that (46) has before the same convolution. With it the weights of
+        the targets that explain a measurement sum to at most one.
+        """
         weights, detection = predicted.weights, self.model.detection_of(predicted.particles)
         starts = cluster_starts(predicted.labels)
         pairs = find_pairs(predicted.particles, starts, measurements, self.model.sensor)
         joint = (detection * weights)[pairs.particle] * np.exp(pairs.log_likelihood)
-        share = joint / self._total(pairs, joint, measurements)[pairs.measurement]
+        # ``mu_C p_C(y) + pD C_k(y)``, the denominator of (46); 0 / 0 without clutter says nothing, so its share is 0.
+        total = self.model.clutter_at(measurements) + pairs.by_measurement(joint, len(measurements))
+        share = joint / np.maximum(total, np.finfo(np.float64).tiny)[pairs.measurement]
         gained = pairs.by_particle(share, len(weights))
         log_weights = logarithms((1.0 - detection) * weights + gained)
         posterior = PhdState(predicted.particles, predicted.labels, log_weights, predicted.next_label)
         nothing = np.zeros(len(measurements), dtype=np.int64)
         return posterior, Clusters(starts, pairs, share, measurements, nothing, predicted.next_label, provisional)
 
-    def _total(self, pairs: Pairs, joint: FloatArray, measurements: FloatArray) -> FloatArray:
-        """``mu_C p_C(y) + pD C_k(y)`` ``(M,)``, the denominator of (46); never zero.
-
-        (54) and (55) are printed without the ``pD`` that (46) has before the same convolution. With it the weights of
-        the targets that explain a measurement sum to at most one.
-        """
-        total = self.model.clutter_at(measurements) + pairs.by_measurement(joint, len(measurements))
-        # Without clutter a measurement that no particle explains has 0 / 0: it says nothing, so its share is 0.
-        return np.maximum(total, np.finfo(np.float64).tiny)
-
     def _resample(self, posterior: PhdState, rng: np.random.Generator) -> PhdState:
         """``rho`` particles a target, each of weight ``1 / rho``, (56)-(59); more, lighter ones in a light cluster."""
         weights, starts = posterior.weights, cluster_starts(posterior.labels)
         masses = np.add.reduceat(weights, starts) if len(starts) else np.empty(0)
         total = float(masses.sum())
-        scale = min(1.0, self.limit / max(self.density * total, 1.0))
+        scale = min(1.0, LIMIT / max(self.density * total, 1.0))
         wanted = scale * self.density * masses
-        light = (wanted < self.smallest_cluster) & (masses >= self.negligible)
+        light = (wanted < self.smallest_cluster) & (masses >= NEGLIGIBLE)
         sizes = cluster_sizes(starts, len(weights))
         factor = np.where(light, self.smallest_cluster / np.where(light, wanted, 1.0), 1.0)
         intensity = weights * np.repeat(factor, sizes)

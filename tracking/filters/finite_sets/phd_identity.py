@@ -4,11 +4,9 @@ A cluster is the set of particles with one label. The sum of its weights is the 
 rules change the labels after each update:
 
 1. Claim. Each measurement that is probably a target is assigned one label, one to one. The particles that explain it
-   best get that label. This splits a cluster that covers two targets. The paper does not have this rule
-   (``claim=False``).
+   best get that label. This splits a cluster that covers two targets. The paper does not have this rule.
 2. Join. Two clusters near each other with a total weight of about one get the older label. New particles keep a label
-   of their own until then. The paper also gives each new particle near a cluster the label of that cluster
-   (``adopt=True``).
+   of their own until then. The paper also gives each new particle near a cluster the label of that cluster.
 3. Split. A cluster with a weight of about two or more is cut into that many clusters.
 
 A target is reported where the weight is near one: one target for each cluster (`by_clusters`), or one for each
@@ -49,19 +47,14 @@ class TrackIdentity:
             above 0.
         whole: targets, in (1, 2). Two near clusters join when their total weight is less. A cluster is split when its
             weight is more.
-        remember: report a target through a missed measurement. Without it the weight alone decides.
-        confirm: report a cluster made by a split only from the next step on.
-        claim: apply rule 1. `by_measurements` needs it.
-        adopt: a new particle near the mean of a cluster takes the label of the nearest one, as the paper has it.
-            Without it, new particles join as a cluster.
+        printed: as the paper has it: no rule 1, which `by_measurements` needs; a new particle near the mean of a
+            cluster takes the label of the nearest one; what a split makes is reported at once; and a target is not
+            reported through a missed measurement.
     """
 
     near: float = 2.0
     whole: float = 1.5
-    remember: bool = True
-    confirm: bool = True
-    claim: bool = True
-    adopt: bool = False
+    printed: bool = False
 
     def recall(
         self, memory: Memory, estimates: TargetEstimates, posterior: PhdState, clusters: Clusters, model: PointModel
@@ -109,11 +102,11 @@ class TrackIdentity:
         """The posterior after the three rules, its particles grouped by label; and its clusters."""
         labels, fresh = posterior.labels, posterior.next_label
         claimed = np.zeros(len(clusters.measurements), dtype=np.int64)
-        if self.claim:
-            labels, claimed, fresh = _claim(posterior, clusters)
-        if self.adopt:
-            posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters)
+        if self.printed:
+            posterior, clusters = _grouped(posterior, clusters)
             labels = self._adopted(posterior, clusters, sensor)
+        else:
+            labels, claimed, fresh = _claim(posterior, clusters)
         names, cluster = _numbered(labels)
         posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters, cluster)
         masses, means = cluster_moments(posterior, clusters.starts)
@@ -126,7 +119,7 @@ class TrackIdentity:
         labels, after = self._part(posterior, clusters.starts)
         if after > fresh:
             posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=after), clusters)
-        return posterior, replace(clusters, claimed=claimed, fresh=clusters.fresh if self.confirm else after)
+        return posterior, replace(clusters, claimed=claimed, fresh=after if self.printed else clusters.fresh)
 
     def _adopted(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> IntArray:
         """Labels ``(N,)`` after each new particle took the label of the nearest older cluster, if that is near."""

@@ -123,14 +123,10 @@ class LearntMotion:
         def wider(part: PrincipalComponents) -> PrincipalComponents:
             return replace(part, variances=part.variances * times**2)
 
-        return replace(
-            self,
-            walk=wider(self.walk),
-            image=wider(self.image),
-            increments=wider(self.increments),
-            printed=wider(self.printed),
-            residual=wider(self.residual),
-        )
+        parts: dict[str, Any] = {
+            name: wider(getattr(self, name)) for name in ("walk", "image", "increments", "printed", "residual")
+        }
+        return replace(self, **parts)
 
     def at(self, frame_rate: float) -> LearntMotion:
         """The motion per frame at another frame rate.

@@ -5,19 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.finite_sets.births import NoBirths
+from tsuiseki.tracking.filters.finite_sets.births import MixtureBirths
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import (
     LabelledMultiBernoulliFilter,
     LabelledState,
     LookBack,
     TrackParticles,
-    likely,
 )
 from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, PointModel, cartesian
 from tsuiseki.tracking.filters.motion.points import constant_velocity
 from tsuiseki.tracking.types import FloatArray
 
 SENSOR = GaussianSensor(cartesian, np.array([10.0, 10.0]))
+
+NO_BIRTHS = MixtureBirths(np.empty(0), np.empty((0, 4)), np.ones(4))
 
 
 def one_track(existence: float, particles: FloatArray, chosen: LabelledMultiBernoulliFilter) -> LabelledState:
@@ -35,7 +36,7 @@ def model(detection: float, survival: float, clutter: float = 0.0) -> PointModel
 
 @pytest.mark.parametrize(("r", "survival", "detection"), [(0.9, 0.95, 0.8), (0.4, 0.5, 0.9), (1.0, 0.9, 0.6)])
 def test_after_a_miss_existence_is_that_of_bayes(r: float, survival: float, detection: float) -> None:
-    chosen = LabelledMultiBernoulliFilter(model(detection, survival), NoBirths(4), 50, prune=0.0)
+    chosen = LabelledMultiBernoulliFilter(model(detection, survival), NO_BIRTHS, 50, prune=0.0)
     state = one_track(r, np.zeros((50, 4)), chosen)
     _, info = chosen.step(state, np.empty((0, 2)), np.random.default_rng(0))
     # Nothing measured: there and gone on but missed, there and ended, or never there.
@@ -46,18 +47,18 @@ def test_after_a_miss_existence_is_that_of_bayes(r: float, survival: float, dete
 
 
 def test_a_measurement_makes_the_track_before_it_certain() -> None:
-    chosen = LabelledMultiBernoulliFilter(model(0.9, 0.9), NoBirths(4), 200)
+    chosen = LabelledMultiBernoulliFilter(model(0.9, 0.9), NO_BIRTHS, 200)
     particles = 5 * np.random.default_rng(1).standard_normal((200, 4))
     _, info = chosen.step(one_track(0.3, particles, chosen), np.array([[2.0, 1.0]]), np.random.default_rng(0))
     smoothed = info.look_back.smoothed()
     assert smoothed.existence[0] == pytest.approx(1.0)
-    assert likely(smoothed, 0.5).ids.tolist() == [1]
-    assert len(likely(smoothed, 1.0)) == 0
+    assert smoothed.likely(0.5).ids.tolist() == [1]
+    assert len(smoothed.likely(1.0)) == 0
 
 
 def test_the_smoothed_mean_is_that_of_the_rauch_tung_striebel_smoother() -> None:
     rng, count = np.random.default_rng(0), 40_000
-    chosen = LabelledMultiBernoulliFilter(model(1.0, 1.0), NoBirths(4), count)
+    chosen = LabelledMultiBernoulliFilter(model(1.0, 1.0), NO_BIRTHS, count)
     mean, covariance = np.array([0.0, 5.0, 0.0, -2.0]), np.diag([64.0, 9.0, 64.0, 9.0])
     particles = mean + rng.standard_normal((count, 4)) * np.sqrt(np.diag(covariance))
     found = np.array([14.0, -9.0])
@@ -72,7 +73,7 @@ def test_the_smoothed_mean_is_that_of_the_rauch_tung_striebel_smoother() -> None
     smoothed = info.look_back.smoothed()
     # Five standard errors of as many particles, whose weights are uneven by less than a half.
     tolerance = 5 * np.sqrt(np.diag(covariance) / (0.5 * count))
-    assert np.all(np.abs(likely(smoothed, 0.5).states[0] - expected) < tolerance)
+    assert np.all(np.abs(smoothed.likely(0.5).states[0] - expected) < tolerance)
 
 
 def test_particles_that_leave_are_where_a_target_ended() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
 from tsuiseki.tracking.filters.base import Running
-from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, NoBirths, newborn
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.clusters import by_clusters, by_measurements
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.finite_sets.models import (
@@ -27,6 +27,8 @@ SENSOR = GaussianSensor(cartesian, np.array([10.0, 10.0]))
 REGION = 1000.0
 PLACES = MixtureBirths(np.full(2, 0.05), np.array([[0.0, 0, 0, 0], [300, 0, 300, 0]]), np.full(4, 10.0), 500)
 ANYWHERE = MeasurementBirths(0.1 / REGION**2, SENSOR, newborn(lambda places: places, 2, 10.0), 4, 100)
+
+NO_BIRTHS = MixtureBirths(np.empty(0), np.empty((0, 4)), np.ones(4))
 
 
 def model(clutter=5.0, detection=0.95, survival=0.99):
@@ -71,7 +73,7 @@ def test_the_newborn_at_known_places_have_any_of_the_motions():
 
 def test_without_clutter_and_births_the_phd_is_the_kalman_posterior():
     _, measurements = simulate(15, 0, clutter=0.0, detection=1.0, starts=((0.0, 3.0, 0.0, 2.0),))
-    chosen = PhdFilter(model(0.0, 1.0, 1.0), NoBirths(4), density=20_000)
+    chosen = PhdFilter(model(0.0, 1.0, 1.0), NO_BIRTHS, density=20_000)
     rng = np.random.default_rng(1)
     start, spread = np.array([0.0, 3.0, 0.0, 2.0]), np.diag([25.0, 4.0, 25.0, 4.0])
     state = chosen.init(start + rng.standard_normal((20_000, 4)) * np.sqrt(np.diag(spread)), 1.0)
@@ -90,7 +92,7 @@ def test_without_clutter_and_births_the_phd_is_the_kalman_posterior():
 
 @pytest.mark.parametrize("detection", [1.0, 0.8])
 def test_a_missed_scan_leaves_the_share_of_equation_45(detection):
-    chosen = PhdFilter(model(0.0, detection, survival=0.5), NoBirths(4), density=1000)
+    chosen = PhdFilter(model(0.0, detection, survival=0.5), NO_BIRTHS, density=1000)
     _, info = chosen.step(chosen.init(np.zeros((1000, 4)), 3.0), np.empty((0, 2)), np.random.default_rng(0))
     assert info.expected_count == pytest.approx(3.0 * 0.5 * (1 - detection))
 
@@ -162,10 +164,12 @@ def test_a_target_that_leaves_is_gone_at_once_where_the_model_says_so(kind):
     assert counts == {"bounded": 0, "open": 1}
 
 
-def test_without_memory_the_weight_alone_reports():
+def test_as_printed_the_weight_alone_reports():
     _, measurements = simulate(15, 2, clutter=0.5, detection=1.0, starts=((0.0, 3.0, 0.0, 2.0),))
     measurements[12] = np.empty((0, 2))
-    infos = run(PhdFilter(model(0.5), PLACES, 300, identity=TrackIdentity(remember=False)), measurements)
+    infos = run(
+        PhdFilter(model(0.5), PLACES, 300, extract=by_clusters, identity=TrackIdentity(printed=True)), measurements
+    )
     assert len(infos[11].estimates) == 1
     assert len(infos[12].estimates) == 0
 
@@ -214,7 +218,7 @@ def test_detection_may_depend_on_the_state():
         lambda p: np.where(p[:, 0] < 0, 0.0, 1.0),
         lambda y: np.full(len(y), 1e-6),
     )
-    chosen = PhdFilter(hidden, NoBirths(4), 500)
+    chosen = PhdFilter(hidden, NO_BIRTHS, 500)
     particles = np.repeat([[-300.0, 0, 0, 0], [300.0, 0, 0, 0]], 500, axis=0)
     _, info = chosen.step(chosen.init(particles, 2.0), np.empty((0, 2)), np.random.default_rng(0))
     assert info.expected_count == pytest.approx(1.0)
@@ -246,7 +250,7 @@ def test_a_place_where_nothing_was_measured_gets_few_particles_of_the_same_mass(
 
 
 def test_as_printed_newborn_particles_take_the_label_of_the_near_cluster():
-    identity = TrackIdentity(remember=False, confirm=False, claim=False, adopt=True)
+    identity = TrackIdentity(printed=True)
     births = replace(PLACES, count=50)
     chosen = PhdFilter(model(), births, 500, smallest_cluster=0, extract=by_clusters, identity=identity)
     _, measurements = simulate(12, seed=3, clutter=0.0, detection=1.0)
@@ -264,7 +268,7 @@ def labelled_state(existence, places, reported=None):
     count, rng = len(existence), np.random.default_rng(0)
     particles = np.zeros((count, 200, 4))
     particles[:, :, [0, 2]] = np.asarray(places)[:, None] + 5 * rng.standard_normal((count, 200, 2))
-    empty = LabelledMultiBernoulliFilter(model(), NoBirths(4), 200).init(np.empty((0, 4)))
+    empty = LabelledMultiBernoulliFilter(model(), NO_BIRTHS, 200).init(np.empty((0, 4)))
     return replace(
         empty, labels=np.arange(1, count + 1), existence=np.array(existence), particles=particles,
         log_weights=np.full((count, 200), -np.log(200)), next_label=count + 1,
@@ -273,7 +277,7 @@ def labelled_state(existence, places, reported=None):
 
 
 def test_unreported_tracks_of_one_place_become_one_of_the_same_expected_count():
-    chosen = LabelledMultiBernoulliFilter(model(), NoBirths(4), 200)
+    chosen = LabelledMultiBernoulliFilter(model(), NO_BIRTHS, 200)
     before = labelled_state([0.2, 0.4, 0.3, 0.9, 0.45], [[0, 0], [5, 0], [0, 5], [0, 0], [300, 0]])
     after = chosen._merge(before, np.random.default_rng(1))
     assert after.labels.tolist() == [1, 4, 5]
@@ -290,7 +294,7 @@ def test_unreported_tracks_of_one_place_become_one_of_the_same_expected_count():
 
 
 def test_a_track_is_reported_when_it_is_confirmed_and_held_while_it_is_likely():
-    chosen = LabelledMultiBernoulliFilter(model(), NoBirths(4), 200, confirm=0.65)
+    chosen = LabelledMultiBernoulliFilter(model(), NO_BIRTHS, 200, confirm=0.65)
     state, first = chosen._estimate(labelled_state([0.6, 0.7, 0.6, 0.4], np.zeros((4, 2)), [False, False, True, True]))
     assert first.ids.tolist() == [2, 3]
     assert state.reported.tolist() == [False, True, True, True]
@@ -324,6 +328,6 @@ def test_a_survival_proposal_is_corrected():
         del measurements
         return base.moved(particles, rng), np.full(len(particles), np.log(2.0))
 
-    chosen = PhdFilter(base, NoBirths(4), 200, proposal=shifted)
+    chosen = PhdFilter(base, NO_BIRTHS, 200, proposal=shifted)
     predicted = chosen._predict(chosen.init(np.zeros((200, 4)), 1.0), np.empty((0, 2)), np.random.default_rng(0))
     assert predicted.expected_count == pytest.approx(2.0)

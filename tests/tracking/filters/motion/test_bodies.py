@@ -30,7 +30,7 @@ def test_random_walk_adds_noise_and_nothing_else():
     # Five standard errors.
     np.testing.assert_allclose(moved.mean(axis=0), noise.mean, atol=5 * 3.0 / 200)
     np.testing.assert_allclose(np.cov(moved.T), np.diag(noise.deviation**2), atol=5 * 9.0 * np.sqrt(2) / 200)
-    np.testing.assert_allclose(RandomWalk(noise).drift(STATES), STATES + noise.mean)
+    np.testing.assert_allclose(RandomWalk(noise).moved(STATES, noise.mean), STATES + noise.mean)
 
 
 def test_constant_velocity_goes_straight_whatever_the_heading():
@@ -89,7 +89,7 @@ def test_gain_moves_the_expected_increment():
     motion = BodyFixedVelocity(STILL, FORWARD, gain)
     particles = motion.start(STATES, rng())
     particles[:, 7] = 0.3
-    moved = motion.drift(particles)
+    moved = motion.moved(particles, np.zeros((3, 4)))
     np.testing.assert_allclose(moved[:, 2], STATES[:, 2] + 0.05 * 5.0 * STATES[:, 3])
     np.testing.assert_allclose(moved[:, 3], STATES[:, 3] + 0.9 * 0.3)
     assert conditions(particles[:, :4], particles[:, 4:]).shape == (3, 6)
