@@ -219,13 +219,13 @@ def floor(given: Comparison, distance: float = 1.0, near: float = 0.5) -> None:
     from dataclasses import asdict
 
     from tsuiseki.tracking.evaluation.on_floor import evaluate_floor_files
-    from tsuiseki.tracking.evaluation.tables import on_floor_table
+    from tsuiseki.tracking.evaluation.tables import FLOOR_COLUMNS, value_table
 
     for name, value in (("distance", distance), ("near", near)):
         if not value > 0:
             raise RequestError(f"`{name}`: expected metres above 0, got {value:g}")
     scores = evaluate_floor_files(given.truth, given.named(), distance, near)
-    given.report(on_floor_table(scores), {name: asdict(one) for name, one in scores.items()})
+    given.report(value_table(scores, FLOOR_COLUMNS), {name: asdict(one) for name, one in scores.items()})
 
 
 def people(given: PlottedComparison, labels: Labels, classes: list[int | str] | None = None) -> None:
@@ -298,14 +298,14 @@ def points(given: Comparison, stretch: Stretch, cutoff: float = 100.0, window: i
 
     from tsuiseki.tracking.errors import RequestError
     from tsuiseki.tracking.evaluation.points import evaluate_point_files
-    from tsuiseki.tracking.evaluation.tables import point_table
+    from tsuiseki.tracking.evaluation.tables import POINT_COLUMNS, value_table
 
     if not cutoff > 0:
         raise RequestError(f"`cutoff`: expected a distance above 0, got {cutoff:g}")
     if window < 1:
         raise RequestError(f"`window`: expected 1 frame or more, got {window}")
     scores = evaluate_point_files(given.truth, given.named(), cutoff, window, stretch.range)
-    given.report(point_table(scores), {name: asdict(one) for name, one in scores.items()})
+    given.report(value_table(scores, POINT_COLUMNS), {name: asdict(one) for name, one in scores.items()})
 
 
 def single(
@@ -356,9 +356,9 @@ def states(given: Comparison, stretch: Stretch, distance: float = 20.0) -> None:
     """
     from tsuiseki.tracking.errors import RequestError
     from tsuiseki.tracking.evaluation.states import evaluate_state_files
-    from tsuiseki.tracking.evaluation.tables import state_table
+    from tsuiseki.tracking.evaluation.tables import STATE_COLUMNS, value_table
 
     if not distance > 0:
         raise RequestError(f"`distance`: expected pixels above 0, got {distance:g}")
     scores = evaluate_state_files(given.truth, given.named(), distance, stretch.range)
-    given.report(state_table(scores), {name: one.values() for name, one in scores.items()})
+    given.report(value_table(scores, STATE_COLUMNS), {name: one.values() for name, one in scores.items()})

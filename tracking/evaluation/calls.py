@@ -17,6 +17,7 @@ from tsuiseki.tracking.evaluation.result_files import match_results, of_class
 from tsuiseki.tracking.evaluation.single import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.evaluation.truths import Truth, read_truths
 from tsuiseki.tracking.formats.label_checks import same_class
+from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.types import Estimate, FloatArray, Track, as_numbers
 from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, parse_frames
@@ -140,12 +141,8 @@ def ground_truth_of(tracks: Sequence[Track]) -> GroundTruth:
     """
     if not _are_tracks(tracks) or not tracks:
         raise RequestError("expected the truth as a folder, a file or tracks, got nothing of that")
-    frames = np.concatenate([track.frames for track in tracks])
-    ids = np.concatenate([np.full(len(track), track.id, dtype=np.int64) for track in tracks])
-    order = np.lexsort((ids, frames))
-    count = np.ones(len(frames), dtype=np.bool_)
-    boxes = np.concatenate([track.boxes for track in tracks])
-    return GroundTruth(frames[order], ids[order], boxes[order], count, ~count, np.ones(len(frames)))
+    rows = boxes_of_tracks(tracks)
+    return GroundTruth.of_boxes(rows.frames, rows.ids, rows.boxes)
 
 
 def _are_tracks(given: object) -> bool:

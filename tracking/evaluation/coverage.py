@@ -20,6 +20,7 @@ from tsuiseki.tracking.evaluation.result_files import (
 from tsuiseki.tracking.evaluation.tables import by_sequence, score_table
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.single import SingleSequence
+from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
@@ -56,13 +57,10 @@ class Span:
 def coverage(truth: GroundTruth, tracks: Iterable[Track], overlap: float = MATCH_OVERLAP) -> list[Coverage]:
     """The tracks on every person, matched frame by frame from an ``overlap`` on, in the order of appearance."""
     rows = truth.select(truth.evaluated)
-    tracks = list(tracks)
-    frames = np.concatenate([t.frames for t in tracks]) if tracks else np.empty(0, np.int64)
-    ids = np.concatenate([np.full(len(t), t.id) for t in tracks]) if tracks else frames
-    boxes = np.concatenate([t.boxes for t in tracks]) if tracks else np.empty((0, 4))
-    label = matched_labels(frames, boxes, rows, overlap)
+    every = boxes_of_tracks(tracks)
+    label = matched_labels(every.frames, every.boxes, rows, overlap)
     found = np.zeros(len(rows), dtype=np.int64)
-    found[label[label != NOBODY]] = ids[label != NOBODY]
+    found[label[label != NOBODY]] = every.ids[label != NOBODY]
     people, first = np.unique(rows.ids, return_index=True)
     return [
         Coverage(int(person), rows.frames[rows.ids == person], found[rows.ids == person])
@@ -115,8 +113,7 @@ def target_coverage(boxes: np.ndarray, tracks: Sequence[Track], overlap: float =
     frames = np.flatnonzero(np.isfinite(boxes).all(axis=1))
     if not len(frames):
         return TargetCoverage(0, 0, 0, 0, 0, None, len(tracks))
-    everyone = np.ones(len(frames), dtype=np.bool_)
-    truth = GroundTruth(frames, everyone.astype(np.int64), boxes[frames], everyone, ~everyone, np.ones(len(frames)))
+    truth = GroundTruth.of_boxes(frames, np.ones(len(frames), dtype=np.int64), boxes[frames])
     (found,) = coverage(truth, tracks, overlap)
     ids = found.track_ids
     on = ids[ids > 0]

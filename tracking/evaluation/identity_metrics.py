@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import scipy
@@ -56,8 +57,17 @@ class LabelledSequence:
         )
 
 
+class Sums:
+    """Sums over a sequence; those of several add up field by field."""
+
+    def __add__(self, other: Self) -> Self:
+        return type(self)(
+            *(mine + theirs for mine, theirs in zip(vars(self).values(), vars(other).values(), strict=True))
+        )
+
+
 @dataclass(frozen=True)
-class Hota:
+class Hota(Sums):
     """Sums for each threshold of `ALPHAS`.
 
     Attributes:
@@ -71,14 +81,6 @@ class Hota:
     misses: FloatArray
     false: FloatArray
     associations: FloatArray
-
-    def __add__(self, other: Hota) -> Hota:
-        return Hota(
-            self.hits + other.hits,
-            self.misses + other.misses,
-            self.false + other.false,
-            self.associations + other.associations,
-        )
 
     @property
     def det_a(self) -> FloatArray:
@@ -97,7 +99,7 @@ class Hota:
 
 
 @dataclass(frozen=True)
-class Clear:
+class Clear(Sums):
     """Counts of CLEAR MOT, and the sum of the overlaps of all hits."""
 
     hits: int
@@ -105,15 +107,6 @@ class Clear:
     false: int
     switches: int
     overlap: float
-
-    def __add__(self, other: Clear) -> Clear:
-        return Clear(
-            self.hits + other.hits,
-            self.misses + other.misses,
-            self.false + other.false,
-            self.switches + other.switches,
-            self.overlap + other.overlap,
-        )
 
     @property
     def mota(self) -> float:
@@ -137,15 +130,12 @@ class Clear:
 
 
 @dataclass(frozen=True)
-class Identity:
+class Identity(Sums):
     """Boxes with the right identity, without one, and with a wrong one."""
 
     hits: int
     misses: int
     false: int
-
-    def __add__(self, other: Identity) -> Identity:
-        return Identity(self.hits + other.hits, self.misses + other.misses, self.false + other.false)
 
     @property
     def idf1(self) -> float:

@@ -19,7 +19,17 @@ import numpy as np
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.looks import looked_at, stride_of
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.evaluation.identity_metrics import Clear, Hota, Identity, LabelledSequence, clear, hota, identity
+from tsuiseki.tracking.evaluation.identity_metrics import (
+    Clear,
+    Hota,
+    Identity,
+    LabelledSequence,
+    Sums,
+    clear,
+    hota,
+    identity,
+)
+from tsuiseki.tracking.formats.tracked_video import TrackedBoxes, boxes_of_tracks
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
@@ -89,15 +99,12 @@ class PeopleEvaluation:
 
 
 @dataclass(frozen=True)
-class PeopleSums:
+class PeopleSums(Sums):
     """The sums of a sequence, from which those of several are added up."""
 
     hota: Hota
     clear: Clear
     identity: Identity
-
-    def __add__(self, other: PeopleSums) -> PeopleSums:
-        return PeopleSums(self.hota + other.hota, self.clear + other.clear, self.identity + other.identity)
 
 
 def evaluate_sequence(truth: GroundTruth, tracks: list[Track], length: int | None = None) -> PeopleScores:
@@ -133,21 +140,11 @@ def evaluate_sequences(pairs: Iterable[SequencePair]) -> PeopleEvaluation:
 
 def restrict(tracks: Iterable[Track], frames: FrameRange) -> list[Track]:
     """The parts of ``tracks`` within ``frames``."""
-    parts = []
-    for track in tracks:
-        inside = frames.mask(track.frames)
-        if inside.any():
-            parts.append(
-                replace(
-                    track,
-                    frames=track.frames[inside],
-                    boxes=track.boxes[inside],
-                    scores=track.scores[inside],
-                    observed=track.observed[inside],
-                    origin=track.origin[inside],
-                )
-            )
-    return parts
+    names = ("frames", "boxes", "scores", "observed", "origin")
+    masks = [(track, frames.mask(track.frames)) for track in tracks]
+    return [
+        replace(one, **{name: getattr(one, name)[inside] for name in names}) for one, inside in masks if inside.any()
+    ]
 
 
 def people_sums(pair: SequencePair) -> PeopleSums:
@@ -178,61 +175,39 @@ def _summary(sums: PeopleSums) -> PeopleScores:
     )
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Boxes of all frames in one table, ordered by frame."""
-
-    frames: IntArray
-    ids: IntArray
-    boxes: FloatArray
-
-
 def _prepare(pair: SequencePair) -> LabelledSequence:
     """The boxes that count: per frame the ids, numbered from 0, and the overlaps."""
-    truth, result = pair.truth, _rows(pair.tracks)
+    labels, result = pair.truth, boxes_of_tracks(pair.tracks)
     if len({track.id for track in pair.tracks}) < len(pair.tracks):
         raise RequestError(f"{pair.name}: expected tracks of different ids, got an id twice")
-    if not truth.evaluated.any():
+    if not labels.evaluated.any():
         raise RequestError(f"{pair.name}: expected a labelled box that counts, got none; is this the right file?")
-    labels = _Rows(truth.frames, truth.ids, truth.boxes)
     _check_length(pair, labels, result)
     result = _where_labelled(pair, labels, result)
     # Frames in which there is nothing change no score, and a file may have many of them.
     filled = np.unique(np.concatenate([labels.frames, result.frames]))
-    labels = replace(labels, frames=np.searchsorted(filled, labels.frames))
-    result = replace(result, frames=np.searchsorted(filled, result.frames))
-    length = len(filled)
-    label_starts = np.searchsorted(labels.frames, np.arange(length + 1))
-    result_starts = np.searchsorted(result.frames, np.arange(length + 1))
+    length, true_frames, frames = len(filled), *(np.searchsorted(filled, one.frames) for one in (labels, result))
+    label_starts, result_starts = (np.searchsorted(one, np.arange(length + 1)) for one in (true_frames, frames))
     counted = np.ones(len(result.frames), dtype=np.bool_)
     overlaps = []
     for frame in range(length):
         a = slice(label_starts[frame], label_starts[frame + 1])
         b = slice(result_starts[frame], result_starts[frame + 1])
         shared = iou_matrix(labels.boxes[a], result.boxes[b])
-        counted[b] = ~_on_ignored(shared, truth.ignored[a])
-        overlaps.append(shared[truth.evaluated[a]][:, counted[b]])
-    true_ids, true_count = _number_from_zero(labels.ids, truth.evaluated)
+        counted[b] = ~_on_ignored(shared, labels.ignored[a])
+        overlaps.append(shared[labels.evaluated[a]][:, counted[b]])
+    true_ids, true_count = _number_from_zero(labels.ids, labels.evaluated)
     result_ids, result_count = _number_from_zero(result.ids, counted)
     return LabelledSequence(
-        _split(true_ids, labels.frames[truth.evaluated], length),
-        _split(result_ids, result.frames[counted], length),
+        _split(true_ids, true_frames[labels.evaluated], length),
+        _split(result_ids, frames[counted], length),
         overlaps,
         true_count,
         result_count,
     )
 
 
-def _rows(tracks: list[Track]) -> _Rows:
-    if not tracks:
-        return _Rows(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 4)))
-    frames = np.concatenate([track.frames for track in tracks])
-    ids = np.concatenate([np.full(len(track), track.id, dtype=np.int64) for track in tracks])
-    order = np.lexsort([ids, frames])
-    return _Rows(frames[order], ids[order], np.concatenate([track.boxes for track in tracks])[order])
-
-
-def _where_labelled(pair: SequencePair, labels: _Rows, result: _Rows) -> _Rows:
+def _where_labelled(pair: SequencePair, labels: GroundTruth, result: TrackedBoxes) -> TrackedBoxes:
     """The result in the frames that somebody labelled, as `looked_at` has it."""
     last = int(max(labels.frames[-1], result.frames.max(initial=0), (pair.length or 1) - 1))
     labelled = looked_at(np.bincount(labels.frames, minlength=last + 1))
@@ -245,10 +220,10 @@ def _where_labelled(pair: SequencePair, labels: _Rows, result: _Rows) -> _Rows:
         stacklevel=2,
     )
     kept = labelled[result.frames]
-    return _Rows(result.frames[kept], result.ids[kept], result.boxes[kept])
+    return TrackedBoxes(*(column[kept] for column in result))
 
 
-def _check_length(pair: SequencePair, labels: _Rows, result: _Rows) -> None:
+def _check_length(pair: SequencePair, labels: GroundTruth, result: TrackedBoxes) -> None:
     last = max(int(labels.frames[-1]), int(result.frames[-1]) if len(result.frames) else -1)
     if pair.length is not None and last >= pair.length:
         raise RequestError(

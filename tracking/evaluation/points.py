@@ -16,6 +16,8 @@ from scipy.spatial.distance import cdist
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.sensed_points import is_point_file, read_point_tracks
+from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
+from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 
@@ -115,10 +117,8 @@ class PointTracks:
     @classmethod
     def of(cls, tracks: Sequence[Track]) -> PointTracks:
         """The centres of the boxes of tracks."""
-        frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
-        ids = np.concatenate([np.empty(0, np.int64), *(np.full(len(track), track.id) for track in tracks)])
-        boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
-        return cls(frames, ids, (boxes[:, :2] + boxes[:, 2:]) / 2)
+        rows = boxes_of_tracks(tracks)
+        return cls(rows.frames, rows.ids, centres(rows.boxes))
 
     def at(self, frame: int) -> FloatArray:
         """Positions ``(n, D)`` in one frame."""
@@ -296,7 +296,7 @@ def read_labelled_points(path: Path) -> PointTracks:
         return PointTracks(*read_point_tracks(path))
     truth = read_ground_truth(path)
     truth = truth.select(truth.evaluated)
-    return PointTracks(truth.frames, truth.ids, (truth.boxes[:, :2] + truth.boxes[:, 2:]) / 2)
+    return PointTracks(truth.frames, truth.ids, centres(truth.boxes))
 
 
 def read_tracked_points(path: Path) -> PointTracks:

@@ -81,6 +81,11 @@ class StateScores:
     false: int
     frames: int
 
+    @property
+    def followed_of(self) -> str:
+        """`followed` and `bodies`, for a table."""
+        return f"{self.followed} of {self.bodies}"
+
     def values(self) -> dict[str, Any]:
         """For JSON, null where there is no number."""
         return {

@@ -14,10 +14,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.evaluation.actions import ActionScores
     from tsuiseki.tracking.evaluation.detection import DetectionScores
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
-    from tsuiseki.tracking.evaluation.on_floor import OnFloorScores
-    from tsuiseki.tracking.evaluation.points import PointScores
     from tsuiseki.tracking.evaluation.result_files import DetectionEvaluation
-    from tsuiseki.tracking.evaluation.states import StateScores
 
 # Heading and field of every column, and whether it is a share or a count.
 COLUMNS = (
@@ -33,10 +30,21 @@ COLUMNS = (
     ("Rcll", "recall", True),
     ("Prcn", "precision", True),
 )
-POINT_COLUMNS = ("OSPA p=1", "OSPA p=2", "OSPA(2)", "GOSPA", "missed", "false", "|count error|", "switches")
+POINT_COLUMNS = (
+    ("OSPA p=1", "ospa1", ".2f"), ("OSPA p=2", "ospa2", ".2f"), ("OSPA(2)", "ospa_tracks", ".2f"),
+    ("GOSPA", "gospa", ".2f"), ("missed", "missed", ".2f"), ("false", "false", ".2f"),
+    ("|count error|", "cardinality_error", ".2f"), ("switches", "switches", ""),
+)  # fmt: skip
+FLOOR_COLUMNS = (
+    ("IDF1", "idf1", ".3f"), ("MOTA", "mota", ".3f"), ("HOTA", "hota", ".3f"), ("switches", "switches", ""),
+    ("MODA", "moda", ".3f"), ("MODP", "modp", ".3f"), ("Rcll", "recall", ".3f"), ("Prcn", "precision", ".3f"),
+    ("GOSPA m", "gospa", ".2f"),
+)  # fmt: skip
 STATE_COLUMNS = (
-    "success", "followed", "px: mean", "median", "95 %", "degrees: mean", "median", "reversed", "IDF1", "switches",
-    "false",
+    ("success", "success", ".3f"), ("followed", "followed_of", ""), ("px: mean", "position_mean", ".2f"),
+    ("median", "position_median", ".2f"), ("95 %", "position_95", ".2f"), ("degrees: mean", "angle_mean", ".2f"),
+    ("median", "angle_median", ".2f"), ("reversed", "reversed", ".3f"), ("IDF1", "idf1", ".3f"),
+    ("switches", "switches", ""), ("false", "false", ""),
 )  # fmt: skip
 COMBINED = "combined"
 Row = Sequence[str]
@@ -134,38 +142,19 @@ def _plain(scores: PeopleScores | DetectionScores) -> dict[str, Any]:
     return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
 
 
-def point_table(results: Mapping[str, PointScores]) -> Table:
-    """The scores of several results, a row each."""
-    rows = []
-    for name, s in results.items():
-        numbers = (s.ospa1, s.ospa2, s.ospa_tracks, s.gospa, s.missed, s.false, s.cardinality_error)
-        rows.append([name, *(f"{value:.2f}" for value in numbers), str(s.switches)])
-    return score_table(("Result",), POINT_COLUMNS, [rows])
+def value_table(results: Mapping[str, Any], columns: Sequence[tuple[str, str, str]]) -> Table:
+    """The scores of several results, a row each.
+
+    Args:
+        results: scores by name of the result.
+        columns: the heading of each, the field or property of the scores, and its format.
+    """
+    rows = [[name, *(_number(getattr(s, field), form) for _, field, form in columns)] for name, s in results.items()]
+    return score_table(("Result",), [heading for heading, _, _ in columns], [rows])
 
 
-def on_floor_table(results: Mapping[str, OnFloorScores]) -> Table:
-    """The scores of several results, a row each."""
-    headings = ("IDF1", "MOTA", "HOTA", "switches", "MODA", "MODP", "Rcll", "Prcn", "GOSPA m")
-    rows = []
-    for name, s in results.items():
-        shares = [f"{v:.3f}" for v in (s.moda, s.modp, s.recall, s.precision)]
-        rows.append([name, *(f"{v:.3f}" for v in (s.idf1, s.mota, s.hota)), str(s.switches), *shares, f"{s.gospa:.2f}"])
-    return score_table(("Result",), headings, [rows])
-
-
-def state_table(results: Mapping[str, StateScores]) -> Table:
-    """A row a result; success, reversed and IDF1 are shares, false are estimates on no body."""
-    rows = []
-    for name, s in results.items():
-        positions = (s.position_mean, s.position_median, s.position_95, s.angle_mean, s.angle_median)
-        errors = [*(_number(value, 2) for value in positions), _number(s.reversed, 3)]
-        followed = f"{s.followed} of {s.bodies}"
-        rows.append([name, f"{s.success:.3f}", followed, *errors, f"{s.idf1:.3f}", str(s.switches), str(s.false)])
-    return score_table(("Result",), STATE_COLUMNS, [rows])
-
-
-def _number(value: float, digits: int) -> str:
-    return "–" if np.isnan(value) else f"{value:.{digits}f}"
+def _number(value: Any, form: str) -> str:
+    return "–" if isinstance(value, float) and np.isnan(value) else f"{value:{form}}"
 
 
 def action_table(results: Mapping[str, ActionScores]) -> Table:
@@ -203,7 +192,7 @@ def action_values(results: Mapping[str, ActionScores]) -> dict[str, Any]:
 
 
 def _percent(value: float) -> str:
-    return _number(100 * value, 2)
+    return _number(100 * value, ".2f")
 
 
 def _or_none(value: float) -> float | None:

@@ -88,15 +88,11 @@ def _of_rotated(path: Path) -> Truth:
     counts = [int((each.ids >= 0).sum()) for each in images]
     if not sum(counts):
         raise RequestError(f"{path}: expected a person_id in some annotation, found none; score boxes as detections")
-    everyone = np.ones(sum(counts), dtype=np.bool_)
-    labels = GroundTruth(
-        frames=np.repeat(np.arange(len(images)), counts),
+    labels = GroundTruth.of_boxes(
+        np.repeat(np.arange(len(images)), counts),
         # Ids of tracks count from 1; these may be 0.
-        ids=np.concatenate([each.ids[each.ids >= 0] for each in images]) + 1,
-        boxes=about_bodies(np.concatenate([each.boxes[each.ids >= 0] for each in images])),
-        evaluated=everyone,
-        ignored=~everyone,
-        visibility=np.ones(sum(counts)),
+        np.concatenate([each.ids[each.ids >= 0] for each in images]) + 1,
+        about_bodies(np.concatenate([each.boxes[each.ids >= 0] for each in images])),
     )
     return Truth(path.stem, labels, len(images))
 

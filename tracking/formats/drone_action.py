@@ -151,5 +151,4 @@ def read_drone_action_boxes(path: str | Path, length: int | None = None) -> Grou
         k = int(seen[np.argmax((rows[seen, 2:] <= 0).any(axis=1))]) if len(seen) else 0
         raise RequestError(f"{path}:{k + 1}: expected a box with a positive width and height in some frame")
     boxes = corners_from_xywh(rows[seen] - np.array([1, 1, 0, 0]))
-    everyone = np.ones(len(seen), dtype=np.bool_)
-    return GroundTruth(seen, np.ones(len(seen), dtype=np.int64), boxes, everyone, ~everyone, np.ones(len(seen)))
+    return GroundTruth.of_boxes(seen, np.ones(len(seen), dtype=np.int64), boxes)

@@ -8,8 +8,6 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-import numpy as np
-
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.rows import read_text
@@ -145,9 +143,7 @@ def write_sequence_info(
 def write_sequence(folder: Path, video: TrackedVideo) -> None:
     """Write tracks as labels that all count, ``gt/gt.txt``, and ``seqinfo.ini``; without images."""
     rows, (width, height) = video.boxes, video.pixels
-    everyone = np.ones(len(rows.frames), dtype=np.bool_)
-    truth = GroundTruth(rows.frames, rows.ids, rows.boxes, everyone, ~everyone, np.ones(len(rows.frames)))
-    write_ground_truth(folder / "gt" / "gt.txt", truth)
+    write_ground_truth(folder / "gt" / "gt.txt", GroundTruth.of_boxes(rows.frames, rows.ids, rows.boxes))
     write_sequence_info(folder, video.stem, video.frame_rate or 25.0, video.frame_count, width, height)
 
 

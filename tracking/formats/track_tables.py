@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text, write_csv
+from tsuiseki.tracking.formats.tracked_video import NOBODY
 from tsuiseki.tracking.formats.world_tables import COVARIANCE
 from tsuiseki.tracking.types import IntArray, Position, Track
 from tsuiseki.tracking.types.measurements import SensedTrack
@@ -94,9 +95,6 @@ def names_in(table: Columns) -> tuple[str, ...]:
     if "status" in table and "id" in table:
         return tuple(name for name in table if name not in ("frame", "id", "score", "status"))
     return tuple(name.removeprefix("single_") for name in table if name.startswith("single_"))
-
-
-NOBODY = Track(1, np.empty(0, np.int64), np.empty((0, 4)), np.empty(0), np.empty(0, np.bool_))
 
 
 def _columns(track: Any, names: Sequence[str]) -> Columns:

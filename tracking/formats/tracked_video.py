@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import NothingLabelledError, compare_with_picture, wanted_numbers
+from tsuiseki.tracking.formats.rows import repeated
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES
@@ -27,6 +28,7 @@ PERSON = "person"
 LONGEST = 1_000_000
 """Frames of a track that is filled in between keys: 11 hours."""
 NONE = np.empty(0, np.int64)
+NOBODY = Track(1, NONE, np.empty((0, 4)), np.empty(0), np.empty(0, np.bool_))
 
 
 class TrackedBoxes(NamedTuple):
@@ -38,6 +40,16 @@ class TrackedBoxes(NamedTuple):
     scores: FloatArray
     observed: BoolArray
     detection: IntArray
+
+
+def boxes_of_tracks(tracks: Iterable[Track]) -> TrackedBoxes:
+    """The boxes of tracks."""
+    every = [NOBODY, *tracks]
+    ids = np.repeat([track.id for track in every], [len(track) for track in every])
+    names = ("frames", "boxes", "scores", "observed", "detection")
+    frames, *rest = (np.concatenate([getattr(track, name) for track in every]) for name in names)
+    order = np.lexsort([ids, frames])
+    return TrackedBoxes(frames[order], ids[order], *(column[order] for column in rest))
 
 
 @dataclass(frozen=True)
@@ -71,14 +83,7 @@ class TrackedVideo:
     @cached_property
     def boxes(self) -> TrackedBoxes:
         """All boxes."""
-        if not self.tracks:
-            return TrackedBoxes(NONE, NONE, np.empty((0, 4)), np.empty(0), np.empty(0, np.bool_), NONE)
-        frames = np.concatenate([track.frames for track in self.tracks])
-        ids = np.concatenate([np.full(len(track), track.id) for track in self.tracks])
-        order = np.lexsort([ids, frames])
-        rest = ("boxes", "scores", "observed", "detection")
-        columns = (np.concatenate([getattr(track, name) for track in self.tracks])[order] for name in rest)
-        return TrackedBoxes(frames[order], ids[order], *columns)
+        return boxes_of_tracks(self.tracks)
 
     @property
     def pixels(self) -> tuple[int, int]:
@@ -178,8 +183,7 @@ class TrackedVideo:
         people = [number for number, kind in names.items() if kind.lower() in PERSON_NAMES] or list(names)
         counted = {names[number] for number in wanted_numbers(wanted, names, people, path)}
         evaluated = np.isin(rows.ids, [track.id for track in self.tracks if self.kind[track.id] in counted])
-        nobody = np.zeros(len(rows.ids), dtype=np.bool_)
-        return GroundTruth(rows.frames, rows.ids, rows.boxes, evaluated, nobody, np.ones(len(rows.ids)))
+        return replace(GroundTruth.of_boxes(rows.frames, rows.ids, rows.boxes), evaluated=evaluated)
 
 
 def runs_of(frames: IntArray) -> list[IntArray]:
@@ -254,9 +258,7 @@ def tracks_of_rows(
             "counted from 0"
         )
     order = np.lexsort([frames, ids])
-    twice = np.flatnonzero((np.diff(frames[order]) == 0) & (np.diff(ids[order]) == 0))
-    if len(twice):
-        row = order[twice[0]]
+    if (row := repeated(frames, ids)) is not None:
         raise RequestError(f"{path}: id {ids[row]} stands twice in frame {frames[row]}, counted from 0")
     observed, shift = np.array([row[4] for row in given], dtype=np.bool_), 1 if ids.min() == 0 else 0
     parts = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
@@ -27,19 +29,18 @@ class GroundTruth:
     ignored: BoolArray
     visibility: FloatArray
 
+    @classmethod
+    def of_boxes(cls, frames: IntArray, ids: IntArray, boxes: FloatArray) -> GroundTruth:
+        """Boxes that all count and are visible as a whole."""
+        everyone = np.ones(len(frames), dtype=np.bool_)
+        return cls(frames, ids, boxes, everyone, ~everyone, np.ones(len(frames)))
+
     def __len__(self) -> int:
         return len(self.frames)
 
     def select(self, which: BoolArray | IntArray) -> GroundTruth:
         """The rows at a mask or at indices."""
-        return GroundTruth(
-            self.frames[which],
-            self.ids[which],
-            self.boxes[which],
-            self.evaluated[which],
-            self.ignored[which],
-            self.visibility[which],
-        )
+        return GroundTruth(*(column[which] for column in vars(self).values()))
 
     def between(self, first: int, last: int) -> GroundTruth:
         """The rows of the 0-based frames ``first`` to ``last``, both included; frames keep their numbers."""
@@ -75,13 +76,5 @@ class ActionLabels:
 
     def select(self, which: BoolArray | IntArray) -> ActionLabels:
         """The rows at a mask or at indices."""
-        return ActionLabels(
-            self.frames[which],
-            self.ids[which],
-            self.boxes[which],
-            self.lost[which],
-            self.occluded[which],
-            self.generated[which],
-            self.actions[which],
-            self.class_names,
-        )
+        columns = {name: column[which] for name, column in vars(self).items() if name != "class_names"}
+        return replace(self, **columns)
