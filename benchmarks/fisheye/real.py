@@ -30,8 +30,8 @@ from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, Omn
 from tsuiseki.tracking.cameras.person_model import GridSettings, PersonModel, PersonTable, build_table, stand
 from tsuiseki.tracking.cameras.pose import locate_over_floor, pose_at
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.detection import evaluate_rotated
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
-from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
 from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.features.exported import Appearance, Detect, Detector
 from tsuiseki.tracking.fisheye.page import corners

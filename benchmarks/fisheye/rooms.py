@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.room_clip import Room
-from tsuiseki.tracking.evaluation.rotated import evaluate_rotated
+from tsuiseki.tracking.evaluation.detection import evaluate_rotated
 from tsuiseki.tracking.features.exported import Detect, Detector
 from tsuiseki.tracking.fisheye.settings import UnrollingSettings
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking

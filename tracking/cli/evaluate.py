@@ -132,7 +132,6 @@ def action(given: Comparison, labels: Labels, threshold: float = 0.4, multiple_a
         multiple_actions: in the folder of Okutama-Action, score against MultiActionLabels, which have all actions of
             a person, instead of SingleActionTrackingLabels, which have one.
     """
-    from tsuiseki.tracking.errors import RequestError
     from tsuiseki.tracking.evaluation.actions import evaluate_actions, match_actions, read_labelled_actions
     from tsuiseki.tracking.evaluation.tables import action_table, action_values
 
@@ -187,9 +186,8 @@ def detection(
         score_range: smallest and largest score that the detections may have.
         json: write the scores to this file, with recall and precision at every detection.
     """
-    from tsuiseki.tracking.errors import RequestError
+    from tsuiseki.tracking.evaluation.detection import evaluate_rotated_file
     from tsuiseki.tracking.evaluation.result_files import evaluate_detection_files
-    from tsuiseki.tracking.evaluation.rotated import evaluate_rotated_file
     from tsuiseki.tracking.evaluation.tables import detection_table, evaluation_values
     from tsuiseki.tracking.evaluation.truths import read_truths
     from tsuiseki.tracking.formats.rotated import is_rotated
@@ -296,7 +294,6 @@ def points(given: Comparison, stretch: Stretch, cutoff: float = 100.0, window: i
     """
     from dataclasses import asdict
 
-    from tsuiseki.tracking.errors import RequestError
     from tsuiseki.tracking.evaluation.points import evaluate_point_files
     from tsuiseki.tracking.evaluation.tables import POINT_COLUMNS, value_table
 
@@ -354,7 +351,6 @@ def states(given: Comparison, stretch: Stretch, distance: float = 20.0) -> None:
         results: of the same kind, such as folders of tsuiseki track deformable; several are compared.
         distance: pixels within which a body is found.
     """
-    from tsuiseki.tracking.errors import RequestError
     from tsuiseki.tracking.evaluation.states import evaluate_state_files
     from tsuiseki.tracking.evaluation.tables import STATE_COLUMNS, value_table
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.detection import (
+    DetectionEvaluation,
     DetectionScores,
     evaluate_detections,
     labelled_boxes,
@@ -96,21 +97,6 @@ RESULT_PLACES = ("{name}/tracks.txt", "{name}.txt", "{name}/{name}.txt", "{name}
 SINGLE_RESULT_PLACES = ("tracks.txt", "gt/gt.txt")
 DETECTION_PLACES = ("{name}/detections.txt", "{name}.txt", "{name}/det/det.txt")
 SINGLE_DETECTION_PLACES = ("detections.txt", "det/det.txt")
-
-
-@dataclass(frozen=True)
-class DetectionEvaluation:
-    """Scores of detections.
-
-    Attributes:
-        sequences: on every sequence.
-        combined: on the images of all of them.
-        visible: on people visible to a share, all others ignored, such as ``visible 50-75 %``; where labels tell.
-    """
-
-    sequences: Mapping[str, DetectionScores]
-    combined: DetectionScores
-    visible: Mapping[str, DetectionScores] = field(default_factory=dict)
 
 
 def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:

@@ -12,9 +12,8 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from tsuiseki.tracking.evaluation.actions import ActionScores
-    from tsuiseki.tracking.evaluation.detection import DetectionScores
+    from tsuiseki.tracking.evaluation.detection import DetectionEvaluation, DetectionScores
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
-    from tsuiseki.tracking.evaluation.result_files import DetectionEvaluation
 
 # Heading and field of every column, and whether it is a share or a count.
 COLUMNS = (

@@ -20,8 +20,7 @@ from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.coded_size import CodedSizes, Size
 from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, container_time, stated_rate, uneven
-from tsuiseki.tracking.video.given_frames import GivenFrames
-from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, ImageFolder, one_image, read_image
+from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, GivenFrames, ImageFolder, one_image, read_image
 from tsuiseki.tracking.video.live import LiveSource
 
 SourceLike: TypeAlias = str | Path | int | Iterable[ImageArray | Frame]
