@@ -17,7 +17,7 @@ from tsuiseki.tracking.cameras.people_bundle import placed, refined
 from tsuiseki.tracking.cameras.people_fit import People, fit_view
 from tsuiseki.tracking.cameras.people_views import DRIFT, OFFSET, PeopleView, feet, on_floor, pinhole, view_of
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, tracked
+from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, rates_of, tracked
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import FloatArray, Track
 
@@ -159,9 +159,7 @@ def calibrate_people(
     people = People(person_height, person_spread)
     if not sources:
         raise RequestError("expected a source or more, got none")
-    if frame_rates is not None and len(frame_rates) not in (1, len(sources)):
-        raise RequestError(f"`fps`: expected 1 number or {len(sources)}, one a source, got {len(frame_rates)}")
-    rates = [None if frame_rates is None else frame_rates[k % len(frame_rates)] for k in range(len(sources))]
+    rates = rates_of(frame_rates, len(sources))
     names = [name_of(source) for source in sources]
     if len({*names}) < len(names):
         names = [f"{k + 1} {name}" for k, name in enumerate(names)]

@@ -105,6 +105,9 @@ class UnifiedLens:
             x, y = (unit[:, :2] / depth[:, None]).T
         k1, k2, p1, p2 = self.distortion
         square = x * x + y * y
+        # Where the radius turns back, its slope 1 + 3 k1 r^2 + 5 k2 r^4 has its first root.
+        turns = np.roots([5 * k2, 3 * k1, 1.0])
+        hidden |= square > min((root.real for root in turns if root.imag == 0 and root.real > 0), default=np.inf)
         radial = 1 + square * (k1 + square * k2)
         u = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
         v = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
@@ -135,6 +138,11 @@ def fit_omnidirectional(lens: Lens, degree: int = DEGREE) -> OmnidirectionalLens
     pixels = lens.project(points)
     inside = np.isfinite(pixels).all(axis=1) & (pixels >= 0).all(axis=1)
     inside &= (pixels <= [lens.width, lens.height]).all(axis=1)
+    angles = np.arccos(points[:, 2])
+    widest = angles[inside].max()
+    beyond = angles[angles > widest + 1e-9]
+    # A circle that ends inside the picture has an end; elsewhere the picture is one.
+    ends = len(beyond) and np.isnan(pixels[np.isclose(angles, beyond.min()), 0]).all()
     points, pixels = points[inside], pixels[inside]
     centre = lens.project(np.array([[0.0, 0.0, 1.0]]))[0]
     rho = np.linalg.norm(pixels - centre, axis=1)
@@ -161,7 +169,8 @@ def fit_omnidirectional(lens: Lens, degree: int = DEGREE) -> OmnidirectionalLens
         return np.asarray((unit * np.cross(rays, points)).ravel())
 
     start = np.array([*solved, *centre / unit, 0.0, 0.0, 1.0])
-    return fit_inverse(of(least_squares(errors, start, method="lm", x_scale="jac", max_nfev=2000).x))
+    fitted = of(least_squares(errors, start, method="lm", x_scale="jac", max_nfev=2000).x)
+    return fit_inverse(replace(fitted, field=float(widest)) if ends else fitted)
 
 
 def fit_inverse(lens: OmnidirectionalLens, degree: int = INVERSE_DEGREE) -> OmnidirectionalLens:

@@ -22,7 +22,14 @@ import numpy as np
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, Placed
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import NamedRows, finite_number, read_named_rows, read_text, whole_number
+from tsuiseki.tracking.formats.rows import (
+    NamedRows,
+    column_names,
+    finite_number,
+    read_named_rows,
+    read_text,
+    whole_number,
+)
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
@@ -155,7 +162,7 @@ def read_placed_truth(path: Path, empty: bool = False) -> PlacedTruth:
     """
     if path.is_dir():
         return read_floor_folder(path).truth if is_floor_folder(path) else read_placed_truth(path / "truth.csv")
-    names = read_named_rows(path, "a CSV of places").names
+    names = column_names(path, "a CSV of places")
     if "floor_x_m" in names:
         return _truth(path, "frame", "id", ("floor_x_m", "floor_y_m"), WILDTRACK_RATE * WILDTRACK_STEP)
     if {"frame", "person"} <= set(names):

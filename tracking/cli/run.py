@@ -36,7 +36,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from tsuiseki.tracking.cli.deadline import DEADLINE
 from tsuiseki.tracking.cli.ending import DONE, FAILED, LATE, NOTES, complain, on_signals, said_of
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.errors import Dropped, Interrupted, RunError, signal_of
+from tsuiseki.tracking.errors import Dropped, Interrupted, RequestError, RunError, signal_of
 from tsuiseki.tracking.output import RunRecord, output_folder
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
@@ -286,7 +286,7 @@ class Run:
             self.asked = signal_of(error)
             self._say(f"interrupted while {name} was drawn", 128 + self.asked)
         except LATE as error:
-            self._fail(error, f"{name} could not be written: ")
+            self._fail(error, "" if isinstance(error, RequestError) else f"{name} could not be written: ")
         return None
 
     def done(self, summary: str) -> None:

@@ -182,8 +182,14 @@ def _prepare(pair: SequencePair) -> LabelledSequence:
         raise RequestError(f"{pair.name}: expected tracks of different ids, got an id twice")
     if not labels.evaluated.any():
         raise RequestError(f"{pair.name}: expected a labelled box that counts, got none; is this the right file?")
-    _check_length(pair, labels, result)
-    result = _where_labelled(pair, labels, result)
+    last = max(int(labels.frames[-1]), int(result.frames[-1]) if len(result.frames) else -1)
+    if pair.length is not None and last >= pair.length:
+        raise RequestError(
+            f"{pair.name}: expected frames up to {pair.length}, got a box in frame {last + 1}; "
+            "is this the result of another sequence?"
+        )
+    kept = where_labelled(pair.name, labels.frames, result.frames, pair.length, pair.length is not None)
+    result = TrackedBoxes._make(column[kept] for column in result)
     # Frames in which there is nothing change no score, and a file may have many of them.
     filled = np.unique(np.concatenate([labels.frames, result.frames]))
     length, true_frames, frames = len(filled), *(np.searchsorted(filled, one.frames) for one in (labels, result))
@@ -207,38 +213,36 @@ def _prepare(pair: SequencePair) -> LabelledSequence:
     )
 
 
-def _where_labelled(pair: SequencePair, labels: GroundTruth, result: TrackedBoxes) -> TrackedBoxes:
-    """The result in the frames that somebody labelled, as `looked_at` has it."""
-    last = int(max(labels.frames[-1], result.frames.max(initial=0), (pair.length or 1) - 1))
-    labelled = looked_at(np.bincount(labels.frames, minlength=last + 1))
-    if labelled is None or labelled[result.frames].all():
-        return result
-    warnings.warn(
-        f"{pair.name}: there are labels in {len(np.unique(labels.frames))} of {last + 1} frames, about every "
-        f"{stride_of(labelled):.3g}th one; the others are taken as not labelled, and results in them are not scored",
-        InputWarning,
-        stacklevel=2,
-    )
-    kept = labelled[result.frames]
-    return TrackedBoxes(*(column[kept] for column in result))
+def where_labelled(name: str, labels: IntArray, frames: IntArray, length: int | None, stated: bool) -> BoolArray:
+    """``(N,)`` which boxes of a result lie in frames that somebody labelled, as `looked_at` has it; warns of others.
 
-
-def _check_length(pair: SequencePair, labels: GroundTruth, result: TrackedBoxes) -> None:
-    last = max(int(labels.frames[-1]), int(result.frames[-1]) if len(result.frames) else -1)
-    if pair.length is not None and last >= pair.length:
-        raise RequestError(
-            f"{pair.name}: expected frames up to {pair.length}, got a box in frame {last + 1}; "
-            "is this the result of another sequence?"
-        )
-    first, end = int(labels.frames[0]), int(labels.frames[-1])
-    outside = int(((result.frames < first) | (result.frames > end)).sum())
-    if pair.length is None and outside > MANY * len(result.frames):
+    Args:
+        name: of the sequence.
+        labels: frames of the labels, in order.
+        frames: ``(N,)`` of the boxes, in order.
+        length: number of frames; None takes the last of either.
+        stated: boxes outside the labels' first and last frame are false by the sequence's own word.
+    """
+    first, end = int(labels[0]), int(labels[-1])
+    outside = int(((frames < first) | (frames > end)).sum())
+    if not stated and outside > MANY * len(frames):
         warnings.warn(
-            f"{pair.name}: {outside} of {len(result.frames)} boxes lie outside frames {first + 1}-{end + 1}, the "
+            f"{name}: {outside} of {len(frames)} boxes lie outside frames {first + 1}-{end + 1}, the "
             f"labelled ones, and count as false; `frames` {first + 1}-{end + 1} leaves them out",
             InputWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
+    last = int(max(end, frames.max(initial=0), (length or 1) - 1))
+    labelled = looked_at(np.bincount(labels, minlength=last + 1))
+    if labelled is None or labelled[frames].all():
+        return np.ones(len(frames), dtype=np.bool_)
+    warnings.warn(
+        f"{name}: there are labels in {len(np.unique(labels))} of {last + 1} frames, about every "
+        f"{stride_of(labelled):.3g}th one; the others are taken as not labelled, and results in them are not scored",
+        InputWarning,
+        stacklevel=3,
+    )
+    return np.asarray(labelled[frames])
 
 
 def _on_ignored(overlaps: FloatArray, ignored: BoolArray) -> BoolArray:

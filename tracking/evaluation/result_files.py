@@ -17,13 +17,13 @@ from tsuiseki.tracking.evaluation.detection import (
     evaluate_detections,
     labelled_boxes,
 )
-from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
+from tsuiseki.tracking.evaluation.multi import MANY, SequencePair, restrict, where_labelled
 from tsuiseki.tracking.evaluation.truths import Truth
 from tsuiseki.tracking.formats.exports import format_at, read_exported
 from tsuiseki.tracking.formats.label_checks import PEOPLE, compare_with_picture, same_class
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
 from tsuiseki.tracking.output import RUN_FILE, is_partial
-from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types import Detections, IntArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -179,6 +179,11 @@ def evaluate_detection_files(
         filled = {*truth.labels.frames.tolist(), *(n for n, one in enumerate(found) if len(one))}
         numbers = sorted(number for number in filled if wanted.first <= number <= wanted.last)
         none = Detections.empty()
+        counted = np.repeat(numbers, [len(found[n]) if n < len(found) else 0 for n in numbers])
+        kept = where_labelled(truth.name, truth.labels.frames, counted, truth.length, truth.length is not None)
+        _warn_of_a_stretch(file, truth.labels, counted)
+        left_out = {*counted[~kept].tolist()}
+        numbers = [number for number in numbers if number not in left_out]
         every[truth.name] = (truth.labels, numbers, [found[n] if n < len(found) else none for n in numbers])
 
     def scored(given: Iterable[tuple[GroundTruth, list[int], list[Detections]]]) -> DetectionScores:
@@ -193,6 +198,17 @@ def evaluate_detection_files(
             name = f"visible {100 * low:.0f}-{100 * min(high, 1):.0f} %"
             visible[name] = scored((_visible(labels, low, high), n, d) for labels, n, d in every.values())
     return DetectionEvaluation({name: scored([one]) for name, one in every.items()}, scored(every.values()), visible)
+
+
+def _warn_of_a_stretch(file: Path, labels: GroundTruth, frames: IntArray) -> None:
+    """Say that many labels lie before the first frame ``(N,)`` with a detection, or after the last."""
+    rows = labels.frames[labels.evaluated]
+    if len(frames) and ((rows < frames[0]) | (rows > frames[-1])).sum() > MANY * len(rows):
+        there, scored = (f"{some[0] + 1}-{some[-1] + 1}" for some in (frames, rows))
+        told = (
+            f"{file} has detections in frames {there} alone, but {scored} are scored; for its own use `frames` {there}"
+        )
+        warnings.warn(told, InputWarning, stacklevel=3)
 
 
 def _visible(labels: GroundTruth, low: float, high: float) -> GroundTruth:

@@ -11,7 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, repeated, whole_number, write_csv
+from tsuiseki.tracking.formats.rows import (
+    column_names,
+    finite_number,
+    read_named_rows,
+    repeated,
+    whole_number,
+    write_csv,
+)
 from tsuiseki.tracking.types import STATUSES, Status
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.tracks import BodyTrack
@@ -36,7 +43,7 @@ def read_fields(path: Path) -> tuple[str, ...]:
     Raises:
         RequestError: there is no file, or it begins with something else.
     """
-    columns = read_named_rows(path, "states").names
+    columns = column_names(path, "states")
     if columns[:2] != ["frame", "id"]:
         raise RequestError(f"{path}: expected the columns frame,id,… in its first line, got {','.join(columns)[:80]}")
     return tuple(name for name in columns[2:] if name not in LAST_COLUMNS)

@@ -226,6 +226,22 @@ class NamedRows:
             )
 
 
+def column_names(path: Path, what: str) -> list[str]:
+    """The names in a file's heading.
+
+    Raises:
+        RequestError: see `read_text`.
+    """
+    return _headed(read_rows(path, what))[0]
+
+
+def _headed(rows: Rows) -> tuple[list[str], int]:
+    """The names of the columns, which may be a comment, and the number of the first row below."""
+    if rows.comment and rows.cells and _NUMBER.match(rows.cells[0][0]):
+        return _cells([rows.comment], _separator([rows.comment]))[0], 0
+    return (rows.cells[0], 1) if rows.cells else ([], 0)
+
+
 def read_named_rows(path: Path, what: str, columns: Sequence[str] = ()) -> NamedRows:
     """The rows of a file with a heading, which may be a comment, or in capitals where ``columns`` are not.
 
@@ -233,23 +249,19 @@ def read_named_rows(path: Path, what: str, columns: Sequence[str] = ()) -> Named
         RequestError: see `read_text`; a column is missing, or a row has more cells than the heading.
     """
     rows = read_rows(path, what)
-    cells, lines = rows.cells, rows.lines
-    if rows.comment and cells and _NUMBER.match(cells[0][0]):
-        names = _cells([rows.comment], _separator([rows.comment]))[0]
-    else:
-        names, cells, lines = cells[0] if cells else [], cells[1:], lines[1:]
+    names, first = _headed(rows)
+    cells, lines = rows.cells[first:], rows.lines[first:]
     if not set(columns) <= set(names) and set(columns) <= {name.lower() for name in names}:
         names = [name.lower() for name in names]
-    found = []
+    table = NamedRows(path, names, [], rows.separator)
+    table.need(columns)
     for line, row in zip(lines, cells, strict=True):
         if len(row) > len(names) and names:
             raise RequestError(
                 f"{path}:{line}: expected {len(names)} cells separated by {rows.separator}, as in the heading, got "
                 f"{len(row)}"
             )
-        found.append((line, {**dict.fromkeys(names, ""), **dict(zip(names, row, strict=False))}))
-    table = NamedRows(path, names, found, rows.separator)
-    table.need(columns)
+        table.rows.append((line, {**dict.fromkeys(names, ""), **dict(zip(names, row, strict=False))}))
     return table
 
 

@@ -11,7 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import LARGEST_ID, finite_number, read_named_rows, repeated, whole_number, write_csv
+from tsuiseki.tracking.formats.rows import (
+    LARGEST_ID,
+    column_names,
+    finite_number,
+    read_named_rows,
+    repeated,
+    whole_number,
+    write_csv,
+)
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
@@ -19,7 +27,7 @@ from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
 def is_point_file(path: Path) -> bool:
     """Whether the first line names the columns of a file of points."""
-    return "frame" in read_named_rows(path, "detections or points").names
+    return "frame" in column_names(path, "detections or points")
 
 
 def read_points(path: Path, length: int | None = None) -> list[FloatArray]:

@@ -258,8 +258,8 @@ def tracks_of_rows(
             "counted from 0"
         )
     order = np.lexsort([frames, ids])
-    if (row := repeated(frames, ids)) is not None:
-        raise RequestError(f"{path}: id {ids[row]} stands twice in frame {frames[row]}, counted from 0")
+    if (twice := repeated(frames, ids)) is not None:
+        raise RequestError(f"{path}: id {ids[twice]} stands twice in frame {frames[twice]}, counted from 0")
     observed, shift = np.array([row[4] for row in given], dtype=np.bool_), 1 if ids.min() == 0 else 0
     parts = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
     names = sorted({name for _, name in classes.values()})

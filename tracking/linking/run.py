@@ -17,7 +17,7 @@ from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer, open_appearance
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.linking.transits import MARGIN, Links, Passages, linked, people_of
-from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, tracked
+from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, rates_of, tracked
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.video.source import open_source
@@ -52,6 +52,7 @@ def link(
     starts: Sequence[float] | None = None,
     appearance: AppearanceLike | None = None,
     margin: float = MARGIN,
+    frame_rates: Sequence[float] | None = None,
 ) -> Linked:
     """Give the same id to the same person in several results.
 
@@ -60,7 +61,8 @@ def link(
         starts: seconds at which each begins, by one clock; by default all at once.
         appearance: as of `track_people`; by default the shipped network, where the videos are there; ``"none"`` goes
             by times and places alone.
-        margin: least margin of a join that is made, natural logarithm; log 9 means nine to one.
+        margin: least margin of a join that is made, natural logarithm, 0 or more; log 9 means nine to one.
+        frame_rates: frames a second, where a result does not say: one number, or one a result.
 
     Raises:
         RequestError: there are fewer than two results, two are the same, one has no tracks, or see `tracked`.
@@ -69,7 +71,11 @@ def link(
         raise RequestError(f"expected two results or more to link, got {len(results)}")
     if starts is not None and len(starts) != len(results):
         raise RequestError(f"`starts`: expected {len(results)} numbers, one a result, got {len(starts)}")
+    if not margin >= 0:
+        raise RequestError(f"`margin`: expected 0 or more, got {margin:g}")
+    rates = rates_of(frame_rates, len(results))
     loaded = [tracked(result) for result in results]
+    loaded = [replace(one, frame_rate=rate or one.frame_rate) for one, rate in zip(loaded, rates, strict=True)]
     names = [name_of(result) for result in results]
     if len({*names}) < len(names):
         names = [f"{k + 1}_{name}" for k, name in enumerate(names)]
@@ -104,7 +110,7 @@ def _passages(
     for k, (name, result, start) in enumerate(zip(names, results, starts, strict=True)):
         tracks, rate = boxes_of(result), result.frame_rate
         if not rate:
-            raise RequestError(f"{name}: expected its frames a second, which the result does not say; track it again")
+            raise RequestError(f"{name}: expected its frames a second, which the result does not say; give `fps`")
         seconds = frame_times(result, rate) + start
         corners = np.concatenate([track.boxes[:, 2:] for track in tracks])
         size = np.array(result.size or corners.max(axis=0))
@@ -198,6 +204,7 @@ def link_results(
     starts: list[float] | None = None,
     appearance: str | None = None,
     margin: float = MARGIN,
+    fps: list[float] | None = None,
 ) -> int:
     """Give the same id to the same person in results of cameras that do not overlap, or of files that follow.
 
@@ -207,11 +214,12 @@ def link_results(
         results: folders of results of track people, files of tracks, or videos, which are tracked first.
         starts: seconds at which each begins, by one clock, separated by commas; by default all at once.
         appearance: exported network that describes people; none goes by times and places alone.
-        margin: least margin of a join that is made, natural logarithm: 2.2 is nine to one.
+        margin: least margin of a join that is made, natural logarithm, 0 or more: 2.2 is nine to one.
+        fps: frames a second, where a result does not say; one number, or one a result, separated by commas.
     """
     with output.run() as run:
         with run.times.measure("link"):
-            found = link(results, starts, appearance, margin)
+            found = link(results, starts, appearance, margin, fps)
         for name, result in zip(found.names, found.results, strict=True):
             run.write(f"{name}/tracks.txt", write_tracks, result.tracks)
             run.results[name] = result.known()

@@ -26,6 +26,20 @@ def network_at(tracker: object, first: int) -> SolvedNetwork | None:
     return None if network is None else replace(network, frames=network.frames + first)
 
 
+def check_corrections(path: Path, source: Source) -> None:
+    """Refuse corrections of another video before one is tracked, as far as it tells its size and length.
+
+    Raises:
+        RequestError: they are, or cannot be read.
+    """
+    from tsuiseki.tracking.review.corrections import Video, read_corrections
+
+    wanted = source.frames_wanted
+    frames: int = wanted.last + 1 if wanted.last is not None else source.length or getattr(source, "promised", 0)
+    video = Video(Path(source.name).name, image_size(source), frames)
+    read_corrections(path, video, getattr(source, "slack", 0.0) if wanted.last is None else 0.0)
+
+
 def correction_files(
     tracks: list[Track],
     network: SolvedNetwork | None,

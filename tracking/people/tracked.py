@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,18 @@ def name_of(source: str | Path | Result[Track]) -> str:
 def boxes_of(result: Result[Track]) -> list[Track]:
     """The tracks of a result, without what else is known of each."""
     return [getattr(track, "track", track) for track in result]
+
+
+def rates_of(given: Sequence[float] | None, count: int) -> list[float | None]:
+    """Frames a second of each of so many sources, of one number or one a source; None where they say so themselves.
+
+    Raises:
+        RequestError: it is another number of them, or one is not above 0.
+    """
+    if given is not None and (len(given) not in (1, count) or not min(given) > 0):
+        told = ",".join(f"{rate:g}" for rate in given)
+        raise RequestError(f"`fps`: expected 1 number or {count}, one a source, above 0, got {told or 'none'}")
+    return [None if given is None else given[k % len(given)] for k in range(count)]
 
 
 def frame_times(result: Result[Track], frame_rate: float) -> FloatArray:

@@ -26,7 +26,7 @@ from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of, i
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.interchange import BadBoxes
 from tsuiseki.tracking.options import Seed
-from tsuiseki.tracking.people.corrected import correction_files, network_at
+from tsuiseki.tracking.people.corrected import check_corrections, correction_files, network_at
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.following import answers_while_it_runs, followed
 from tsuiseki.tracking.people.inputs import (
@@ -229,6 +229,8 @@ def open_people(
     """
     if linking.moving_camera and not source.has_images:
         raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
+    if linking.corrections is not None:
+        check_corrections(linking.corrections, source)
     threads = threads_of_a_call(source, finding.threads)
     floor: float | None = None
     detect, chosen = people_detect(source, finding, PEOPLE_DETECTOR, threads), finding.chosen

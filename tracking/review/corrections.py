@@ -148,8 +148,8 @@ class Video:
     size: tuple[int, int] | None
     frames: int
 
-    def check(self, other: Video, path: Path) -> None:
-        """Refuse corrections of ``other`` for this video.
+    def check(self, other: Video, path: Path, slack: float = 0.0) -> None:
+        """Refuse corrections of ``other`` for this video, whose frames are known but for ``slack``.
 
         Raises:
             RequestError: it has another size or length; where neither is known, another name.
@@ -157,7 +157,7 @@ class Video:
         sizes = self.size is not None and other.size is not None
         if sizes and self.size != other.size:
             raise RequestError(f"{path}: expected corrections of {self}, got those of {other}")
-        if self.frames and other.frames and self.frames != other.frames:
+        if self.frames and other.frames and abs(self.frames - other.frames) > slack:
             raise RequestError(f"{path}: expected corrections of {self}, got those of {other}")
 
     def __str__(self) -> str:
@@ -181,12 +181,13 @@ class CorrectionLog:
         return CorrectionLog((*self.said, *self.undone[-1:]), self.undone[:-1])
 
 
-def read_corrections(path: Path, of: Video | None = None) -> CorrectionLog:
+def read_corrections(path: Path, of: Video | None = None, slack: float = 0.0) -> CorrectionLog:
     """The corrections in a file; a last line that a crash cut short is left out.
 
     Args:
         path: of the file.
         of: the video that they must speak of; by default any.
+        slack: frames by which its length may be wrong.
 
     Raises:
         RequestError: it cannot be read, holds something else, or speaks of another video.
@@ -204,7 +205,7 @@ def read_corrections(path: Path, of: Video | None = None) -> CorrectionLog:
                 size = row["size"]
                 about = Video(str(row["video"]), None if size is None else (size[0], size[1]), int(row["frames"]))
                 if of is not None:
-                    of.check(about, path)
+                    of.check(about, path, slack)
             elif row.get("kind") in ("undo", "redo"):
                 log = log.and_then(row["kind"])
             else:

@@ -60,7 +60,7 @@ def shipped_or_file(kind: str, given: str | Path) -> Path:
         return entry.checked()
     if path.name not in names:
         raise RequestError(
-            f"`{kind}`: expected an ONNX file or one of the shipped {', '.join(names)}, got {given}; `tsuiseki models "
+            f"{kind}: expected an ONNX file or one of the shipped {', '.join(names)}, got {given}; `tsuiseki models "
             "list` shows what can be downloaded"
         )
     return shipped(f"{kind}_{path.name}")

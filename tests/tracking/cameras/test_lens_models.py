@@ -133,8 +133,10 @@ def test_no_other_lens_is_taken_for_a_pinhole(tmp_path: Path, text: str, model: 
         read_intrinsics(write(tmp_path, text))
 
 
-def test_no_lens_is_written_that_is_far_from_what_was_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Of this lens the corners of the image see nothing."""
+def test_no_lens_is_written_that_is_far_from_what_was_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tsuiseki.tracking.calibrate.run.FAR", 0.1)
     words = ["calibrate", "convert", str(write(tmp_path, OMNIDIR.replace("0.8", "0.0"))), "--to", "kalibr-omni"]
     assert main([*words, "--out", str(tmp_path / "out.yaml")]) == 1
     assert "px rms away; choose another format with --to" in capsys.readouterr().err
@@ -178,3 +180,11 @@ def test_the_shared_cases(data_folder: Path) -> None:
     assert read_lens_file(folder / "cv_omnidir.yml").model == "omnidirectional"
     assert read_lens(folder / "ros_equi.yaml").width == 640
     assert read_intrinsics(folder / "ros_plumb.yaml").distortion[1] == -0.005
+
+
+def test_a_circle_that_ends_inside_the_picture_is_a_field(tmp_path: Path) -> None:
+    circle = OMNIDIR.replace("210.,", "105.,").replace("212.,", "105.,").replace("0.05, 0.001, -0.0002", "0., 0., 0.")
+    lens, away = read_lens_fitted(write(tmp_path, circle))
+    assert lens.field is not None
+    assert 1.7 < lens.field < 2.6
+    assert away.max() < 0.5

@@ -141,3 +141,21 @@ def test_people_are_scored_by_how_much_of_them_is_visible(tmp_path: Path, capsys
     assert recalls == {"visible 75-100 %": 1.0, "visible 50-75 %": 0.5}
     assert rows["visible 0-25 %"]["boxes"] == 1
     assert "visible 50-75 %" in capsys.readouterr().out
+
+
+def test_labels_or_detections_of_some_frames_alone_are_told(tmp_path: Path, capsys) -> None:
+    truth, found = tmp_path / "gt.txt", tmp_path / "det.txt"
+
+    def lines(frames: range) -> tuple[str, str]:
+        truth.write_text("".join(f"{k},1,50,50,40,80,1,1,1\n" for k in frames))
+        found.write_text("".join(f"{k},-1,50,50,40,80,0.9\n" for k in range(1, 41)))
+        assert main(["evaluate", "detection", str(truth), str(found)]) == 0
+        return capsys.readouterr()
+
+    every_tenth, first, all_of_100 = lines(range(1, 41, 10)), lines(range(1, 11)), lines(range(1, 101))
+    every_fourth = lines(range(1, 41, 4))
+    assert "the others are taken as not labelled" in every_fourth[1]
+    assert " 1.000   1.000" in every_fourth[0]
+    assert "30 of 40 boxes lie outside frames 1-10" in first[1]
+    assert "has detections in frames 1-40 alone, but 1-100 are scored" in all_of_100[1]
+    assert every_tenth[1]  # four labelled frames show no stride, but end early

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.cameras.multicamera import PlacedTruth
+from tsuiseki.tracking.cameras.multicamera import PlacedTruth, read_placed_truth
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.on_floor import evaluate_floor_files, evaluate_on_floor
 
@@ -71,3 +71,10 @@ def test_files(tmp_path):
     path.write_text("time,id,x,y\n0,1,0,0\n0,1,2,2\n")
     with pytest.raises(RequestError, match="expected each id once at a time"):
         evaluate_floor_files(path, {"same": path})
+
+
+def test_a_page_is_no_table_of_places(tmp_path):
+    page = tmp_path / "x.html"
+    page.write_text("<!doctype html>\n<p>a, b, c, d</p>\n")
+    with pytest.raises(RequestError, match="expected the columns time,id,x,y in its first line, found no time"):
+        read_placed_truth(page)

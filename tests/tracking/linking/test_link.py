@@ -112,6 +112,14 @@ def test_results_get_common_ids_and_the_command_writes_them(tmp_path, capsys):
     assert (tmp_path / "out" / "unsure.csv").read_text().startswith("id,result")
 
 
+def test_files_of_tracks_take_their_frames_a_second_from_the_user(tmp_path):
+    for k, result in enumerate(results()):
+        tsuiseki.write_tracks(tmp_path / f"{k}.txt", result.tracks)
+    words = ["link", str(tmp_path / "0.txt"), str(tmp_path / "1.txt"), "--appearance", "none", "--fps", "10"]
+    assert main([*words, "--out", str(tmp_path / "out")]) == 0
+    assert len(list(csv.reader((tmp_path / "out" / "joins.csv").open()))) == 7
+
+
 def test_files_that_follow_begin_when_they_are_said_to():
     first, second = results()
     later = replace(second, tracks=[replace(t, frames=t.frames - 90) for t in second.tracks[:1]])
@@ -130,8 +138,12 @@ def test_bad_input_is_refused_in_a_line():
         tsuiseki.link([first, replace(second, tracks=[])])
     with pytest.raises(RequestError, match="`starts`: expected 2 numbers"):
         tsuiseki.link([first, second], starts=[0.0])
-    with pytest.raises(RequestError, match="frames a second"):
+    with pytest.raises(RequestError, match="frames a second, which the result does not say; give `fps`"):
         tsuiseki.link([first, replace(second, frame_rate=0.0)], appearance="none")
+    with pytest.raises(RequestError, match="`margin`: expected 0 or more, got -3"):
+        tsuiseki.link([first, second], margin=-3.0)
+    with pytest.raises(RequestError, match="`fps`: expected 1 number or 2, one a source, above 0, got 10,0"):
+        tsuiseki.link([first, second], frame_rates=[10.0, 0.0])
     with pytest.warns(InputWarning, match="linked by times alone"):
         tsuiseki.link([first, second])
 

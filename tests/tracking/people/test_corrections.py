@@ -6,9 +6,12 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.people.tracking import track_people
+from tsuiseki.tracking.people.settings import Linking, PeopleFinding
+from tsuiseki.tracking.people.tracking import open_people, track_people
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.review.session import Session
+from tsuiseki.tracking.types.frame_range import parse_frames
+from tsuiseki.tracking.video.source import open_source
 
 IMAGES = [np.zeros((200, 400, 3), np.uint8)] * 30
 
@@ -67,6 +70,17 @@ def test_what_does_not_apply_is_listed_by_the_command(corrections, tmp_path, cap
     out = capsys.readouterr().out
     assert "corrections: 0 of 2 done again" in out
     assert out.count("no detection is there") == 2
+
+
+def test_those_of_another_video_are_refused_before_it_is_tracked(corrections, tmp_path):
+    path = tmp_path / "short.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (400, 240))
+    for _ in range(200):
+        writer.write(np.zeros((240, 400, 3), np.uint8))
+    writer.release()
+    for frames in (None, "1-12"):
+        with pytest.raises(RequestError, match=r"expected corrections of short\.avi"):
+            open_people(open_source(path, parse_frames(frames)), PeopleFinding(), Linking(corrections=corrections), 0)
 
 
 def test_those_of_another_video_or_with_a_delay_are_refused(corrections):

@@ -287,7 +287,7 @@ def test_an_appearance_network_goes_by_its_name_too(entry, server, tmp_path, mon
     monkeypatch.setattr(catalogue, "CATALOGUE", (made,))
     fetched(made)
     assert open_appearance("ours-reid").feature_length == 3
-    with pytest.raises(RequestError, match="`detector`: expected an ONNX file or one of the shipped"):
+    with pytest.raises(RequestError, match="detector: expected an ONNX file or one of the shipped"):
         open_detector("ours-reid")
 
 
