@@ -46,12 +46,11 @@ def is_mars(folder: Path) -> bool:
     return folder.is_dir() and any(_NAME.fullmatch(p.name) for p in folder.glob("*/*C*T*F*.jpg"))
 
 
-def read_mars(folder: str | Path, keep_junk: bool = False) -> list[PersonCrop]:
-    """The crops of ``bbox_train`` or ``bbox_test``, or of the ``bbox_train`` in ``folder``, by name.
+def read_mars(folder: str | Path) -> list[PersonCrop]:
+    """The crops of ``bbox_train`` or ``bbox_test``, or of the ``bbox_train`` in ``folder``, by name, without junk.
 
     Args:
         folder: of the data set or of one part of it.
-        keep_junk: junk crops too.
 
     Raises:
         RequestError: there is no crop, or a name does not say what it shows.
@@ -68,7 +67,7 @@ def read_mars(folder: str | Path, keep_junk: bool = False) -> list[PersonCrop]:
         person = JUNK if match[1] == "00-1" else int(match[1])
         if path.parent.name != match[1]:
             raise RequestError(f"{path}: expected crops of person {path.parent.name} here, got one of {match[1]}")
-        if person != JUNK or keep_junk:
+        if person != JUNK:
             crops.append(PersonCrop(path, person, int(match[2]), int(match[3]), int(match[4])))
     if not crops:
         raise RequestError(f"expected crops of MARS in {part}, such as 0001/0001C1T0001F001.jpg, found none")

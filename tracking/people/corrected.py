@@ -35,7 +35,8 @@ def check_corrections(path: Path, source: Source) -> None:
     from tsuiseki.tracking.review.corrections import Video, read_corrections
 
     wanted = source.frames_wanted
-    frames: int = wanted.last + 1 if wanted.last is not None else source.length or getattr(source, "promised", 0)
+    length = source.length or getattr(source, "promised", 0)
+    frames = wanted.last + 1 if wanted.last is not None else int(length or 0)
     video = Video(Path(source.name).name, image_size(source), frames)
     read_corrections(path, video, getattr(source, "slack", 0.0) if wanted.last is None else 0.0)
 
