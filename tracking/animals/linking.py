@@ -253,7 +253,7 @@ def _animal(
 
 
 def _steadied(states: FloatArray, poses: list[AnimalPose], window: int) -> None:
-    """Length, and the way from core to middle, as medians over ``window`` frames: legs and wings come and go.
+    """The length as median over ``window`` frames, for legs and wings come and go; the middle held to both ends.
 
     Contact hides both: there they are taken over from the frames before and after.
 
@@ -268,10 +268,26 @@ def _steadied(states: FloatArray, poses: list[AnimalPose], window: int) -> None:
     free = np.flatnonzero([not pose.contact for pose in poses])
     if len(free) == 0:
         free = np.arange(len(poses))
-    every = np.arange(len(poses))
-    steady = [
-        np.interp(every, free, median_filter(column[free], max(window, 1), mode="nearest"))
-        for column in (shift, states[:, 3])
-    ]
-    states[:, :2] = cores + steady[0][:, None] * heading
-    states[:, 3] = steady[1]
+    known = [ends for n in free if (ends := poses[n].ends) is not None]
+    smooth = [median_filter(column[free], max(window, 1), mode="nearest") for column in (shift, states[:, 3])]
+    if len(known) == len(free):
+        same = np.cos([poses[n].axis - states[n, 2] for n in free]) >= 0
+        ahead = np.where(same[:, None, None], known, -np.array(known)[:, :, ::-1])
+        smooth[0] = _held_by_ends(shift[free], ahead)
+    shift, states[:, 3] = (np.interp(np.arange(len(poses)), free, column) for column in smooth)
+    states[:, :2] = cores + shift[:, None] * heading
+
+
+def _held_by_ends(shift: FloatArray, ends: FloatArray) -> FloatArray:
+    """``(T,)`` ways from core to middle at which the middle keeps its usual distance from the ends of the body.
+
+    Each end counts by how sharp it is: where folded wings or a tail make one soft, the other holds the middle alone.
+
+    Args:
+        shift: ``(T,)`` the ways as seen.
+        ends: ``(T, 2, 2)`` see `AnimalPose`, the second of each pair towards the head.
+    """
+    # A pixel is no sharper than half of itself.
+    blur = np.median(np.abs(ends[:, 0] - ends[:, 1]), axis=0) + 0.5
+    weight = blur**-2 / (blur**-2).sum()
+    return np.asarray((ends[:, 0] - np.median(ends[:, 0] - shift[:, None], axis=0)) @ weight)

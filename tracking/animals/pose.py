@@ -4,7 +4,8 @@ Legs, and wings that are held out, are fainter than the body: the axis is that o
 half of the animal's own contrast. The length is that of the pixels along that axis, no farther from it than the core is
 wide, so that a tail as faint as a wing counts and a wing held out does not. Where a body ends is soft: behind it lie
 folded wings, a tail, a shadow, each of its own contrast. So the middle is the mean of the middles that the body has at
-all levels of contrast from the faintest pixel up to the core.
+all levels of contrast from the faintest pixel up to the core. That middle slides with the wings, but the head ends
+sharply: `link_animals` holds the place to the ends.
 
 Which end is the head: an animal walks towards its head most of the time, and its contrast and outline are not the same
 at both ends. How they differ is learnt from the frames in which animals walk; then each animal's ends are chosen
@@ -27,6 +28,8 @@ BAND = 1.25
 """Half the width of the band along the axis, in half widths of the core."""
 # Quantiles of the pixels along the axis between which the length lies.
 ENDS = (0.01, 0.99)
+EDGES = (0.3, 0.5)
+"""Shares of an animal's contrast at which its ends are taken: a sharp end lies at one place in both."""
 LEVELS = 8
 """Levels of contrast at which the middle is taken."""
 FEWEST = 8
@@ -66,6 +69,8 @@ class AnimalPose:
         asymmetry: ``(2,)`` where the contrast lies along the axis, and where it is drawn out; of the length.
         contact: another animal touches it, so that its pixels were told apart by a fit.
         headed: the axis points to the head.
+        ends: ``(2, 2)`` at each of `EDGES` the rear and front end along the axis, from the core, pixels; None where
+            nobody looked.
         points: ``(K, 2)`` of a skeleton, pixels; None where there is none.
         point_scores: ``(K,)`` in [0, 1].
     """
@@ -80,6 +85,7 @@ class AnimalPose:
     asymmetry: FloatArray
     contact: bool = False
     headed: bool = False
+    ends: FloatArray | None = None
     points: FloatArray | None = None
     point_scores: FloatArray | None = None
 
@@ -114,7 +120,10 @@ def pose_of(pixels: FloatArray, contrast: FloatArray, touched: Expected | None =
     band = np.abs((pixels - middle) @ across) <= BAND * half
     weight, along_body = contrast[band], (pixels[band] - middle) @ along
     low, high = np.quantile(along_body, ENDS)
-    centre, length = _middle(along_body, weight, CORE * np.quantile(contrast, PEAK)), float(high - low) + 1.0
+    peak = np.quantile(contrast, PEAK)
+    centre, length = _middle(along_body, weight, CORE * peak), float(high - low) + 1.0
+    parts = [along_body[weight >= edge * peak] for edge in EDGES]
+    ends = np.array([np.quantile(part, ENDS) if len(part) >= FEWEST else (low, high) for part in parts])
     away = along_body - along_body.mean()
     asymmetry = np.array([np.average(away, weights=weight), np.mean(away**3) / length**2]) / length
     if touched is not None:
@@ -131,6 +140,7 @@ def pose_of(pixels: FloatArray, contrast: FloatArray, touched: Expected | None =
         brightness=float(weight.mean()),
         asymmetry=asymmetry,
         contact=touched is not None,
+        ends=ends,
     )
 
 

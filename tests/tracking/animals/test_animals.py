@@ -237,6 +237,25 @@ def test_a_wing_folded_behind_the_body_moves_its_middle_by_its_own_contrast_only
         np.testing.assert_allclose(abs(found.place[0]), 9.5 * levels / 8, atol=0.6)
 
 
+def test_wings_that_open_and_close_behind_do_not_move_the_place():
+    y, x = np.mgrid[-20:21, -60:41]
+    body = (x / 30) ** 2 + (y / 9) ** 2 <= 1
+    poses = []
+    for t in range(80):
+        # As bright as nearly half the body in every other stretch of frames, and hardly there between.
+        wing = (x > -50) & (x < 0) & (abs(y) < 6) & ~body
+        values = np.where(body, 200.0, 80.0 if t % 40 < 25 else 30.0)
+        values[20, 60] = 20.0
+        mask = body | wing
+        pixels = np.stack([x[mask] + 3.0 * t, y[mask]], axis=1).astype(float)
+        poses.append([pose_of(pixels, values[mask])])
+    (animal,) = link_animals(poses, range(80), AnimalSettings(), 25.0, (400, 160))
+    seen = np.array([found[0].place[0] for found in poses]) - 3.0 * np.arange(80)
+    place = animal.track.states[:, 0] - 3.0 * animal.track.frames
+    assert np.ptp(seen) > 4.0
+    assert np.ptp(place) < 1.0
+
+
 def test_wrong_settings_are_refused():
     for name, value in (("smallest", 1.0), ("forward", 0.6), ("area", 0.0), ("shortest", -1.0), ("evidence", -1.0)):
         with pytest.raises(RequestError, match=f"`{name}`: expected"):
