@@ -1,4 +1,7 @@
-"""Cameras from the people who walk in them: see `cameras.people_fit` and `cameras.people_bundle`."""
+"""Cameras from the people who walk in them, and given cameras beside those that people give.
+
+See `cameras.people_fit` and `cameras.people_bundle`.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, Placed, write_cameras
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, Placed, read_cameras, write_cameras
 from tsuiseki.tracking.cameras.path_matching import STEP, align, places_at
 from tsuiseki.tracking.cameras.people_bundle import placed, refined
 from tsuiseki.tracking.cameras.people_fit import People, fit_view
-from tsuiseki.tracking.cameras.people_views import DRIFT, OFFSET, PeopleView, feet, on_floor, pinhole, view_of
+from tsuiseki.tracking.cameras.people_views import DRIFT, OFFSET, PeopleView, feet, on_floor, picture, pinhole, view_of
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, rates_of, tracked
 from tsuiseki.tracking.result import Result
@@ -72,22 +75,16 @@ class PeopleCalibration:
         """``(N,)`` complex metres where the people of a camera are."""
         return on_floor(self.numbers[camera], self.views[camera].boxes, self.people.height)
 
-    def intervals(self) -> list[dict[str, Any]]:
-        """Half widths of the 95 % intervals of each camera, for `cameras.yaml`; metres, degrees, pixels, seconds."""
-        return [
-            {"interval_95": {name: round(half, 4) for name, _, half in self._rows(k)}} for k in range(len(self.views))
-        ]
-
     def _rows(self, camera: int) -> list[tuple[str, float, float]]:
-        """Name, value and half width of the interval of what is told of a camera."""
-        x, half = self.numbers[camera], NORMAL_95 * self.deviations[camera]
-        focal, height = np.exp(x[0]), np.exp(x[5])
-        rows = [("focal", focal, focal * half[0]), ("height", height, height * half[5])]
-        rows += [(name, float(np.degrees(x[k])), float(np.degrees(half[k]))) for name, k in (("tilt", 3), ("roll", 4))]
+        """Name, value and half width of the 95 % interval of what is told of a camera; metres, degrees, pixels, s."""
+        x, half = self.numbers[camera].copy(), NORMAL_95 * self.deviations[camera]
+        x[[0, 5]] = np.exp(x[[0, 5]])
+        half[[0, 5]] *= x[[0, 5]]
+        x[[3, 4, 6]], half[[3, 4, 6]] = np.degrees(x[[3, 4, 6]]), np.degrees(half[[3, 4, 6]])
+        wanted = {"focal": 0, "height": 5, "tilt": 3, "roll": 4}
         if len(self.views) > 1:
-            rows += [("x", x[7], half[7]), ("y", x[8], half[8]), ("offset", x[OFFSET], half[OFFSET])]
-            rows.append(("turn", float(np.degrees(x[6])), float(np.degrees(half[6]))))
-        return [(name, float(value), float(width)) for name, value, width in rows]
+            wanted |= {"x": 7, "y": 8, "offset": OFFSET, "turn": 6}
+        return [(name, float(x[k]), float(half[k])) for name, k in wanted.items()]
 
     def described(self) -> list[str]:
         """A line for each camera."""
@@ -126,7 +123,9 @@ class PeopleCalibration:
 
     def write(self, path: Path) -> None:
         """`cameras.yaml`, with the intervals beside each camera."""
-        write_cameras(path, self.cameras, self.intervals())
+        rows = [self._rows(k) for k in range(len(self.views))]
+        halves = [{"interval_95": {name: round(half, 4) for name, _, half in own}} for own in rows]
+        write_cameras(path, self.cameras, halves)
 
 
 def digits(width: float) -> int:
@@ -226,3 +225,76 @@ def _warn(found: PeopleCalibration) -> None:
             gone, rate = abs(camera[DRIFT]) * np.ptp(view.times), view.frame_rate / (1 + camera[DRIFT])
             told = f"{view.name}: its clock runs apart from the first one's, by {gone:.2f} s over the video"
             warnings.warn(f"{told}; frame_rate {rate:.4g} is written for it", InputWarning, stacklevel=3)
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """What the people say about a camera that was given.
+
+    Attributes:
+        name: of the camera.
+        error: median metres between where it puts people and where they are.
+        height: metres that people are high by it, in the median.
+        offset: seconds by which its clock is wrong.
+        wrong: whether it contradicts them.
+    """
+
+    name: str
+    error: float
+    height: float
+    offset: float
+    wrong: bool
+
+    def __str__(self) -> str:
+        told = f"{self.error:.2f} m from the people, {self.height:.2f} m high by it, clock off by {self.offset:.3f} s"
+        return f"{self.name}: {'disagrees with the people: ' if self.wrong else 'agrees: '}{told}"
+
+
+def check_cameras(given: Sequence[CameraOverFloor] | Path, found: PeopleCalibration) -> list[Disagreement]:
+    """Compare cameras with those that people give.
+
+    Their floor is laid on the one of the people by the turn and shift that most cameras agree with.
+
+    Args:
+        given: cameras in the order of the sources, or their file.
+        found: from the same sources.
+
+    Raises:
+        RequestError: there is another number of cameras, or a camera sees none of its people on the floor.
+    """
+    cameras = read_cameras(given) if isinstance(given, Path) else given
+    if len(cameras) != len(found.views):
+        raise RequestError(f"`cameras`: expected {len(found.views)} cameras, one a source, got {len(cameras)}")
+    found_by = [_by_both(one, found, k) for k, one in enumerate(cameras)]
+    heights = np.array([height for *_, height in found_by])
+    away = []
+    for theirs, ours, _ in found_by:
+        middle, centre = theirs.mean(), ours.mean()
+        turn = np.exp(1j * np.angle(np.vdot(ours - centre, theirs - middle)))
+        away.append([float(np.median(np.abs(turn * (b - centre) + middle - a))) for a, b, _ in found_by])
+    # Of equals, such as each of two cameras, the one by which people are as high as people are.
+    unlike = np.abs(np.log(heights / found.people.height))
+    best = int(np.argmin(np.minimum(away, 5 * WRONG).sum(axis=1) + 0.01 * unlike))
+    late = np.array([one.offset for one in cameras]) - found.numbers[:, OFFSET]
+    late -= late[best]
+    frame = np.array([0.5 / view.frame_rate for view in found.views])
+    limit = found.people.spread / found.people.height
+    wrong = (np.array(away[best]) > WRONG) | (np.abs(late) > frame + 3 * found.deviations[:, OFFSET]) | (unlike > limit)
+    columns = ([one.name for one in cameras], away[best], heights.tolist(), late.tolist(), wrong.tolist())
+    return [Disagreement(*row) for row in zip(*columns, strict=True)]
+
+
+def _by_both(one: CameraOverFloor, found: PeopleCalibration, k: int) -> tuple[FloatArray, FloatArray, float]:
+    """Places of the same people by the given camera and by the found one, complex metres; their height by the given."""
+    ours, view, person, camera = found.places(k), found.views[k], found.people.height, found.numbers[k]
+    if (one.camera.width, one.camera.height) != view.size:
+        size = f"{one.camera.width}x{one.camera.height}"
+        raise RequestError(f"{one.name}: expected pictures of {size} by `cameras`, got {view.size[0]}x{view.size[1]}")
+    theirs = one.camera.ground(picture(camera, feet(camera, view.boxes, person), 0.0))
+    near = np.abs(ours - camera[7] - 1j * camera[8])
+    good = np.isfinite(theirs).all(axis=1) & (near <= np.median(near))
+    if not good.any():
+        raise RequestError(f"{one.name}: expected people on the floor before the camera, found none; check its pose")
+    top = one.camera.project(theirs + np.array([0, 0, person]))[0][:, 1]
+    height = float(person * np.nanmedian(view.heights / (view.boxes[:, 3] - top)))
+    return theirs[good, 0] + 1j * theirs[good, 1], ours[good], height

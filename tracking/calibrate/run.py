@@ -380,8 +380,7 @@ def people(
         reach: largest difference of two cameras' clocks, seconds.
         fps: frames a second, where a source does not say; one number, or one a source, separated by commas.
     """
-    from tsuiseki.tracking.calibrate.checking import check_cameras
-    from tsuiseki.tracking.calibrate.people import calibrate_people
+    from tsuiseki.tracking.calibrate.people import calibrate_people, check_cameras
 
     found = calibrate_people(sources, person_height, person_spread, reach, fps, size.image_size)
     lines = found.described()

@@ -13,7 +13,7 @@ of video; what the first grouping got wrong, the tracks of the second put right.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,7 +21,7 @@ import numpy as np
 from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
 from tsuiseki.tracking.filters.kalman import Gaussians
 from tsuiseki.tracking.floor.grouping import Expected, MomentPoints, PersonNodes, group, joined_nodes, weighed
-from tsuiseki.tracking.floor.sensors import FloorPoints, SensorRates, SensorView, shares
+from tsuiseki.tracking.floor.measured_floor import FloorPoints, SensorRates, SensorView, shares
 from tsuiseki.tracking.floor.walking import (
     Expectations,
     Walking,
@@ -124,19 +124,22 @@ def _grouped(
     own_chance = np.maximum(chance[np.arange(len(points)), points.sensor], LEAST_CHANCE)
     gain = np.log(own_chance) - np.log(rates.false[points.sensor] * points.spread)
     edges = np.searchsorted(points.moment, np.arange(moments + 1))
-    await_at = _awaited(views, moments, rates, expected)
+    known, numbers, ends = None, np.empty(0, np.int64), np.zeros(moments + 1, np.int64)
+    if expected is not None:
+        mean, covariance = expected.states.mean[:, :2], expected.states.covariance[:, :2, :2]
+        away = np.log(1.0 - rates.detected(shares(views, expected.moment, mean)))
+        ends = np.searchsorted(expected.moment, np.arange(moments + 1))
     parts: list[PersonNodes] = []
     tracks: list[IntArray] = []
     total = 0
-    for moment in range(moments):
-        own = slice(edges[moment], edges[moment + 1])
-        if own.start == own.stop:
-            continue
+    for moment in np.flatnonzero(np.diff(edges)).tolist():
+        own, there = slice(edges[moment], edges[moment + 1]), slice(ends[moment], ends[moment + 1])
         here = MomentPoints(
             points.sensor[own], points.places[own], points.covariances[own], gain[own], missed[own], points.names[own],
             _alike(points, own, settings),
         )  # fmt: skip
-        known, numbers = await_at(moment)
+        if expected is not None:
+            known, numbers = Expected(mean[there], covariance[there], away[there]), expected.track[there]
         label = group(here, settings.density, known)
         nodes = weighed(here, label, moment)
         parts.append(replace(nodes, node=nodes.node + total))
@@ -144,23 +147,6 @@ def _grouped(
         # Groups of new people go on with no track.
         tracks.append(np.append(numbers, -1)[np.minimum(np.unique(label), len(numbers))])
     return joined_nodes(parts), np.concatenate(tracks)
-
-
-def _awaited(
-    views: Sequence[SensorView], moments: int, rates: SensorRates, expected: Expectations | None
-) -> Callable[[int], tuple[Expected | None, IntArray]]:
-    """What gives the tracks that are expected at a moment, and their numbers."""
-    if expected is None:
-        return lambda _: (None, np.empty(0, dtype=np.int64))
-    mean, covariance = expected.states.mean[:, :2], expected.states.covariance[:, :2, :2]
-    missed = np.log(1.0 - rates.detected(shares(views, expected.moment, mean)))
-    edges = np.searchsorted(expected.moment, np.arange(moments + 1))
-
-    def at(moment: int) -> tuple[Expected | None, IntArray]:
-        part = slice(edges[moment], edges[moment + 1])
-        return Expected(mean[part], covariance[part], missed[part]), expected.track[part]
-
-    return at
 
 
 def _alike(points: FloorPoints, own: slice, settings: FloorFlow) -> FloatArray | None:
@@ -180,13 +166,6 @@ def _mean_features(points: FloorPoints, nodes: PersonNodes) -> FloatArray | None
     total = np.zeros((len(nodes.moment), points.features.shape[1]))
     np.add.at(total, nodes.node, points.features)
     return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-9))
-
-
-def _names_of(points: FloorPoints, nodes: PersonNodes) -> IntArray:
-    """``(G,)`` certain names of the nodes, -1 for none."""
-    names = np.full(len(nodes.moment), -1)
-    np.maximum.at(names, nodes.node, points.names)
-    return names
 
 
 def _table(moment: IntArray, label: IntArray, moments: int) -> IntArray:
@@ -225,7 +204,7 @@ def _linked(
     start, further = settings.hidden
     missed = np.maximum(gap * (nodes.missed[tail] + nodes.missed[head]) / 2, start + further * (gap - 1))
     cost += np.where(gap > 0, -missed, 0.0) + seconds / settings.lives
-    features, names = _mean_features(points, nodes), _names_of(points, nodes)
+    features, names = _mean_features(points, nodes), nodes.highest(points.names)
     if features is not None:
         both = features[tail].any(axis=1) & features[head].any(axis=1)
         distance = 1.0 - np.einsum("pd,pd->p", features[tail], features[head])
@@ -300,12 +279,11 @@ def _learnt(
     used = track >= 0
     looks = np.array([max(int(view.looked.sum()), 1) for view in views])
     nobody = np.bincount(points.sensor[~used], minlength=len(views)) / looks
-    key, moments = expected.moment * (label.max(initial=0) + 1) + expected.track, points.moment
+    width = int(label.max(initial=0)) + 1
+    key, wanted = expected.moment * width + expected.track, points.moment[used] * width + track[used]
     order = np.argsort(key)
-    at = np.searchsorted(key[order], moments[used] * (label.max(initial=0) + 1) + track[used])
+    at = order[np.searchsorted(key[order], wanted).clip(max=len(key) - 1)] if len(key) else wanted[:0]
+    known = key[at] == wanted[: len(at)]
     hit = np.zeros((len(key), len(views)), dtype=np.bool_)
-    known = (at < len(key)) & (
-        key[order][np.minimum(at, len(key) - 1)] == moments[used] * (label.max(initial=0) + 1) + track[used]
-    )
-    hit[order[at[known]], points.sensor[used][known]] = True
+    hit[at[known], points.sensor[used][: len(at)][known]] = True
     return rates.learnt(shares(views, expected.moment, expected.states.mean[:, :2]), hit, nobody)

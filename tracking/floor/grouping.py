@@ -66,22 +66,6 @@ class Expected:
     missed: FloatArray
 
 
-@dataclass(frozen=True)
-class _Sums:
-    """Gaussians multiplied by group: information, its vector, and the logarithm of the rest."""
-
-    information: FloatArray
-    vector: FloatArray
-    rest: FloatArray
-
-    def solved(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Means, covariances and log integrals of the products."""
-        covariance, determinant = inverted(self.information)
-        mean = np.matmul(covariance, self.vector[..., None])[..., 0]
-        fit = (mean * self.vector).sum(axis=1)
-        return mean, covariance, self.rest + LOG_TWO_PI - 0.5 * np.log(determinant) + 0.5 * fit
-
-
 def group(points: MomentPoints, density: float, expected: Expected | None = None) -> IntArray:
     """``(N,)`` number of the group of each point.
 
@@ -169,22 +153,27 @@ class _Climb:
         """Weights V of the groups, their misses ``(G, S)``, means and covariances."""
         held = np.zeros((count, len(who)))
         held[member, np.arange(len(who))] = 1.0
-        sums = _Sums(
-            (held @ self.information[who].reshape(-1, 4)).reshape(-1, 2, 2),
-            held @ self.vector[who],
-            held @ self.rest[who],
-        )
-        first = np.zeros(count, dtype=np.int64)
-        order = np.argsort(self.precise[who], kind="stable")
-        first[member[order]] = who[order]
-        missed = self.missed[first].copy()
+        # Gaussians multiplied by group: information and its vector give the mean, the rest the integral.
+        information = (held @ self.information[who].reshape(-1, 4)).reshape(-1, 2, 2)
+        vector = held @ self.vector[who]
+        covariance, determinant = inverted(information)
+        mean = np.matmul(covariance, vector[..., None])[..., 0]
+        fit = (mean * vector).sum(axis=1)
+        integral = held @ self.rest[who] + LOG_TWO_PI - 0.5 * np.log(determinant) + 0.5 * fit
+        missed = self.missed[self.most_precise(who, member, count)].copy()
         real = who >= self.tracks
         missed[member[real], self.points.sensor[who[real] - self.tracks]] = 0.0
         prior = np.full(count, self.density)
         prior[member[~real]] = 0.0
-        mean, covariance, integral = sums.solved()
         value = integral + held @ self.gain[who] + prior + missed.sum(axis=1)
         return value, missed, (mean, covariance)
+
+    def most_precise(self, who: IntArray, member: IntArray, count: int) -> IntArray:
+        """``(G,)`` the member of each group whose place is surest."""
+        first = np.zeros(count, dtype=np.int64)
+        order = np.argsort(self.precise[who], kind="stable")
+        first[member[order]] = who[order]
+        return first
 
     def _alike(self, mine: IntArray, who: IntArray, member: IntArray, count: int) -> FloatArray:
         """``(n, G)`` what appearance adds, the mean over the members that were seen from a like side."""
@@ -244,16 +233,19 @@ class PersonNodes:
     missed: FloatArray
     node: IntArray
 
+    def highest(self, names: IntArray) -> IntArray:
+        """``(G,)`` certain names of the nodes from those of their points, -1 for none."""
+        found = np.full(len(self.moment), -1)
+        np.maximum.at(found, self.node, names)
+        return found
+
 
 def weighed(points: MomentPoints, label: IntArray, moment: int) -> PersonNodes:
     """The groups of one moment as nodes, in the order of their labels."""
     climb = _Climb(points, 0.0, None)
     numbers, member = np.unique(label, return_inverse=True)
     value, _, (mean, covariance) = climb.values(np.arange(len(label)), member, len(numbers))
-    first = np.zeros(len(numbers), dtype=np.int64)
-    order = np.argsort(climb.precise, kind="stable")
-    first[member[order]] = order
-    missed = climb.missed[first].sum(axis=1)
+    missed = climb.missed[climb.most_precise(np.arange(len(label)), member, len(numbers))].sum(axis=1)
     return PersonNodes(np.full(len(numbers), moment), mean, covariance, value, missed, member.astype(np.int64))
 
 

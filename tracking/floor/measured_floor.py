@@ -1,18 +1,18 @@
-"""What cameras and other sensors found, brought to one floor and one clock."""
+"""What cameras and other sensors found, brought to one floor and one clock, and how surely they see a spot."""
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from tsuiseki.tracking.cameras.camera_files import AnyCamera, CameraOverFloor
 from tsuiseki.tracking.cameras.multicamera import StandingPeople
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.floor.foot_points import FootNoise, on_floor
-from tsuiseki.tracking.floor.sensors import FloorPoints, SensorRates, SensorView, shares
+from tsuiseki.tracking.floor.foot_points import FootNoise, expected_boxes, on_floor
 from tsuiseki.tracking.formats.world_tables import FloorPositions, check_names
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
@@ -20,6 +20,132 @@ from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
 MARGIN = 1.0
 """Metres beyond the plan within which somebody is still followed."""
 APART = 0.5
+STEPS, LEAST_SEEN = 5, 0.05
+"""Steps in which detection grows with what is seen of somebody, and the share below which nobody is detected."""
+PRIOR, LEAST_FALSE = 10.0, 0.02
+CHUNK = 4_000
+HIDDEN_BY, NEARER = 0.95, 0.5
+"""Most of a person that nearer ones hide; metres by which somebody must be nearer."""
+
+
+@dataclass(frozen=True)
+class FloorPoints:
+    """All that was measured on the floor, ordered by moment.
+
+    Attributes:
+        moment: ``(N,)`` its number.
+        sensor: ``(N,)`` number of the camera or sensor.
+        row: ``(N,)`` row in what the sensor found at that moment.
+        places: ``(N, 2)`` metres.
+        covariances: ``(N, 2, 2)``.
+        spread: ``(N,)`` density of false ones there, of one in all, a square metre.
+        visible: ``(N, S)`` how surely each sensor would find somebody there, of its detection probability, [0, 1].
+        names: ``(N,)`` who it is, for certain; -1 where that is not known.
+        features: ``(N, D)`` of unit length, zero where there is none; or None.
+        facing: ``(N, 2)`` horizontal direction in which each was looked at; or None.
+    """
+
+    moment: IntArray
+    sensor: IntArray
+    row: IntArray
+    places: FloatArray
+    covariances: FloatArray
+    spread: FloatArray
+    visible: FloatArray
+    names: IntArray
+    features: FloatArray | None = None
+    facing: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.moment)
+
+
+@dataclass(frozen=True)
+class SensorRates:
+    """How well each of S sensors detects.
+
+    Attributes:
+        detection: ``(S, B)`` probability of somebody by how much of them is seen, in B equal steps from 0 to 1.
+        false: ``(S,)`` false ones a moment.
+    """
+
+    detection: FloatArray
+    false: FloatArray
+
+    def detected(self, share: FloatArray) -> FloatArray:
+        """``(E, S)`` probabilities of shares ``(E, S)``."""
+        found: FloatArray = self.detection[np.arange(share.shape[1]), _step_of(share)]
+        return np.asarray(np.where(share > LEAST_SEEN, found, 1e-6))
+
+    def learnt(self, share: FloatArray, hit: BoolArray, nobody: FloatArray) -> SensorRates:
+        """As people of tracks were detected.
+
+        Args:
+            share: ``(E, S)`` that sensors saw of them.
+            hit: ``(E, S)`` whether they detected them.
+            nobody: ``(S,)`` detections of nobody a moment.
+        """
+        detection = np.empty_like(self.detection)
+        for sensor in range(share.shape[1]):
+            seen = share[:, sensor] > LEAST_SEEN
+            step = _step_of(share[seen, sensor])
+            hits = np.bincount(step, hit[seen, sensor], STEPS) + PRIOR * self.detection[sensor]
+            detection[sensor] = hits / (np.bincount(step, minlength=STEPS) + PRIOR)
+        return SensorRates(np.asarray(np.clip(detection, 0.02, 0.98)), nobody + LEAST_FALSE)
+
+
+def _step_of(share: FloatArray) -> IntArray:
+    """The step of each share."""
+    return np.minimum((share * STEPS).astype(np.int64), STEPS - 1)
+
+
+@dataclass(frozen=True)
+class SensorView:
+    """What one sensor sees of the floor, and when.
+
+    Attributes:
+        camera: None for a sensor that sees the whole floor, or, where it names people, only those.
+        looked: ``(T,)`` moments at which it measured.
+        boxes: ``(T, M, 4)`` that it found at each, NaN where there are fewer.
+        nearness: ``(T, M)`` their distances, metres.
+        names: whether it only tells of people whom it names.
+    """
+
+    camera: AnyCamera | None
+    looked: BoolArray
+    boxes: FloatArray
+    nearness: FloatArray
+    names: bool = False
+
+    def share(self, moment: IntArray, places: FloatArray) -> FloatArray:
+        """``(E,)`` of somebody at ``(E, 2)`` places: the share in the image that no detected nearer person hides."""
+        if self.camera is None:
+            return np.where(self.looked[moment], 0.0 if self.names else 1.0, 0.0)
+        edges = range(0, len(moment), CHUNK)
+        parts = [self._part(moment[k : k + CHUNK], places[k : k + CHUNK]) for k in edges]
+        return np.concatenate([np.empty(0), *parts])
+
+    def _part(self, moment: IntArray, places: FloatArray) -> FloatArray:
+        camera = self.camera
+        assert camera is not None
+        expected = expected_boxes(camera, places)
+        distance = np.linalg.norm(places - camera.position[:2], axis=1)
+        area = np.prod(expected[:, 2:] - expected[:, :2], axis=1)
+        inside = np.clip(expected, 0.0, [camera.width, camera.height] * 2)
+        seen = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
+        boxes = self.boxes[moment]
+        low = np.maximum(inside[:, None, :2], boxes[..., :2])
+        high = np.minimum(inside[:, None, 2:], boxes[..., 2:])
+        shared = np.prod(np.maximum(high - low, 0.0), axis=2) * (self.nearness[moment] < distance[:, None] - NEARER)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            hidden = np.minimum(np.nan_to_num(shared).sum(axis=1) / np.maximum(seen, 1e-9), HIDDEN_BY)
+            share = np.nan_to_num(seen / area) * (1.0 - np.nan_to_num(hidden))
+        return np.asarray(self.looked[moment] * share)
+
+
+def shares(views: Sequence[SensorView], moment: IntArray, places: FloatArray) -> FloatArray:
+    """``(E, S)`` of every sensor."""
+    return np.stack([view.share(moment, places) for view in views], axis=1)
 
 
 @dataclass(frozen=True)
@@ -66,9 +192,13 @@ class MeasuredFloor:
 
     @property
     def rates(self) -> SensorRates:
-        """Of the sensors before anything is known."""
+        """Of the sensors before anything is known: people in full view are detected, others less."""
         count = len(self.views)
-        return SensorRates.first(np.full(count, 0.8), np.full(count, 1.0))
+        return SensorRates(np.full((count, 1), 0.8) * np.linspace(0.4, 1.0, STEPS), np.full(count, 1.0))
+
+    def inside(self, places: FloatArray) -> BoolArray:
+        """``(N,)`` whether ``(N, 2)`` places are on the plan."""
+        return np.asarray(((places >= self.floor[:2]) & (places <= self.floor[2:])).all(axis=1))
 
 
 def check_feeds(feeds: Sequence[CameraFeed]) -> None:
@@ -128,72 +258,57 @@ def measured_floor(
     moments = align(stamps, slack)
     parts = [_of_camera(feed, noise) for feed in feeds] + [_of_positions(one) for one in positions]
     names = [feed.placed.name for feed in feeds] + [str(one.path) for one in positions]
-    plan = _spanned([part.places for part in parts]) if floor is None else floor
+    plan = _spanned([part["places"] for part in parts]) if floor is None else floor
     low, high = plan[:2] - MARGIN, plan[2:] + MARGIN
-    kept, views, outside = [], [], {}
+    views, outside = list[SensorView](), dict[str, int]()
     for sensor, part in enumerate(parts):
         with np.errstate(invalid="ignore"):
-            inside = np.asarray((part.places >= low).all(axis=1) & (part.places <= high).all(axis=1))
+            inside = np.asarray((part["places"] >= low).all(axis=1) & (part["places"] <= high).all(axis=1))
         if not inside.all():
             outside[names[sensor]] = int((~inside).sum())
             _tell_outside(names[sensor], inside, plan, sensor >= len(feeds))
-        at = _moment_of(moments, sensor, len(stamps[sensor]))
-        part = part.select(np.flatnonzero(inside & (at[part.frames] >= 0)))
-        looked = np.zeros(len(moments), dtype=np.bool_)
-        looked[at[at >= 0]] = True
-        part = replace(
-            part, frames=at[part.frames], spread=np.nan_to_num(part.spread, nan=1.0 / float(np.prod(high - low)))
-        )
-        kept.append(part)
+        at, looked = np.full(len(stamps[sensor]), -1), np.zeros(len(moments), dtype=np.bool_)
+        for number, moment in enumerate(moments):
+            if (frame := moment.frames[sensor]) is not None:
+                at[frame], looked[number] = number, True
+        part["moment"] = at[part["moment"]]
+        kept = np.flatnonzero(inside & (part["moment"] >= 0))
+        parts[sensor] = part = {name: column[kept] for name, column in part.items()}
+        part["spread"] = np.nan_to_num(part["spread"], nan=1.0 / float(np.prod(high - low)))
+        part["sensor"] = np.full(len(kept), sensor)
         camera = feeds[sensor].placed.camera if sensor < len(feeds) else None
         views.append(_view(camera, looked, part))
-    return MeasuredFloor(moments, _joined(kept, views, feeds), views, names, feeds, plan, outside)
+    return MeasuredFloor(moments, _joined(parts, views, feeds), views, names, feeds, plan, outside)
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """N measurements of one sensor; `frames` are its own, then moments."""
-
-    frames: IntArray
-    rows: IntArray
-    places: FloatArray
-    covariances: FloatArray
-    spread: FloatArray
-    names: IntArray
-    boxes: FloatArray
-    features: FloatArray | None = None
-
-    def select(self, which: IntArray) -> _Measured:
-        features = None if self.features is None else self.features[which]
-        return _Measured(
-            self.frames[which], self.rows[which], self.places[which], self.covariances[which], self.spread[which],
-            self.names[which], self.boxes[which], features,
-        )  # fmt: skip
+# Of one sensor the columns of `FloorPoints`, boxes, and features where there are some; the moment is first the frame.
+_Columns = dict[str, Any]
 
 
-def _of_camera(feed: CameraFeed, noise: FootNoise) -> _Measured:
-    counts = [len(each) for each in feed.found]
+def _of_camera(feed: CameraFeed, noise: FootNoise) -> _Columns:
+    counts, camera = [len(each) for each in feed.found], feed.placed.camera
     boxes = np.concatenate([np.empty((0, 4)), *(each.detections.boxes for each in feed.found)])
     feet = np.concatenate([np.empty((0, 2)), *(each.feet for each in feed.found)])
-    people = StandingPeople(Detections(boxes, np.ones(len(boxes))), feet)
-    camera = feed.placed.camera
-    places, covariances, density = on_floor(camera, people, noise)
-    frames = np.repeat(np.arange(len(counts)), counts)
-    rows = np.concatenate([np.empty(0, np.int64), *(np.arange(count) for count in counts)])
+    places, covariances, density = on_floor(camera, StandingPeople(Detections(boxes, np.ones(len(boxes))), feet), noise)
     described = [each.detections.features for each in feed.found if len(each)]
-    features = None
-    if described and all(one is not None for one in described):
-        features = np.concatenate([one for one in described if one is not None])
-    spread = density / (camera.width * camera.height)
-    return _Measured(frames, rows, places, covariances, spread, np.full(len(rows), -1), boxes, features)
+    known = [one for one in described if one is not None]
+    rows = np.concatenate([np.empty(0, np.int64), *map(np.arange, counts)])
+    columns = _columns(np.repeat(np.arange(len(counts)), counts), rows, places, covariances)
+    columns |= {"spread": density / (camera.width * camera.height), "boxes": boxes}
+    return columns | ({"features": np.concatenate(known)} if known and len(known) == len(described) else {})
 
 
-def _of_positions(one: FloorPositions) -> _Measured:
+def _of_positions(one: FloorPositions) -> _Columns:
     frames = np.unique(one.times, return_inverse=True)[1]
     covariances = np.square(one.deviations)[:, None, None] * np.eye(2)
+    return _columns(frames, np.arange(len(frames)), one.places, covariances) | {"names": one.names}
+
+
+def _columns(frames: IntArray, rows: IntArray, places: FloatArray, covariances: FloatArray) -> _Columns:
+    known = {"moment": frames, "row": rows, "places": places, "covariances": covariances}
     count = len(frames)
-    empty = np.full((count, 4), np.nan)
-    return _Measured(frames, np.arange(count), one.places, covariances, np.full(count, np.nan), one.names, empty)
+    unknown = {"spread": np.full(count, np.nan), "names": np.full(count, -1), "boxes": np.full((count, 4), np.nan)}
+    return {**known, **unknown}
 
 
 def _tell_outside(name: str, inside: BoolArray, plan: FloatArray, told: bool) -> None:
@@ -218,49 +333,32 @@ def _spanned(places: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate([np.quantile(every, 0.005, axis=0) - MARGIN, np.quantile(every, 0.995, axis=0) + MARGIN])
 
 
-def _moment_of(moments: Sequence[Moment], sensor: int, count: int) -> IntArray:
-    """``(F,)`` moment of each frame of a sensor."""
-    at = np.full(count, -1)
-    for number, moment in enumerate(moments):
-        frame = moment.frames[sensor]
-        if frame is not None:
-            at[frame] = number
-    return at
-
-
-def _view(camera: AnyCamera | None, looked: BoolArray, part: _Measured) -> SensorView:
+def _view(camera: AnyCamera | None, looked: BoolArray, part: _Columns) -> SensorView:
     """What a sensor sees, with its detections as those that may hide others."""
-    order = np.argsort(part.frames, kind="stable")
-    moment = part.frames[order]
+    order = np.argsort(part["moment"], kind="stable")
+    moment = part["moment"][order]
     place = np.arange(len(moment)) - np.searchsorted(moment, moment)
     shape = len(looked), int(place.max(initial=-1)) + 1
     boxes, nearness = np.full((*shape, 4), np.nan), np.full(shape, np.nan)
-    boxes[moment, place] = part.boxes[order]
+    boxes[moment, place] = part["boxes"][order]
     if camera is not None:
-        nearness[moment, place] = np.linalg.norm(part.places[order] - camera.position[:2], axis=1)
-    return SensorView(camera, looked, boxes, nearness, camera is None and bool((part.names >= 0).all()))
+        nearness[moment, place] = np.linalg.norm(part["places"][order] - camera.position[:2], axis=1)
+    return SensorView(camera, looked, boxes, nearness, camera is None and bool((part["names"] >= 0).all()))
 
 
-def _joined(kept: Sequence[_Measured], views: Sequence[SensorView], feeds: Sequence[CameraFeed]) -> FloorPoints:
+def _joined(parts: Sequence[_Columns], views: Sequence[SensorView], feeds: Sequence[CameraFeed]) -> FloorPoints:
     """The measurements of all sensors, by moment."""
-    sensor = np.repeat(np.arange(len(kept)), [len(part.frames) for part in kept])
-    moment = np.concatenate([part.frames for part in kept])
-    order = np.argsort(moment, kind="stable")
-    columns = [
-        np.concatenate([getattr(part, name) for part in kept])[order]
-        for name in ("rows", "places", "covariances", "spread", "names")
-    ]
-    rows, places, covariances, spread, names = columns
-    features = facing = None
-    width = {part.features.shape[1] for part in kept if part.features is not None}
+    order = np.argsort(np.concatenate([part["moment"] for part in parts]), kind="stable")
+    wanted = ("moment", "sensor", "row", "places", "covariances", "spread", "names")
+    columns = {name: np.concatenate([part[name] for part in parts])[order] for name in wanted}
+    moment, places = columns["moment"], columns["places"]
+    width = {part["features"].shape[1] for part in parts if "features" in part}
     if len(width) == 1:
         blank = np.zeros((1, width.pop()))
-        own = [np.repeat(blank, len(p.frames), axis=0) if p.features is None else p.features for p in kept]
-        features = np.concatenate(own)[order]
-        stands = np.array(
-            [feed.placed.camera.position[:2] for feed in feeds] + [[np.nan] * 2] * (len(kept) - len(feeds))
-        )
-        away = places - stands[sensor[order]]
+        own = [part.get("features", np.repeat(blank, len(part["row"]), axis=0)) for part in parts]
+        unseen = [[np.nan] * 2] * (len(parts) - len(feeds))
+        stands = np.array([feed.placed.camera.position[:2] for feed in feeds] + unseen)
+        away = places - stands[columns["sensor"]]
         facing = np.nan_to_num(away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9))
-    seen = shares(views, moment[order], places)
-    return FloorPoints(moment[order], sensor[order], rows, places, covariances, spread, seen, names, features, facing)
+        columns |= {"features": np.concatenate(own)[order], "facing": facing}
+    return FloorPoints(visible=shares(views, moment, places), **columns)

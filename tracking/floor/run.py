@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,14 +18,16 @@ from tsuiseki.tracking.cli.run import Run, count
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer, as_detector
 from tsuiseki.tracking.fisheye.unrolled import looking
+from tsuiseki.tracking.floor.floor_flow import FloorFlow
+from tsuiseki.tracking.floor.foot_points import FootNoise
 from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, measured_floor
 from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.page import floor_files
-from tsuiseki.tracking.floor.settings import OneFloorSettings
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.sensed_points import is_point_file
 from tsuiseki.tracking.formats.world_tables import FloorPositions, read_floor_positions
+from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.people.inputs import PeopleInputs
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.report.overlay import Overlay
@@ -36,6 +38,36 @@ from tsuiseki.tracking.types import Detections, FloatArray, Frame, Track
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 from tsuiseki.tracking.video.source import Source, SourceLike, address_of, named, open_source
 from tsuiseki.tracking.weights import shipped
+
+OneFloorMethod = Literal["flow", "lmb"]
+
+
+@dataclass(frozen=True)
+class OneFloorSettings(Shared):
+    """How people are followed on one floor.
+
+    Attributes:
+        method: flow links the whole video at the end; lmb decides at each moment, and knows nothing of certain ids.
+        tolerance: frames of different cameras within so many seconds count as taken together; by default a quarter of
+            the shortest time between frames.
+        floor: X1,Y1,X2,Y2 of the plan, metres; by default that of cameras.yaml, or what the measurements span.
+        noise: how exactly a detection tells where somebody stands.
+        flow: settings of the flow.
+    """
+
+    method: OneFloorMethod = "flow"
+    tolerance: float | None = None
+    floor: tuple[float, float, float, float] | None = None
+    noise: FootNoise = field(default_factory=FootNoise)
+    flow: FloorFlow = field(default_factory=FloorFlow)
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        if self.tolerance is not None and not self.tolerance >= 0:
+            raise RequestError(f"`tolerance`: expected seconds from 0, got {self.tolerance:g}")
+        if self.floor is not None and not (self.floor[0] < self.floor[2] and self.floor[1] < self.floor[3]):
+            raise RequestError(f"`floor`: expected X1 < X2 and Y1 < Y2, got {self.floor}")
+
 
 SETTINGS, TIMES, DETECTING = OneFloorSettings(), FrameTimes(), Detecting()
 NO_SOURCES: list[str] = []

@@ -30,64 +30,49 @@ def flow_on_one_floor(measured: MeasuredFloor, settings: FloorFlow) -> list[Pers
 
 def people_of(measured: MeasuredFloor, found: FloorTracks, short: int) -> list[PersonOnFloor]:
     """Tracks of at least ``short`` nodes, or of a certain name, on the plan; ids in the order of their beginning."""
-    points, node = measured.points, found.nodes.node
-    seen = np.zeros((len(found.nodes.moment), len(measured.views)), dtype=np.bool_)
-    seen[node, points.sensor] = True
-    names = np.full(len(seen), -1)
-    np.maximum.at(names, node, points.names)
+    points, nodes = measured.points, found.nodes
+    seen = np.zeros((len(nodes.moment), len(measured.views)), dtype=np.bool_)
+    seen[nodes.node, points.sensor] = True
+    names = nodes.highest(points.names)
     parts = []
     for track in np.unique(found.label[found.label >= 0]):
         own = np.flatnonzero(found.label == track)
         name = int(names[own].max())
         if len(own) >= short or name >= 0:
-            parts.append((name, own, np.flatnonzero(found.expected.track == track)))
-    parts.sort(key=lambda part: int(found.nodes.moment[part[1]].min()))
-    taken = {name for name, *_ in parts if name >= 0}
+            parts.append((int(nodes.moment[own].min()), name, own, np.flatnonzero(found.expected.track == track)))
+    parts.sort(key=lambda part: part[0])
+    taken = {name for _, name, *_ in parts if name >= 0}
     free = iter(number for number in range(1, len(parts) + len(taken) + 1) if number not in taken)
-    people = []
-    for name, own, rows in parts:
-        one = _person(measured, found, name if name >= 0 else next(free), own, rows, seen)
-        if one is not None:
-            people.append(one)
-    return people
+    people = [
+        _person(measured, found, name if name >= 0 else next(free), own, rows, seen) for _, name, own, rows in parts
+    ]
+    return [one for one in people if len(one)]
 
 
 def _person(
     measured: MeasuredFloor, found: FloorTracks, number: int, own: IntArray, rows: IntArray, seen: BoolArray
-) -> PersonOnFloor | None:
+) -> PersonOnFloor:
     nodes, expected = found.nodes, found.expected
     at = nodes.moment[own]
     rows = rows[(expected.moment[rows] >= at.min()) & (expected.moment[rows] <= at.max())]
-    moments = expected.moment[rows]
-    if not len(rows):
-        moments = at
-        states = FloorFlow().walking.start(nodes.places[own], nodes.covariances[own])
-    else:
+    if len(rows):
+        moments = expected.moment[rows]
         states = Gaussians(expected.states.mean[rows].copy(), expected.states.covariance[rows].copy())
         row = np.searchsorted(moments, at)
         met, _ = update(
             Gaussians(states.mean[row], states.covariance[row]), nodes.places[own], PLACE, nodes.covariances[own]
         )
         states.mean[row], states.covariance[row] = met.mean, met.covariance
+    else:
+        moments, states = at, FloorFlow().walking.start(nodes.places[own], nodes.covariances[own])
     there = np.zeros((len(moments), seen.shape[1]), dtype=np.bool_)
     there[np.searchsorted(moments, at)] = seen[own]
-    low, high = measured.floor[:2], measured.floor[2:]
-    inside = (states.mean[:, :2] >= low).all(axis=1) & (states.mean[:, :2] <= high).all(axis=1)
-    if not inside.any():
-        return None
-    mean, covariance = states.mean[inside], states.covariance[inside][:, AXES][:, :, AXES]
-    there = there[inside]
+    inside = measured.inside(states.mean[:, :2])
+    mean, covariance, there = states.mean[inside], states.covariance[inside][:, AXES][:, :, AXES], there[inside]
     return PersonOnFloor(
-        number,
-        moments[inside],
-        measured.times[moments[inside]],
-        mean[:, :2],
-        mean[:, 2:],
-        covariance,
-        np.where(there.any(axis=1), 1.0, UNSEEN),
-        np.empty((len(mean), 0)),
-        there,
-    )
+        number, moments[inside], measured.times[moments[inside]], mean[:, :2], mean[:, 2:], covariance,
+        np.where(there.any(axis=1), 1.0, UNSEEN), np.empty((len(mean), 0)), there,
+    )  # fmt: skip
 
 
 def tracks_in(measured: MeasuredFloor, people: Sequence[PersonOnFloor], camera: int) -> list[Track]:

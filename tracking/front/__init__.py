@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.bodies.run import follow_deformable as follow_deformable
     from tsuiseki.tracking.bodies.run import track_deformable as track_deformable
     from tsuiseki.tracking.bodies.settings import DeformableSettings as DeformableSettings
-    from tsuiseki.tracking.calibrate.checking import check_cameras as check_cameras
     from tsuiseki.tracking.calibrate.people import PeopleCalibration as PeopleCalibration
     from tsuiseki.tracking.calibrate.people import calibrate_people as calibrate_people
+    from tsuiseki.tracking.calibrate.people import check_cameras as check_cameras
     from tsuiseki.tracking.drone.run import track_drone as track_drone
     from tsuiseki.tracking.drone.settings import DroneSettings as DroneSettings
     from tsuiseki.tracking.errors import RequestError as RequestError
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.features.exported import Detector as Detector
     from tsuiseki.tracking.fisheye.run import track_fisheye as track_fisheye
     from tsuiseki.tracking.fisheye.settings import CeilingOptions as CeilingOptions
+    from tsuiseki.tracking.floor.run import OneFloorSettings as OneFloorSettings
     from tsuiseki.tracking.floor.run import track_floor as track_floor
-    from tsuiseki.tracking.floor.settings import OneFloorSettings as OneFloorSettings
     from tsuiseki.tracking.formats.mot import read_tracks as read_tracks
     from tsuiseki.tracking.formats.mot import write_tracks as write_tracks
     from tsuiseki.tracking.interchange import as_detections as as_detections

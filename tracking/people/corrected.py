@@ -67,8 +67,8 @@ def correction_files(
     if corrections is None:
         return tracks, files, {}, []
     from tsuiseki.tracking.review.corrections import CORRECTIONS_FILE, Video
-    from tsuiseki.tracking.review.replay import replayed
     from tsuiseki.tracking.review.session import FILL, SOLVED_FILE
+    from tsuiseki.tracking.review.tracks import replayed
 
     last = max([*frames, *(int(track.frames[-1]) for track in tracks)], default=-1)
     video = Video(Path(source.name).name, image_size(source), last + 1)

@@ -13,25 +13,25 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple
 
 from tsuiseki.tracking.errors import RequestError
 
 CORRECTIONS_FILE = "corrections.jsonl"
 Kind = Literal["same", "not_same", "next", "switch", "real", "not_person", "box", "name", "delete", "right", "several"]
-# How many boxes each kind names, at least and at most.
-COUNTS: Mapping[Kind, tuple[int, float]] = {
-    "same": (2, 2),
-    "not_same": (2, 2),
-    "next": (2, 2),
-    "switch": (4, 4),
-    "real": (1, 1),
-    "not_person": (1, 1),
-    "box": (1, 2),
-    "name": (1, 1),
-    "delete": (1, math.inf),
-    "right": (2, math.inf),
-    "several": (0, 0),
+# How many boxes each kind names, at least and at most, and what it says of them.
+KINDS: Mapping[Kind, tuple[int, float, str]] = {
+    "same": (2, 2, "{two} are the same person"),
+    "not_same": (2, 2, "{two} are not the same person"),
+    "next": (2, 2, "{two} are the same person, seen nowhere between"),
+    "switch": (4, 4, "two people are exchanged from frame {last} on"),
+    "real": (1, 1, "{one} is a person"),
+    "not_person": (1, 1, "{one} is no person"),
+    "box": (1, 2, "{one} is {drawn}"),
+    "name": (1, 1, "{one} is called {name}"),
+    "delete": (1, math.inf, "the track of {one} is deleted"),
+    "right": (2, math.inf, "the track from {one} to frame {last} is right"),
+    "several": (0, 0, ""),
 }
 
 
@@ -68,11 +68,12 @@ class Correction:
     sentence: str = ""
 
     def __post_init__(self) -> None:
-        if self.kind not in get_args(Kind):
-            raise RequestError(f"expected a correction {', '.join(get_args(Kind))}, got {self.kind!r}")
-        least, most = COUNTS[self.kind]
+        if self.kind not in KINDS:
+            raise RequestError(f"expected a correction {', '.join(KINDS)}, got {self.kind!r}")
+        least, most, _ = KINDS[self.kind]
         if not least <= len(self.boxes) <= most or (self.kind == "several") != bool(self.parts):
-            raise RequestError(f"correction {self.kind}: expected {_number_of(least, most)}, got {len(self.boxes)}")
+            usual = f"{least} boxes" if most == least else f"{least} boxes or more" if most > 2 else "1 or 2 boxes"
+            raise RequestError(f"correction {self.kind}: expected {usual}, got {len(self.boxes)}")
         for box in self.boxes:
             if box is None and self.kind == "switch":
                 continue
@@ -91,22 +92,17 @@ class Correction:
             return self.sentence
         if self.kind == "several":
             return "; ".join(map(str, self.parts))
-        frames = [box.frame + 1 for box in self.there]
-        places = [f"({box.x + box.width / 2:.0f}, {box.y + box.height / 2:.0f})" for box in self.there]
-        one = f"the box at {places[0]} in frame {frames[0]}"
-        two = f"{one} and the box at {places[-1]} in frame {frames[-1]}"
-        return {
-            "same": f"{two} are the same person",
-            "not_same": f"{two} are not the same person",
-            "next": f"{two} are the same person, seen nowhere between",
-            "switch": f"two people are exchanged from frame {frames[-1]} on",
-            "real": f"{one} is a person",
-            "not_person": f"{one} is no person",
-            "box": f"{one} is added" if len(frames) == 1 else f"{one} is moved",
-            "name": f"{one} is called {self.name or 'nothing'}",
-            "delete": f"the track of {one} is deleted",
-            "right": f"the track from {one} to frame {frames[-1]} is right",
-        }[self.kind]
+        shown = [
+            f"the box at ({box.x + box.width / 2:.0f}, {box.y + box.height / 2:.0f}) in frame {box.frame + 1}"
+            for box in self.there
+        ]
+        return KINDS[self.kind][2].format(
+            one=shown[0],
+            two=f"{shown[0]} and {shown[-1]}",
+            last=self.there[-1].frame + 1,
+            drawn="added" if len(shown) == 1 else "moved",
+            name=self.name or "nothing",
+        )
 
     def written(self) -> dict[str, Any]:
         """As in the file."""
@@ -130,10 +126,6 @@ class Correction:
             raise RequestError(f"expected a correction with kind and boxes, got {json.dumps(row)[:80]}") from error
 
 
-def _number_of(least: int, most: float) -> str:
-    return f"{least} boxes" if most == least else f"{least} boxes or more" if most == math.inf else "1 or 2 boxes"
-
-
 @dataclass(frozen=True)
 class Video:
     """Of which video corrections speak.
@@ -154,10 +146,9 @@ class Video:
         Raises:
             RequestError: it has another size or length; where neither is known, another name.
         """
-        sizes = self.size is not None and other.size is not None
-        if sizes and self.size != other.size:
-            raise RequestError(f"{path}: expected corrections of {self}, got those of {other}")
-        if self.frames and other.frames and abs(self.frames - other.frames) > slack:
+        sizes, lengths = (self.size, other.size), (self.frames, other.frames)
+        long = 0 not in lengths and abs(self.frames - other.frames) > slack
+        if long or (None not in sizes and sizes[0] != sizes[1]):
             raise RequestError(f"{path}: expected corrections of {self}, got those of {other}")
 
     def __str__(self) -> str:
@@ -197,8 +188,9 @@ def read_corrections(path: Path, of: Video | None = None, slack: float = 0.0) ->
     except (OSError, UnicodeDecodeError) as error:
         raise RequestError(f"{path}: expected corrections, JSON a line, got a file that cannot be read") from error
     log = CorrectionLog()
-    whole = lines[:-1] if lines[-1] == "" else [*lines[:-1], *([lines[-1]] if _is_json(lines[-1]) else [])]
-    for number, line in enumerate(whole, 1):
+    if not _is_json(lines[-1]):
+        del lines[-1]
+    for number, line in enumerate(lines, 1):
         try:
             row = json.loads(line)
             if number == 1:
@@ -206,10 +198,8 @@ def read_corrections(path: Path, of: Video | None = None, slack: float = 0.0) ->
                 about = Video(str(row["video"]), None if size is None else (size[0], size[1]), int(row["frames"]))
                 if of is not None:
                     of.check(about, path, slack)
-            elif row.get("kind") in ("undo", "redo"):
-                log = log.and_then(row["kind"])
             else:
-                log = log.and_then(Correction.parse(row))
+                log = log.and_then(row["kind"] if row.get("kind") in ("undo", "redo") else Correction.parse(row))
         except RequestError as error:
             raise RequestError(str(error) if number == 1 else f"{path}, line {number}: {error}") from error
         except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:

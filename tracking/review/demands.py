@@ -30,6 +30,14 @@ class ContradictionError(RequestError):
 
 
 @dataclass
+class _Group:
+    """Detections of one person by frame, each with the sentence that put it there, and the last sentence."""
+
+    members: dict[int, tuple[int, str]]
+    sentence: str
+
+
+@dataclass
 class Demands:
     """What must hold of detections, by their numbers.
 
@@ -52,34 +60,28 @@ class Demands:
     shown: dict[int, FloatArray] = field(default_factory=dict)
     names: dict[int, str] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
-    _said: dict[Any, tuple[Any, str]] = field(default_factory=dict)
-    _group: dict[int, int] = field(default_factory=dict)
+    _sentences: dict[tuple[int, Any], str] = field(default_factory=dict)
+    _groups: dict[int, _Group] = field(default_factory=dict)
 
     def use(self, i: int, wanted: bool, sentence: str) -> None:
         """A detection is a person, or none."""
-        self._note(("used", i), wanted, sentence)
-        self.used[i] = wanted
+        self._note(self.used, i, wanted, sentence)
 
     def link(self, i: int, j: int, sentence: str) -> None:
         """One detection follows another; -1 stands for none, at the start or the end of a track."""
         if GONE in (i, j):
             return
-        if i != NOTHING:
-            self.use(i, True, sentence)
-            self._note(("after", i), j, sentence)
-            self.after[i] = j
-        if j != NOTHING:
-            self.use(j, True, sentence)
-            self._note(("before", j), i, sentence)
-            self.before[j] = i
+        for table, key, value in ((self.after, i, j), (self.before, j, i)):
+            if key != NOTHING:
+                self.use(key, True, sentence)
+                self._note(table, key, value, sentence)
         if NOTHING not in (i, j):
             self.pair(i, j, True, sentence)
 
     def pair(self, i: int, j: int, same: bool, sentence: str) -> None:
         """Two detections are of one track, or not."""
         first, last = sorted((i, j), key=lambda n: int(self.frames[n]))
-        self._note(("pair", first, last), same, sentence)
-        self.pairs[first, last] = same
+        self._note(self.pairs, (first, last), same, sentence)
         if same:
             self._join(i, j, sentence)
 
@@ -94,30 +96,27 @@ class Demands:
             ContradictionError: there are some.
         """
         for (i, j), same in self.pairs.items():
-            if not same and self._root(i) == self._root(j):
-                raise ContradictionError(self._said["pair", i, j][1], self._said["group", self._root(i)][1])
+            group = self._groups.get(i)
+            if not same and group is not None and group is self._groups.get(j):
+                raise ContradictionError(self._sentences[id(self.pairs), (i, j)], group.sentence)
 
-    def _note(self, key: Any, value: Any, sentence: str) -> None:
-        known = self._said.setdefault(key, (value, sentence))
-        if known[0] != value:
-            raise ContradictionError(known[1], sentence)
-
-    def _root(self, i: int) -> int:
-        while self._group.get(i, i) != i:
-            i = self._group[i]
-        return i
+    def _note(self, table: dict[Any, Any], key: Any, value: Any, sentence: str) -> None:
+        known = self._sentences.setdefault((id(table), key), sentence)
+        if table.setdefault(key, value) != value:
+            raise ContradictionError(known, sentence)
 
     def _join(self, i: int, j: int, sentence: str) -> None:
         """Put two detections into one group, in which each frame stands once."""
-        for n in (i, j):
-            self._said.setdefault(("frame", self._root(n), int(self.frames[n])), (n, sentence))
-        one, other = self._root(i), self._root(j)
-        if one != other:
-            mine = [key for key in self._said if key[0] == "frame" and key[1] == other]
-            for key in mine:
-                self._note(("frame", one, key[2]), self._said[key][0], sentence)
-            self._group[other] = one
-        self._said["group", one] = (one, sentence)
+        one, other = (
+            self._groups.setdefault(n, _Group({int(self.frames[n]): (n, sentence)}, sentence)) for n in (i, j)
+        )
+        if one is not other:
+            for frame, (n, _) in other.members.items():
+                known, before = one.members.setdefault(frame, (n, sentence))
+                if known != n:
+                    raise ContradictionError(before, sentence)
+                self._groups[n] = one
+        one.sentence = sentence
 
 
 def demands_of(corrections: Sequence[Correction], frames: IntArray, boxes: FloatArray) -> Demands:
@@ -138,51 +137,41 @@ def demands_of(corrections: Sequence[Correction], frames: IntArray, boxes: Float
     ]
     deleted = {n: place for place, (one, _, found) in enumerate(said) if one.kind == "delete" for n in found}
     for place, (one, sentence, found) in enumerate(said):
-        there = [n == NOTHING and box is not None for n, box in zip(found, one.boxes, strict=True)]
-        if all(there) if one.kind in ("delete", "right", "box") else any(there):
+        lost = [n == NOTHING and box is not None for n, box in zip(found, one.boxes, strict=True)]
+        if all(lost) if one.kind in ("delete", "right", "box") else any(lost):
             demands.left_out.append(f"{sentence} (no detection is there)")
             continue
         # Who deletes a track takes back what was said of it before.
-        gone = [n for n in found if deleted.get(n, -1) > place]
-        if not gone:
+        found = [GONE if deleted.get(n, -1) > place else n for n in found]
+        if GONE not in found or one.kind in ("switch", "right"):
             _ask(demands, one, found, sentence)
-        elif one.kind in ("switch", "right"):
-            _ask(demands, one, [GONE if n in gone else n for n in found], sentence)
     demands.check()
     return demands
 
 
 def _single(corrections: Sequence[Correction]) -> Iterator[tuple[Correction, str]]:
     """Corrections that say one thing, with the sentences that they came in."""
-    for one in corrections:
-        for part in one.parts if one.kind == "several" else (one,):
-            yield part, str(one)
+    return ((part, str(one)) for one in corrections for part in one.parts or (one,))
 
 
 def _ask(demands: Demands, one: Correction, numbers: list[int], sentence: str) -> None:
     known = [n for n in numbers if n != NOTHING]
-    if one.kind in ("same", "not_same"):
-        demands.pair(numbers[0], numbers[1], one.kind == "same", sentence)
-        for n in numbers:
-            demands.use(n, True, sentence)
-    elif one.kind == "switch":
+    if one.kind == "switch":
         a, b, a_after, b_after = numbers
         demands.link(a, b_after, sentence)
         demands.link(b, a_after, sentence)
-    elif one.kind == "delete":
-        for n in known:
-            demands.use(n, False, sentence)
     elif one.kind in ("next", "right"):
         for i, j in itertools.pairwise(known):
             demands.link(i, j, sentence)
     elif one.kind == "name":
         demands.names[known[0]] = one.name
-    elif one.kind == "not_person":
-        demands.use(known[0], False, sentence)
     else:
-        demands.use(known[0], True, sentence)
-        if one.kind == "box":
+        if one.kind in ("same", "not_same"):
+            demands.pair(numbers[0], numbers[1], one.kind == "same", sentence)
+        elif one.kind == "box":
             demands.shown[known[0]] = corners(one.there[-1])
+        for n in known[:1] if one.kind == "box" else known:
+            demands.use(n, one.kind not in ("delete", "not_person"), sentence)
 
 
 def corners(box: Box) -> FloatArray:
@@ -215,8 +204,5 @@ class Finder:
 
 def unmet_boxes(corrections: Sequence[Correction], frames: IntArray, boxes: FloatArray) -> list[Box]:
     """Boxes of people where no detection is: they become detections."""
-    find, new = Finder(frames, boxes), dict[Box, None]()
-    for one, _ in _single(corrections):
-        if one.kind in ("real", "box") and all(find(box) == NOTHING for box in one.there):
-            new[one.there[-1]] = None
-    return list(new)
+    find, people = Finder(frames, boxes), [one for one, _ in _single(corrections) if one.kind in ("real", "box")]
+    return [*dict.fromkeys(one.there[-1] for one in people if all(find(box) == NOTHING for box in one.there))]

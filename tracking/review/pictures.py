@@ -25,24 +25,28 @@ LARGEST, QUALITY, KEPT = 1280, 82, 400
 class Pictures:
     """JPEG pictures by frame, for any thread.
 
+    Args:
+        source: folder of images or video file.
+        frames: how many there must be at least.
+
     Attributes:
         length: number of frames.
-        size: width and height of a frame, pixels.
 
     Raises:
-        RequestError: ``source`` has no pictures that can be played again, or PyAV is not installed.
+        RequestError: ``source`` has no pictures that can be played again, or too few, or PyAV is not installed.
     """
 
-    def __init__(self, source: str | Path) -> None:
+    def __init__(self, source: str | Path, frames: int = 1) -> None:
         opened = open_source(source)
         if not opened.has_images or not isinstance(opened, ImageFolder | VideoFile):
             raise RequestError(f"{opened.name} has no pictures that can be played again; give a `video` that has")
         self._film = _Film(opened.path) if isinstance(opened, VideoFile) else None
         self._files = opened.images if isinstance(opened, ImageFolder) else ()
         self.length = len(self._files) if self._film is None else self._film.length
+        if self.length < frames:
+            raise RequestError(f"{source}: expected {frames} frames as in the result, got {self.length}")
         self._lock, self.jpeg = threading.Lock(), lru_cache(KEPT)(self._jpeg)
-        height, width = self._image(0).shape[:2]
-        self.size = width, height
+        self._image(0)
 
     def _jpeg(self, frame: int) -> bytes:
         with self._lock:

@@ -8,10 +8,11 @@ about the boxes before and after them; two people who may have been exchanged ar
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
-from collections.abc import Callable, Set
+from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import scipy
@@ -21,7 +22,7 @@ from tsuiseki.tracking.association.network_flow import FlowSolution, track_label
 from tsuiseki.tracking.association.residual_flow import FREE, ResidualFlow
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.review.corrections import Box, Correction, Kind, boxes_of
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import FloatArray, IntArray
 
 QuestionKind = Literal["link", "start", "end", "detection", "exchange"]
 # Decisions whose other way costs this much more are certain.
@@ -42,8 +43,7 @@ FAR = 5
 WEIGHED, AROUND = 100, 12
 
 
-@dataclass(frozen=True)
-class ShownBox:
+class ShownBox(NamedTuple):
     """A box of an alternative: the frame from 0, its place in pixels, and whose it is."""
 
     frame: int
@@ -83,16 +83,9 @@ class Question:
     no: Correction
 
 
-@dataclass(frozen=True)
-class Change:
-    """Links that are given up, and links that take their place."""
-
-    removed: tuple[tuple[int, int], ...] = ()
-    added: tuple[tuple[int, int], ...] = ()
-
-
+_Links = Sequence[tuple[int, int]]
 # How likely decisions are wrong, how many detections that spoils, their arcs, and what words one of them.
-_Kind = tuple[FloatArray, FloatArray | IntArray, IntArray, Callable[[int, float, set[int]], Question | None]]
+_Kind = tuple[FloatArray, FloatArray | IntArray, IntArray, Callable[[int, float, set[int]], Question]]
 
 
 class Questioner:
@@ -110,10 +103,9 @@ class Questioner:
     ) -> None:
         self.network, self.flow, self.ids = network, flow, ids
         self._parted = np.isin(np.arange(flow.count), list(parted))
-        here = ids[flow.graph.tail] > 0
-        here &= (ids[flow.graph.head] > 0) & ~flow.used[3 * flow.count :]
-        which = np.append(np.zeros(3 * flow.count, np.bool_), here)
-        self.found: Marginals = marginals(flow, CLOSE, which)
+        first, graph = 3 * flow.count, flow.graph
+        here = (ids[graph.tail] > 0) & (ids[graph.head] > 0) & ~flow.used[first:]
+        self.found: Marginals = marginals(flow, CLOSE, np.append(np.zeros(first, np.bool_), here))
         solution = flow.solution()
         self._follower, self._labels = solution.follower, track_labels(solution)
         order = np.lexsort((network.frames, self._labels))
@@ -136,10 +128,11 @@ class Questioner:
             for n in np.argsort(-weight, kind="stable").tolist():
                 if asked == limit or weight[n] <= 0:
                     break
-                question = None if int(arcs[n]) in taken else ask(int(arcs[n]), float(wrong[n]), taken)
-                if question is not None and question.key not in without:
-                    found[question.key] = float(weight[n]), question
-                    asked += 1
+                if int(arcs[n]) not in taken:
+                    question = ask(int(arcs[n]), float(wrong[n]), taken)
+                    if question.key not in without:
+                        found[question.key] = float(weight[n]), question
+                        asked += 1
         return [question for _, question in sorted(found.values(), key=lambda one: -one[0])[:limit]]
 
     def _links(self) -> _Kind:
@@ -153,30 +146,26 @@ class Questioner:
         self._doubt[j] = wrong
         return wrong, np.minimum(self._rank[i] + 1, self._length[j] - self._rank[j]), arcs, self._ask_of_link
 
-    def _ask_of_link(self, arc: int, wrong: float, taken: set[int]) -> Question | None:
-        (i,), (j,) = self._ends(np.array([arc]))
-        i, j, links = int(i), int(j), [(int(i), int(j))]
+    def _ask_of_link(self, arc: int, wrong: float, taken: set[int]) -> Question:
+        i, j = (int(end[0]) for end in self._ends(np.array([arc])))
+        links, stretch = [(i, j)], [i, j]
         for _ in range(STRETCH):
-            if self._before[i] >= 0 and self._doubt[i] >= AS_DOUBTFUL * wrong:
-                i = int(self._before[i])
-            after = int(self._follower[j])
+            before, after = int(self._before[stretch[0]]), int(self._follower[stretch[-1]])
+            if before >= 0 and self._doubt[stretch[0]] >= AS_DOUBTFUL * wrong:
+                stretch.insert(0, before)
             if after >= 0 and self._doubt[after] >= AS_DOUBTFUL * wrong:
-                j = after
-        stretch = [i]
-        while stretch[-1] != j:
-            stretch.append(int(self._follower[stretch[-1]]))
-            taken.add(self.flow.link(*stretch[-2:]))
+                stretch.append(after)
+        taken |= {self.flow.link(*pair) for pair in itertools.pairwise(stretch)}
+        i, j = stretch[0], stretch[-1]
         sentence = f"Is {self._name(i)} in frame {self._frame(i) + 1} the same as in frame {self._frame(j) + 1}?"
         # Who is another person before and after is so for some time: no single box is to blame.
-        far = self._along(i, self._before), self._along(j, self._follower)
-        parts = tuple(self._one("not_same", *pair) for pair in dict.fromkeys([(i, j), far]))
-        yes, no = Correction("right", self._boxes(np.array(stretch))), Correction("several", parts=parts)
-        return self._question("link", Change(tuple(links)), [i, j], arc, wrong, sentence, yes, no)
-
-    def _along(self, n: int, step: IntArray) -> int:
+        far = i, j
         for _ in range(FAR):
-            n = int(step[n]) if step[n] >= 0 else n
-        return n
+            before, after = int(self._before[far[0]]), int(self._follower[far[1]])
+            far = before if before >= 0 else far[0], after if after >= 0 else far[1]
+        parts = tuple(self._one("not_same", *pair) for pair in dict.fromkeys([(i, j), far]))
+        said = self._one("right", *stretch), Correction("several", parts=parts)
+        return self._question("link", (links, ()), [i, j], arc, wrong, sentence, said)
 
     def _joins(self) -> _Kind:
         """Tracks that may go on as another."""
@@ -192,15 +181,14 @@ class Questioner:
         wrong = wrong / np.maximum(several, 1)
         return wrong, np.minimum(self._length[i], self._length[j]), arcs, self._ask_of_join
 
-    def _ask_of_join(self, arc: int, wrong: float, _: set[int]) -> Question | None:
-        (i,), (j,) = self._ends(np.array([arc]))
-        i, j = int(i), int(j)
+    def _ask_of_join(self, arc: int, wrong: float, _: set[int]) -> Question:
+        i, j = (int(end[0]) for end in self._ends(np.array([arc])))
         sentence = (
             f"Are {self._name(i)}, last found in frame {self._frame(i) + 1}, and {self._name(j)}, first found in frame "
             f"{self._frame(j) + 1}, two people?"
         )
-        yes, no = self._one("not_same", i, j), self._one("next", i, j)
-        return self._question("end", Change(added=((i, j),)), [i, j], arc, wrong, sentence, yes, no)
+        said = self._one("not_same", i, j), self._one("next", i, j)
+        return self._question("end", ((), [(i, j)]), [i, j], arc, wrong, sentence, said)
 
     def _exchanges(self) -> _Kind:
         """Two tracks that may go on as each other."""
@@ -209,23 +197,19 @@ class Questioner:
         here = np.flatnonzero(~self.flow.used[first:] & (cost < np.minimum(self.found.through[first:], CLOSE)))
         # What changes together costs the same.
         _, one = np.unique(np.rint(cost[here] * 1e6), return_index=True)
-        arcs, spoilt, self._changes = [], [], {}
+        self._changes, spoilt = dict[int, tuple[_Links, _Links]](), list[int]()
         for arc in (first + here[one[:WEIGHED]]).tolist():
             cycle = self.found.cycle(arc)
             links, used = cycle[cycle >= first], self.flow.used[cycle[cycle >= first]]
-            removed, added = (
-                tuple(zip(*map(np.ndarray.tolist, self._ends(part)), strict=True))
-                for part in (links[used], links[~used])
-            )
+            removed, added = (np.column_stack(self._ends(part)).tolist() for part in (links[used], links[~used]))
             if len(links) == len(cycle) == 4 and len(removed) == len(added) == 2:
-                self._changes[arc] = Change(removed, added)
-                arcs.append(arc)
+                self._changes[arc] = removed, added
                 spoilt.append(self._exchanged(removed))
-        found = np.array(arcs, dtype=np.int64)
-        wrong = probability(self.found.cost[found], EXCHANGED)
-        return wrong, np.array(spoilt, dtype=np.float64), found, self._ask_of_exchange
+        arcs = np.array([*self._changes], dtype=np.int64)
+        wrong = probability(self.found.cost[arcs], EXCHANGED)
+        return wrong, np.array(spoilt, dtype=np.float64), arcs, self._ask_of_exchange
 
-    def _exchanged(self, removed: tuple[tuple[int, int], ...]) -> int:
+    def _exchanged(self, removed: _Links) -> int:
         """How many detections get into another track, the shorter sides of both."""
         (i, j), (k, other) = removed
         if min(self.ids[i], self.ids[k]) == 0 or self._labels[i] == self._labels[k]:
@@ -233,71 +217,60 @@ class Questioner:
         heads = int(self._rank[i] + self._rank[k]) + 2
         return min(heads, int(self._length[j] - self._rank[j] + self._length[other] - self._rank[other]))
 
-    def _ask_of_exchange(self, arc: int, wrong: float, _: set[int]) -> Question | None:
+    def _ask_of_exchange(self, arc: int, wrong: float, _: set[int]) -> Question:
         change = self._changes[arc]
-        (i, j), (k, other) = change.removed
+        (i, j), (k, other) = change[0]
         sentence = (
             f"Do {self._name(i)} and {self._name(k)} stay themselves from frame {self._frame(i) + 1} to "
             f"{self._frame(j) + 1}, and are not exchanged?"
         )
-        yes, no = (
-            Correction("several", parts=tuple(self._one("next", *link) for link in links))
-            for links in (change.removed, change.added)
-        )
-        return self._question("exchange", change, [i, j, k, other], arc, wrong, sentence, yes, no)
+        yes, no = (Correction("several", parts=tuple(self._one("next", *link) for link in part)) for part in change)
+        return self._question("exchange", change, [i, j, k, other], arc, wrong, sentence, (yes, no))
 
     def _tracks(self) -> _Kind:
         """Tracks that may be nobody, and those that were left out as nobody and may be people."""
-        count, labels = self.flow.count, self._labels
+        labels, flow = self._labels, self.flow
         used = np.flatnonzero(labels >= 0)
-        total = np.zeros(int(labels.max(initial=-1)) + 1)
-        cost, status = self.flow.cost / 1e6, self.flow.status
-        for arcs, whose in (
-            (used, used),
-            (count + used[self.flow.used[count + used]], used[self.flow.used[count + used]]),
-            (2 * count + used[self.flow.used[2 * count + used]], used[self.flow.used[2 * count + used]]),
-        ):
-            np.add.at(total, labels[whose], cost[arcs])
-        links = np.flatnonzero(self.flow.used[3 * count :])
-        np.add.at(total, labels[self.flow.graph.tail[links]], cost[3 * count + links])
+        owner = np.concatenate([np.tile(labels, 3), labels[flow.graph.tail]])
+        arcs = np.flatnonzero(flow.used & (owner >= 0))
+        total = np.bincount(owner[arcs], flow.cost[arcs] / 1e6, int(labels.max(initial=-1)) + 1)
         settled = np.zeros(len(total), dtype=np.bool_)
-        settled[labels[used[status[used] != FREE]]] = True
+        settled[labels[used[flow.status[used] != FREE]]] = True
         middle = used[(self._rank[used] == self._length[used] // 2) & ~settled[labels[used]]]
         margin = np.maximum(-total[labels[middle]], 0)
         out = self.ids[middle] == 0
-        return (
-            probability(np.where(out, 0, margin), np.where(out, LEFT_OUT, NOBODY)),
-            self._length[middle],
-            middle,
-            self._ask_of_track,
-        )
+        wrong = probability(np.where(out, 0, margin), np.where(out, LEFT_OUT, NOBODY))
+        return wrong, self._length[middle], middle, self._ask_of_track
 
-    def _ask_of_track(self, n: int, wrong: float, _: set[int]) -> Question | None:
-        every = np.flatnonzero(self._labels == self._labels[n])
-        nobody = Correction("delete", self._boxes(every))
-        if self.ids[n]:
-            sentence, yes, no = f"Is {self._name(n)} a person?", self._one("real", n), nobody
-        else:
-            sentence = f"Is the track around frame {self._frame(n) + 1}, which was left out, nobody?"
-            yes, no = nobody, self._one("real", n)
-        return self._question("detection", Change(), [n], n, wrong, sentence, yes, no)
+    def _ask_of_track(self, n: int, wrong: float, _: set[int]) -> Question:
+        said = self._one("real", n), self._one("delete", *np.flatnonzero(self._labels == self._labels[n]))
+        sentence = f"Is {self._name(n)} a person?"
+        if not self.ids[n]:
+            sentence, said = f"Is the track around frame {self._frame(n) + 1}, which was left out, nobody?", said[::-1]
+        return self._question("detection", ((), ()), [n], n, wrong, sentence, said)
 
     def _question(
         self,
         kind: QuestionKind,
-        change: Change,
+        change: tuple[_Links, _Links],
         about: list[int],
         arc: int,
         wrong: float,
         sentence: str,
-        yes: Correction,
-        no: Correction,
+        said: tuple[Correction, Correction],
     ) -> Question:
-        boxes = self._shown(change, about, whole=kind != "detection")
-        said = json.dumps([yes.written(), no.written()])
-        key = f"{kind}-{hashlib.sha1(said.encode(), usedforsecurity=False).hexdigest()[:12]}"
+        """A question whose other way gives up links and takes others; what is said with yes and with no."""
+        follower, frames = self._follower.copy(), self.network.frames
+        follower[[i for i, _ in change[0]]] = -1
+        for i, j in change[1]:
+            follower[i] = j
+        rows = np.flatnonzero((frames >= frames[about].min() - AROUND) & (frames <= frames[about].max() + AROUND))
+        # The other way of a person is nobody.
+        boxes = self._cut(self._follower, rows, about), self._cut(follower, rows, about) if len(about) > 1 else ()
+        text = json.dumps([one.written() for one in said])
+        key = f"{kind}-{hashlib.sha1(text.encode(), usedforsecurity=False).hexdigest()[:12]}"
         cost = self.found.through if kind in ("link", "end") else self.found.cost
-        return Question(key, kind, self._frame(about[0]), *boxes, float(cost[arc]), wrong, sentence, yes, no)
+        return Question(key, kind, self._frame(about[0]), *boxes, float(cost[arc]), wrong, sentence, *said)
 
     def _ends(self, arcs: IntArray) -> tuple[IntArray, IntArray]:
         return self.flow.tail[arcs] // 2, self.flow.head[arcs] // 2
@@ -314,34 +287,17 @@ class Questioner:
     def _name(self, n: int) -> str:
         return f"person {self.ids[n]}"
 
-    def _shown(
-        self, change: Change, about: list[int], *, whole: bool
-    ) -> tuple[tuple[ShownBox, ...], tuple[ShownBox, ...]]:
-        """The people around what changes, as solved and the other way; without ``whole`` they are not there then."""
-        follower = self._follower.copy()
-        follower[[i for i, _ in change.removed]] = -1
-        for i, j in change.added:
-            follower[i] = j
-        frames, every = self.network.frames, [self._frame(n) for n in about]
-        rows = np.flatnonzero((frames >= min(every) - AROUND) & (frames <= max(every) + AROUND))
-        as_solved = self._cut(self._follower, rows, about)
-        return as_solved, self._cut(follower, rows, about) if whole else ()
-
     def _cut(self, follower: IntArray, rows: IntArray, about: list[int]) -> tuple[ShownBox, ...]:
         """Boxes of the tracks that go through some detections, as far as they lie in some rows."""
-        place = np.full(len(follower) + 1, -1)
+        place, rows = np.full(len(follower) + 1, -1), rows[np.argsort(self.network.frames[rows], kind="stable")]
         place[rows] = np.arange(len(rows))
-        rows = rows[np.argsort(self.network.frames[rows], kind="stable")]
-        place[rows] = np.arange(len(rows))
-        used: BoolArray = self.flow.used[rows]
-        labels = track_labels(FlowSolution(used, place[follower[rows]], np.zeros(len(rows)), 0.0))
+        labels = track_labels(FlowSolution(self.flow.used[rows], place[follower[rows]], np.zeros(len(rows)), 0.0))
         shown, taken, fresh = list[ShownBox](), set[int](), int(self.ids.max(initial=0))
         for label in sorted({int(labels[place[n]]) for n in about} - {-1}):
             own = rows[labels == label]
             number = int(self.ids[own[0]])
             if number == 0 or number in taken:
-                fresh += 1
-                number = fresh
+                number = fresh = fresh + 1
             taken.add(number)
             shown += [ShownBox(*box, number) for box in self._boxes(own)]
         return tuple(shown)

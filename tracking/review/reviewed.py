@@ -8,12 +8,19 @@ import threading
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.review.box_rows import CHUNK, changes, rows_of, spans_of
 from tsuiseki.tracking.review.corrections import Box, Correction
 from tsuiseki.tracking.review.questions import Question, ShownBox
 from tsuiseki.tracking.review.session import Session
+from tsuiseki.tracking.review.tracks import rows_of
 from tsuiseki.tracking.types import Track
+
+CHUNK = 500
+"""Frames whose rows the page gets at once."""
+SHOWN = 50
+"""Questions that the page gets at once."""
 
 
 class Reviewed:
@@ -47,13 +54,16 @@ class Reviewed:
             RequestError: it says nothing that can be done.
         """
         with self._lock:
-            before = self._tracks
-            said = self._done(what, given)
+            said, changed = self._done(what, given)
             self._look()
             self._changed.set()
-            changed = changes(before, self._tracks)
             differ = {n for _, first, last in changed for n in range(first // CHUNK, last // CHUNK + 1)}
             return {**self.state, "said": said, "changed": changed, "chunks": sorted(differ)}
+
+    def chunk(self, number: int) -> bytes:
+        """The rows of `CHUNK` frames."""
+        begin, end = np.searchsorted(self.rows["frame"], [number * CHUNK, (number + 1) * CHUNK])
+        return self.rows[begin:end].tobytes()
 
     def _keep_saved(self) -> None:
         """Write the tracks after each change, while the person goes on."""
@@ -64,23 +74,26 @@ class Reviewed:
             except (RequestError, OSError) as error:
                 self.state = {**self.state, "note": f"The tracks are not written: {error}", "version": _version()}
 
-    def _done(self, what: str, given: Mapping[str, Any]) -> str:
-        """Do it; what was done, for the person."""
+    def _done(self, what: str, given: Mapping[str, Any]) -> tuple[str, list[tuple[int, int, int]]]:
+        """Do it; what was done, for the person, and what changed."""
         session = self._session
         if what == "answer" and isinstance(given.get("key"), str) and isinstance(given.get("yes"), bool):
-            return _sentence("yes" if given["yes"] else "no", *session.answer(given["key"], given["yes"]).notes)
-        if what == "correct":
+            done, told = session.answer(given["key"], given["yes"]), "yes" if given["yes"] else "no"
+        elif what == "correct":
             try:
                 correction = self._correction(**given)
+            except RequestError:
+                raise
             except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
-                if isinstance(error, RequestError):
-                    raise
                 raise RequestError("expected a correction of boxes that are there; load the page again") from error
-            return _sentence(str(correction), *session.correct(correction).notes)
-        if what in ("undo", "redo"):
-            notes = getattr(session, what)().notes
-            return _sentence("; ".join(notes) or ("undone" if what == "undo" else "done again"))
-        raise RequestError("expected an answer, a correction, undo or redo")
+            done, told = session.correct(correction), str(correction)
+        elif what in ("undo", "redo"):
+            done = getattr(session, what)()
+            notes = "; ".join(done.notes) or ("undone" if what == "undo" else "done again")
+            return _sentence(notes), done.tracks
+        else:
+            raise RequestError("expected an answer, a correction, undo or redo")
+        return _sentence(told, *done.notes), done.tracks
 
     def _correction(self, kind: Any, frame: int = 0, of: int | None = None, **more: Any) -> Correction:
         """A correction of the page: as `Session.made` takes it; an added box may belong to the track ``of``.
@@ -102,9 +115,8 @@ class Reviewed:
 
     def _look(self) -> None:
         """Take over what the session has now."""
-        session, progress = self._session, self._session.progress()
-        tracks, names = session.tracks(), session.names()
-        self._tracks: dict[int, Track] = dict(tracks.by_id)
+        session, tracks = self._session, self._session.tracks()
+        questions = session.questions()
         self.rows = rows_of(tracks)
         self.state = {
             **self._about,
@@ -114,12 +126,19 @@ class Reviewed:
             "rate": session.frame_rate,
             "rows": len(self.rows),
             "chunk": CHUNK,
-            "tracks": [{"id": one.id, "name": names.get(one.id, ""), "spans": spans_of(one)} for one in tracks],
-            "questions": [_shown(question) for question in session.questions()],
-            "answered": progress.answered,
+            "tracks": [{"id": t.id, "name": session.names.get(t.id, ""), "spans": _spans(t)} for t in tracks],
+            "questions": [_shown(question) for question in questions[:SHOWN]],
+            "answered": session.answered,
             "single": (session.folder / "boxes.txt").is_file() and len(tracks) == 1,
-            "left": math.ceil(progress.likely_errors_left - 0.5),
+            # As many of the questions would probably be answered with no.
+            "left": math.ceil(sum(question.wrong for question in questions) - 0.5),
         }
+
+
+def _spans(track: Track) -> list[list[int]]:
+    """The stretches of frames, first and last, in which a track is there."""
+    breaks = np.flatnonzero(np.diff(track.frames) != 1)
+    return np.column_stack([track.frames[np.r_[0, breaks + 1]], track.frames[np.r_[breaks, -1]]]).tolist()  # type: ignore[no-any-return]
 
 
 def _version() -> str:

@@ -9,13 +9,8 @@ import secrets
 import threading
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from tsuiseki.tracking.errors import RequestError, RunError
-
-if TYPE_CHECKING:
-    from tsuiseki.tracking.review.pictures import Pictures
-    from tsuiseki.tracking.review.session import Session
 
 # A result has a port of its own, of these, so that its page stays where it is.
 PORTS = range(20_000, 30_000)
@@ -39,12 +34,15 @@ def review(result: Path, /, video: Path | None = None) -> int:
         raise RequestError(f"reviewing needs {needs}; install the extra: pip install 'tsuiseki[review]'")
     import uvicorn
 
+    from tsuiseki.tracking.review.pictures import Pictures
     from tsuiseki.tracking.review.reviewed import Reviewed
     from tsuiseki.tracking.review.server import HOST, application, listening
 
     session = Session(result, video)
     try:
-        pictures, note = pictures_of(session)
+        pictures, note = None, "Boxes are on a plain background, for the video is not there; --video names it."
+        if session.source is not None:
+            pictures, note = Pictures(session.source, session.n_frames), ""
         reviewed, token = Reviewed(session, result.resolve().name, note), token_of(result)
         opened = listening(PORTS[int(token, 16) % len(PORTS)])
         port = opened.getsockname()[1]
@@ -61,27 +59,10 @@ def review(result: Path, /, video: Path | None = None) -> int:
             raise RunError("the server of the page ended by itself; start the command again")
         server.should_exit = True
         thread.join(0.5)
-        print(f"{session.progress().answered} answers: {result}")
+        print(f"{session.answered} answers: {result}")
     finally:
         session.close()
     return 0
-
-
-def pictures_of(session: Session) -> tuple[Pictures | None, str]:
-    """The pictures of what was tracked in, or why there are none.
-
-    Raises:
-        RequestError: the video is shorter than the result.
-    """
-    from tsuiseki.tracking.review.pictures import Pictures
-
-    if session.source is None:
-        return None, "Boxes are on a plain background, for the video is not there; --video names it."
-    pictures = Pictures(session.source)
-    if pictures.length < session.n_frames:
-        found = f"expected {session.n_frames} frames as in the result, got {pictures.length}"
-        raise RequestError(f"{session.source}: {found}")
-    return pictures, ""
 
 
 def token_of(result: Path) -> str:

@@ -22,7 +22,6 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.review.box_rows import chunk
 from tsuiseki.tracking.review.pictures import Pictures
 from tsuiseki.tracking.review.reviewed import Reviewed
 
@@ -52,7 +51,7 @@ def application(reviewed: Reviewed, pictures: Pictures | None, token: str, port:
         return JSONResponse(reviewed.state["version"])
 
     async def boxes(request: Request) -> Response:
-        return Response(chunk(reviewed.rows, request.path_params["number"]), media_type="application/octet-stream")
+        return Response(reviewed.chunk(request.path_params["number"]), media_type="application/octet-stream")
 
     async def picture(request: Request) -> Response:
         frame = request.path_params["frame"]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from threading import Lock
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -34,9 +34,8 @@ from tsuiseki.tracking.review.corrections import (
 )
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
-from tsuiseki.tracking.review.refit import EVERY, refitted
-from tsuiseki.tracking.review.solving import CorrectedFlow
-from tsuiseki.tracking.review.tracks import Reporter, acting, track_ids
+from tsuiseki.tracking.review.solving import EVERY, CorrectedFlow, refitted
+from tsuiseki.tracking.review.tracks import Reporter, acting, changes
 from tsuiseki.tracking.types import IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.video.source import image_size, open_source
@@ -50,32 +49,11 @@ FILL = 2.0
 MOST_ASKED = 100
 
 
-@dataclass(frozen=True)
-class Changes:
-    """What a correction changed.
+class Changes(NamedTuple):
+    """What a correction changed: id, first and last frame of each track, see `changes`, and lines for the person."""
 
-    Attributes:
-        frames: first and last frame, from 0, in which a box is another; None for none.
-        ids: of the tracks that are not as they were, those that are gone included.
-        notes: lines for the person.
-    """
-
-    frames: tuple[int, int] | None = None
-    ids: tuple[int, ...] = ()
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a review is.
-
-    Attributes:
-        answered: what was said and not taken back.
-        likely_errors_left: how many of the questions that are left would probably be answered with no.
-    """
-
-    answered: int
-    likely_errors_left: float
+    tracks: list[tuple[int, int, int]]
+    notes: list[str]
 
 
 class Session:
@@ -87,6 +65,8 @@ class Session:
 
     Attributes:
         folder: the result.
+        corrections_file: where everything that is said is appended.
+        names: of tracks, by id.
         source: the video; None where there is none, or no pictures.
         frame_rate: frames a second; 25 where not known.
         size: width and height in pixels; None where not known.
@@ -118,30 +98,23 @@ class Session:
         self._result: Result[Any] = Result.load(self.folder)
         solved = self._solved_tracks()
         self.frame_rate = self._result.frame_rate or 25.0
-        numbers = self._result.frames.get("frame", ())
         last = max((int(track.frames[-1]) for track in solved), default=-1)
-        self.n_frames = max([last, *numbers]) + 1
+        self.n_frames = max([last, *self._result.frames.get("frame", ())]) + 1
         self.size = self._result.size
         self._find_video(source)
         self._video = Video(self._result.name if self._result.source else "", self.size, self.n_frames)
-        path = self.folder / NETWORK_FILE
-        fill = round(FILL * self.frame_rate)
-        network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill, self.frame_rate)
-        self._network = network
-        self._log = CorrectionLog()
-        if self.corrections_file.is_file():
-            self._log = read_corrections(self.corrections_file, self._video)
-        self._reporter, self._flow, self._fitted = Reporter(solved), CorrectedFlow(network), 0
-        self._solve(self._log)
+        path, fill = self.folder / NETWORK_FILE, round(FILL * self.frame_rate)
+        self._network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill, self.frame_rate)
+        self.corrections_file = self.folder / CORRECTIONS_FILE
+        there = self.corrections_file.is_file()
+        self._log = read_corrections(self.corrections_file, self._video) if there else CorrectionLog()
+        self._reporter, self._flow, self._fitted = Reporter(solved), CorrectedFlow(self._network), 0
+        self._tracks: list[Track] = []
         self._asked: list[Question] | None = None
+        self._solve(self._log)
         self._refresh()
         # Of a review that was killed, the last corrections may not be in the tracks yet.
         self.saved = self._result.facts.get("corrections", 0) == len(self._log.said)
-
-    @property
-    def corrections_file(self) -> Path:
-        """Where everything that is said is appended."""
-        return self.folder / CORRECTIONS_FILE
 
     def _solved_tracks(self) -> list[Track]:
         kept = self.folder / SOLVED_FILE
@@ -172,20 +145,20 @@ class Session:
     def tracks(self) -> Result[Track]:
         """The tracks as they are now."""
         known = {name: getattr(self._result, name) for name in ("settings", "facts", "seconds", "frames")}
-        known["facts"] = {**known["facts"], "corrections": len(self._log.said), "track_names": self.names()}
+        known["facts"] = {**known["facts"], "corrections": self.answered, "track_names": self.names}
         return Result(self._tracks, self._result.source, self.frame_rate, self.size, **known)
 
-    def names(self) -> dict[int, str]:
-        """Names that were given to tracks, by id."""
-        return self._names
+    @property
+    def answered(self) -> int:
+        """What was said and not taken back."""
+        return len(self._log.said)
 
-    def questions(self, limit: int = 50) -> list[Question]:
+    def questions(self) -> list[Question]:
         """What to ask next, the least certain first."""
-        if self._asked is None or len(self._asked) < min(limit, MOST_ASKED):
+        if self._asked is None:
             flow = self._flow
-            asking = Questioner(flow.network, flow.settled(), self._ids, flow.parted())
-            self._asked = asking.ranked(max(limit, MOST_ASKED))
-        return self._asked[:limit]
+            self._asked = Questioner(flow.network, flow.settled(), self._ids, flow.parted()).ranked(MOST_ASKED)
+        return self._asked
 
     def answer(self, key: str, yes: bool) -> Changes:
         """Answer a question: yes for as it was solved, no for the other way.
@@ -222,43 +195,29 @@ class Session:
             RequestError: there is no such track.
         """
         last = frame if last is None else last
-        if kind == "box" and box is not None:
-            new = Box(frame, *(float(v) for v in box))
-            return Correction(kind, (*(self._near(number, frame) for number in ids), new))
         if kind == "switch":
             one, other = ids
-            before, after = ([self._beside(n, frame, later) for n in (one, other)] for later in (False, True))
-            return Correction(kind, (*before, *after))
+            before = [self._boxes(n, lambda frames: np.flatnonzero(frames < frame)[-1:]) for n in (one, other)]
+            after = [self._boxes(n, lambda frames: np.flatnonzero(frames >= frame)[:1]) for n in (one, other)]
+            return Correction(kind, tuple(found[0] if found else None for found in (*before, *after)))
         if kind in ("delete", "right"):
-            return Correction(kind, self._stretch(ids[0], *((0, self.n_frames) if kind == "delete" else (frame, last))))
-        where = [frame, last][: len(ids)]
-        return Correction(kind, tuple(map(self._near, ids, where)), name)
+            first, end = (0, self.n_frames) if kind == "delete" else (frame, last)
+            return Correction(kind, self._boxes(ids[0], lambda frames: (frames >= first) & (frames <= end)))
+        drawn = (Box(frame, *(float(v) for v in box)),) if kind == "box" and box is not None else ()
+        near = [
+            self._boxes(n, lambda frames, at=at: [np.abs(frames - at).argmin()])[0]  # type: ignore[misc]
+            for n, at in zip(ids, (frame, frame if drawn else last), strict=False)
+        ]
+        return Correction(kind, (*near, *drawn), name)
 
-    def _rows(self, number: int) -> IntArray:
-        rows = np.flatnonzero(self._ids == number)
+    def _boxes(self, number: int, which: Callable[[IntArray], Any]) -> tuple[Box, ...]:
+        """Those rows of a track that ``which`` chooses by their frames."""
+        rows, network = np.flatnonzero(self._ids == number), self._flow.network
         if number < 1 or len(rows) == 0:
             raise RequestError(f"expected the id of a track, got {number}")
-        return rows[np.argsort(self._flow.network.frames[rows], kind="stable")]
-
-    def _boxes(self, rows: IntArray) -> tuple[Box, ...]:
-        network = self._flow.network
+        rows = rows[np.argsort(network.frames[rows], kind="stable")]
+        rows = rows[which(network.frames[rows])]
         return boxes_of(network.frames[rows].tolist(), network.boxes[rows].tolist())
-
-    def _near(self, number: int, frame: int) -> Box:
-        rows = self._rows(number)
-        return self._boxes(rows[[np.abs(self._flow.network.frames[rows] - frame).argmin()]])[0]
-
-    def _beside(self, number: int, frame: int, later: bool) -> Box | None:
-        """The last box of a track before a frame, or the first from it on; None for none."""
-        rows = self._rows(number)
-        cut = int(np.searchsorted(self._flow.network.frames[rows], frame))
-        row = rows[cut : cut + 1] if later else rows[:cut][-1:]
-        return self._boxes(row)[0] if len(row) else None
-
-    def _stretch(self, number: int, first: int, last: int) -> tuple[Box, ...]:
-        rows = self._rows(number)
-        frames = self._flow.network.frames[rows]
-        return self._boxes(rows[(frames >= first) & (frames <= last)])
 
     def correct(self, correction: Correction) -> Changes:
         """Do what a person says; it is among the corrections on disk when this returns.
@@ -270,55 +229,38 @@ class Session:
         parts = correction.parts or (correction,)
         drawn = {p.boxes[-1] for p in parts if p.kind == "box"}
         found = [b for p in parts if p.kind not in ("box", "real", "delete", "right") for b in p.there]
-        lost = [b for b in found if b not in drawn and find(b) < 0]
-        if lost:
+        if any(b not in drawn and find(b) < 0 for b in found):
             raise RequestError(f"{correction}: no detection is there; add the box first")
         return self._said(correction)
 
     def undo(self) -> Changes:
         """Take back what was said last."""
-        return self._said("undo") if self._log.said else Changes(notes=("there is nothing to take back",))
+        return self._said("undo") if self._log.said else Changes([], ["there is nothing to take back"])
 
     def redo(self) -> Changes:
         """Say again what was taken back last."""
-        return self._said("redo") if self._log.undone else Changes(notes=("there is nothing to repeat",))
+        return self._said("redo") if self._log.undone else Changes([], ["there is nothing to repeat"])
 
     def _said(self, row: Correction | Literal["undo", "redo"]) -> Changes:
         log = self._log.and_then(row)
         self._solve(log)
         append(self.corrections_file, [row], self._video)
-        self._log = log
-        self.saved = False
+        self._log, self.saved = log, False
         return self._refresh()
 
     def _solve(self, log: CorrectionLog) -> None:
         """Solve under corrections; after every twenty, at costs that are fitted to them."""
-        fitted = len(log.said) // EVERY
-        if fitted == self._fitted:
-            self._flow.correct(log.said)
-            return
-        flow = CorrectedFlow(refitted(self._network, log.said[: EVERY * fitted]))
+        flow, fitted = self._flow, len(log.said) // EVERY
+        if fitted != self._fitted:
+            flow = CorrectedFlow(refitted(self._network, log.said[: EVERY * fitted]))
         flow.correct(log.said)
         self._flow, self._fitted = flow, fitted
 
     def _refresh(self) -> Changes:
         """Report anew, and what is other than before."""
-        network, labels = self._flow.network, self._flow.labels()
-        before = {track.id: track for track in getattr(self, "_tracks", [])}
-        self._ids = track_ids(network.track, labels, self._reporter.most)
-        self._tracks = self._reporter.tracks(network, self._ids, self._flow.demands.shown)
-        named = self._flow.demands.names.items()
-        self._names = {int(self._ids[n]): name for n, name in named if self._ids[n] and name}
-        self._asked = None
-        now = {track.id: track for track in self._tracks}
-        changed = sorted(n for n in before.keys() | now.keys() if before.get(n) is not now.get(n))
-        spans = [_span(before.get(n), now.get(n)) for n in changed]
-        frames = (min(s[0] for s in spans), max(s[1] for s in spans)) if spans else None
-        return Changes(frames, tuple(changed), tuple(self._flow.notes))
-
-    def progress(self) -> Progress:
-        """How far the review is."""
-        return Progress(len(self._log.said), sum(question.wrong for question in self.questions(MOST_ASKED)))
+        before, self._asked = self._tracks, None
+        self._ids, self._tracks, self.names = self._reporter.reported(self._flow)
+        return Changes(changes(before, self._tracks), self._flow.notes)
 
     def save(self) -> None:
         """Write the tracks, and into ``run.json`` how many corrections and names they have; any thread may do it."""
@@ -333,15 +275,16 @@ class Session:
                     self._replaced(NETWORK_FILE, self._network.write)
                 self._replaced(SOLVED_FILE, lambda file: write_tracks(file, self._solved_tracks()))
             self._note_in_record(tracks)
-            if (self.folder / "tracks.csv").is_file():
-                self._replaced("tracks.csv", lambda file: write_table(file, table_of(tracks), {}))
-            if (self.folder / ACTIONS_FILE).is_file():
-                self._replaced(ACTIONS_FILE, lambda file: write_acting_tracks(file, *self._acting(tracks)))
-            if (self.folder / "boxes.txt").is_file():
-                boxes = np.full((self.n_frames, 4), np.nan)
-                for track in tracks[:1]:
-                    boxes[track.frames] = track.boxes
-                self._replaced("boxes.txt", lambda file: write_boxes(file, boxes))
+            boxes = np.full((self.n_frames, 4), np.nan)
+            for track in tracks[:1]:
+                boxes[track.frames] = track.boxes
+            for name, write in (
+                ("tracks.csv", lambda file: write_table(file, table_of(tracks), {})),
+                (ACTIONS_FILE, lambda file: write_acting_tracks(file, *self._acting(tracks))),
+                ("boxes.txt", lambda file: write_boxes(file, boxes)),
+            ):
+                if (self.folder / name).is_file():
+                    self._replaced(name, write)
             self._replaced("tracks.txt", lambda file: write_tracks(file, tracks))
 
     def _acting(self, tracks: Sequence[Track]) -> tuple[list[ActingTrack], tuple[str, ...]]:
@@ -360,7 +303,7 @@ class Session:
     def _note_in_record(self, tracks: Sequence[Track]) -> None:
         path = self.folder / RUN_FILE
         record = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-        record.setdefault("facts", {}).update(corrections=len(self._log.said), track_names=self.names())
+        record.setdefault("facts", {}).update(corrections=self.answered, track_names=self.names)
         ours = (SOLVED_FILE, "tracks.txt", *([SOLVED_ACTIONS] if (self.folder / ACTIONS_FILE).is_file() else []))
         record["files"] = sorted({*record.get("files", []), *ours})
         record.setdefault("results", {}).setdefault(".", {})["filled"] = filled_frames(tracks)
@@ -371,13 +314,3 @@ class Session:
         """Write the tracks, and let go of the result."""
         self.save()
         self._open.close()
-
-
-def _span(one: Track | None, other: Track | None) -> tuple[int, int]:
-    """First and last frame in which two states of a track differ."""
-    tables = [
-        {} if t is None else dict(zip(t.frames.tolist(), map(tuple, t.boxes.tolist()), strict=True))
-        for t in (one, other)
-    ]
-    differ = [f for f in tables[0].keys() | tables[1].keys() if tables[0].get(f) != tables[1].get(f)]
-    return (min(differ), max(differ)) if differ else (int(one.frames[0]), int(one.frames[-1])) if one else (0, 0)

@@ -1,16 +1,25 @@
-"""Tracks as they are reported after corrections, with the ids that they had."""
+"""Tracks as they are reported after corrections, with the ids that they had, and what differs between two reports."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.review.corrections import Correction, Video, append, read_corrections
+from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
+
+ROW = np.dtype([("frame", "<i4"), ("id", "<i4"), ("box", "<f4", 4), ("filled", "<i4")])
+Rows = NDArray[Any]
 
 
 class Reporter:
@@ -29,6 +38,12 @@ class Reporter:
         self._names = next((track.names for track in solved if track.names), {})
         self._made: dict[tuple[int, bytes], Track] = {}
 
+    def reported(self, flow: CorrectedFlow) -> tuple[IntArray, list[Track], dict[int, str]]:
+        """``(N,)`` ids of the detections of a flow, 0 for none, its tracks, and names of tracks by id."""
+        ids = track_ids(flow.network.track, flow.labels(), self.most)
+        names = {int(ids[n]): name for n, name in flow.demands.names.items() if ids[n] and name}
+        return ids, self.tracks(flow.network, ids, flow.demands.shown), names
+
     def tracks(self, network: SolvedNetwork, ids: IntArray, shown: Mapping[int, FloatArray]) -> list[Track]:
         """The tracks by id.
 
@@ -40,15 +55,12 @@ class Reporter:
         used = np.flatnonzero(ids)
         # Detections that were drawn come last, whatever their frames.
         used = used[np.lexsort((network.frames[used], ids[used]))]
-        pieces = np.split(used, np.flatnonzero(np.diff(ids[used])) + 1) if len(used) else []
         before, self._made = self._made, {}
-        for rows in pieces:
-            here = [(n, box) for n, box in shown.items() if ids[n] == ids[rows[0]]]
-            key = (
-                int(ids[rows[0]]),
-                rows.tobytes() + b"".join(bytes(str(n), "ascii") + box.tobytes() for n, box in here),
-            )
-            self._made[key] = before.get(key) or self._track(network, rows, key[0], dict(here))
+        for rows in np.split(used, np.flatnonzero(np.diff(ids[used])) + 1) if len(used) else []:
+            number = int(ids[rows[0]])
+            here = {n: box for n, box in shown.items() if ids[n] == number}
+            key = number, rows.tobytes() + b"".join(str(n).encode() + box.tobytes() for n, box in here.items())
+            self._made[key] = before.get(key) or self._track(network, rows, number, here)
         return list(self._made.values())
 
     def _track(self, network: SolvedNetwork, rows: IntArray, number: int, shown: Mapping[int, FloatArray]) -> Track:
@@ -56,17 +68,16 @@ class Reporter:
         solved = self._solved.get(int(network.track[rows[0]]))
         if solved is not None and not shown and np.array_equal(whole, rows):
             return solved if solved.id == number else replace(solved, id=number)
-        boxes = network.boxes[rows].copy()
-        for own in np.unique(network.track[rows]).tolist():
-            if own in self._solved:
-                track, mine = self._solved[own], network.track[rows] == own
-                place = np.searchsorted(track.frames, network.frames[rows[mine]]).clip(max=len(track) - 1)
-                there = track.frames[place] == network.frames[rows[mine]]
-                boxes[np.flatnonzero(mine)[there]] = track.boxes[place[there]]
+        boxes, frames = network.boxes[rows].copy(), network.frames[rows]
+        for own in {*np.unique(network.track[rows]).tolist()} & self._solved.keys():
+            track, mine = self._solved[own], np.flatnonzero(network.track[rows] == own)
+            place = np.searchsorted(track.frames, frames[mine]).clip(max=len(track) - 1)
+            there = track.frames[place] == frames[mine]
+            boxes[mine[there]] = track.boxes[place[there]]
         for n, box in shown.items():
             boxes[rows == n] = box
         scores, origin = np.nan_to_num(network.scores[rows]), network.origin[rows]
-        track = Track(number, network.frames[rows], boxes, scores, origin=origin, names=self._names)
+        track = Track(number, frames, boxes, scores, origin=origin, names=self._names)
         return fill_gaps(track, GapSettings(network.fill, np.inf, np.inf))
 
 
@@ -78,25 +89,25 @@ def acting(tracks: Sequence[Track], solved: Sequence[ActingTrack]) -> list[Actin
         solved: with actions.
     """
     known = {
-        (frame, *box): (person.single[n], person.multi[n])
+        place: (person.single[n], person.multi[n])
         for person in solved
         if person.single is not None and person.multi is not None
-        for n, (frame, box) in enumerate(_places(person.track))
+        for n, place in enumerate(_places(person.track))
     }
-    return [_acting(track, known) for track in tracks]
+    found = []
+    for track in tracks:
+        there = [(place[0], *known[place]) for place in _places(track) if place in known]
+        if not there:
+            found.append(ActingTrack(track))
+            continue
+        frames, *both = (np.array(column) for column in zip(*there, strict=True))
+        every = (np.stack([np.interp(track.frames, frames, one) for one in kind.T], axis=1) for kind in both)
+        found.append(ActingTrack(track, *every))
+    return found
 
 
-def _places(track: Track) -> Iterator[tuple[int, tuple[float, ...]]]:
-    return zip(track.frames.tolist(), map(tuple, track.boxes.round(2).tolist()), strict=True)
-
-
-def _acting(track: Track, known: Mapping[tuple[float, ...], tuple[FloatArray, FloatArray]]) -> ActingTrack:
-    found = [(frame, *known[frame, *box]) for frame, box in _places(track) if (frame, *box) in known]
-    if not found:
-        return ActingTrack(track)
-    frames, single, multi = (np.array(column) for column in zip(*found, strict=True))
-    every = (np.stack([np.interp(track.frames, frames, one) for one in both.T], axis=1) for both in (single, multi))
-    return ActingTrack(track, *every)
+def _places(track: Track) -> list[tuple[float, ...]]:
+    return [(f, *box) for f, box in zip(track.frames.tolist(), track.boxes.round(2).tolist(), strict=True)]
 
 
 def track_ids(before: IntArray, labels: IntArray, most: int) -> IntArray:
@@ -112,19 +123,92 @@ def track_ids(before: IntArray, labels: IntArray, most: int) -> IntArray:
     """
     known = (before > 0) & (labels >= 0)
     pairs, counts = np.unique(np.column_stack([labels[known], before[known]]), axis=0, return_counts=True)
-    given: dict[int, int] = {}
-    taken: set[int] = set()
-    for n in np.lexsort((pairs[:, 1], -counts)).tolist():
-        label, number = pairs[n].tolist()
-        if label not in given and number not in taken:
+    given = dict[int, int]()
+    for label, number in pairs[np.lexsort((pairs[:, 1], -counts))].tolist():
+        if label not in given and number not in given.values():
             given[label] = number
-            taken.add(number)
-    used = labels[labels >= 0]
-    for label in used[np.sort(np.unique(used, return_index=True)[1])].tolist():
+    for label in dict.fromkeys(labels[labels >= 0].tolist()):
         if label not in given:
             most += 1
             given[label] = most
     table = np.zeros(int(labels.max(initial=-1)) + 2, dtype=np.int64)
     table[list(given)] = list(given.values())
-    table[-1] = 0
     return table[labels]
+
+
+def rows_of(tracks: Iterable[Track]) -> Rows:
+    """All boxes of tracks as rows (`ROW`), by frame, then by id."""
+    parts = [np.empty(0, ROW)]
+    for track in tracks:
+        parts.append(np.empty(len(track), ROW))
+        for name, column in zip(ROW.names or (), (track.frames, track.id, track.boxes, ~track.observed), strict=True):
+            parts[-1][name] = column
+    rows = np.concatenate(parts)
+    return rows[np.lexsort((rows["id"], rows["frame"]))]
+
+
+def changes(before: Iterable[Track], after: Iterable[Track]) -> list[tuple[int, int, int]]:
+    """Id, first and last frame of what differs between two reports."""
+    found, by_id = [], [{track.id: track for track in tracks} for tracks in (before, after)]
+    for number in sorted(by_id[0].keys() | by_id[1].keys()):
+        one, other = (tracks.get(number) for tracks in by_id)
+        if one is not other:
+            sides = [rows_of([track] if track else []).view(f"V{ROW.itemsize}") for track in (one, other)]
+            frames = np.setxor1d(sides[0], sides[1]).view(ROW)["frame"]
+            if len(frames):
+                found.append((number, int(frames.min()), int(frames.max())))
+    return found
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What came of corrections of an earlier result on tracks of other settings or of another detector.
+
+    Attributes:
+        tracks: corrected.
+        names: of tracks, by id.
+        said: how many corrections there are.
+        done: those that can hold together.
+        left_out: a line for each that does not.
+        video: of which they speak.
+    """
+
+    tracks: Sequence[Track]
+    names: dict[int, str]
+    said: int
+    done: Sequence[Correction]
+    left_out: Sequence[str]
+    video: Video
+
+    def write(self, path: Path) -> None:
+        """Write what was done as corrections of this result."""
+        append(path, self.done, self.video)
+
+
+def replayed(tracks: Sequence[Track], network: SolvedNetwork, path: Path, video: Video) -> Replayed:
+    """Do corrections again, as far as they apply; they find their detections by their boxes.
+
+    Args:
+        tracks: of a result.
+        network: that they were chosen from.
+        path: of the corrections.
+        video: of the result.
+
+    Raises:
+        RequestError: it cannot be read, or speaks of another video.
+    """
+    said = read_corrections(path, video).said
+    flow, done, left_out = CorrectedFlow(network), [*said], list[str]()
+    try:
+        flow.correct(said)
+    except RequestError:
+        # With other detections some cannot hold any more: each is tried by itself.
+        done = []
+        for one in said:
+            try:
+                flow.correct([*done, one])
+                done.append(one)
+            except RequestError as error:
+                left_out.append(str(error))
+    _, corrected, names = Reporter(tracks).reported(flow)
+    return Replayed(corrected, names, len(said), done, [*left_out, *flow.demands.left_out], video)

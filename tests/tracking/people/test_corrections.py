@@ -51,7 +51,7 @@ def test_they_are_done_again_on_other_detections_of_the_same_people(corrections,
     result.save(tmp_path / "again")
     session = Session(tmp_path / "again")
     assert [t.boxes[-1].round(2).tolist() for t in session.tracks()] == [t.boxes[-1].round(2).tolist() for t in result]
-    assert session.progress().answered == 2
+    assert session.answered == 2
 
 
 def test_what_does_not_apply_is_listed_by_the_command(corrections, tmp_path, capsys):

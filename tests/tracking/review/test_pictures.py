@@ -34,6 +34,10 @@ def number_in(jpeg):
     return sum(int(image[20, bit * 8 + 4] > 128) << bit for bit in range(8))
 
 
+def size_of(pictures):
+    return cv2.imdecode(np.frombuffer(pictures.jpeg(0), np.uint8), cv2.IMREAD_GRAYSCALE).shape[::-1]
+
+
 ORDER = [30, 31, 32, 5, 49, 0, 48, 17, 16, 15, 40, 13, 26, 25, 24, 1, *range(FRAMES)]
 
 
@@ -56,7 +60,7 @@ def test_any_order_gives_the_frames_of_playing(tmp_path, name, codec, options, v
     while (found := capture.read())[0]:
         played.append(number_in(cv2.imencode(".png", found[1])[1].tobytes()))
     pictures = Pictures(path)
-    assert pictures.size == SIZE
+    assert size_of(pictures) == SIZE
     assert pictures.length == len(played)
     got = [number_in(pictures.jpeg(frame)) for frame in ORDER if frame < len(played)]
     assert got == [played[frame] for frame in ORDER if frame < len(played)]
@@ -73,7 +77,7 @@ def test_a_telephone_that_was_turned_is_turned_back(tmp_path, matrix):
     path.write_bytes(content)
     pictures, capture = Pictures(path), cv2.VideoCapture(str(path))
     played = [capture.read()[1] for _ in range(6)][5]
-    assert pictures.size == played.shape[1::-1]
+    assert size_of(pictures) == played.shape[1::-1]
     got = cv2.imdecode(np.frombuffer(pictures.jpeg(5), np.uint8), cv2.IMREAD_COLOR)
     assert np.abs(got.astype(int) - played).mean() < 6
 

@@ -47,14 +47,14 @@ def test_what_is_said_holds_and_is_on_disk_and_is_taken_back(folder):
     before = rows(session)
     one, two = (t.id for t in list(session.tracks())[:2])
     changes = session.correct(session.made("switch", [one, two], 20))
-    assert set(changes.ids) == {one, two}
+    assert {n for n, *_ in changes.tracks} == {one, two}
     switched = rows(session)
     assert switched != before
     session.correct(session.made("name", [one], 30, name="Anna"))
     session.close()
     session = Session(folder)
     assert rows(session) == switched
-    assert session.names() == {one: "Anna"}
+    assert session.names == {one: "Anna"}
     assert [t.id for t in Result.load(folder)] == [row[0] for row in switched]
     session.undo()
     session.undo()
@@ -76,10 +76,10 @@ def test_questions_are_answered_and_not_asked_again(folder):
     session = Session(folder)
     questions = session.questions()
     assert questions
-    before = session.progress()
+    before = session.answered
     session.answer(questions[0].key, yes=True)
     assert questions[0].key not in {question.key for question in session.questions()}
-    assert session.progress().answered == before.answered + 1
+    assert session.answered == before + 1
     with pytest.raises(RequestError, match="key"):
         session.answer("nothing", yes=True)
 
@@ -104,7 +104,7 @@ def test_boxes_are_drawn_moved_and_their_tracks_deleted(folder):
     track = session.tracks().by_id[one]
     assert track.boxes[track.frames == 10].tolist() == [[100, 60, 130, 140]]
     changes = session.correct(session.made("box", frame=3, box=(5, 5, 20, 60)))
-    (drawn,) = changes.ids
+    ((drawn, *_),) = changes.tracks
     assert session.tracks().by_id[drawn].frames.tolist() == [3]
     session.correct(session.made("delete", [drawn]))
     assert drawn not in session.tracks().by_id
@@ -146,10 +146,10 @@ def test_a_line_that_a_crash_cut_short_is_left_out_and_written_over(folder):
     with session.corrections_file.open("a") as file:
         file.write('{"kind": "na')
     session = Session(folder)
-    assert session.names() == {one: "Anna"}
+    assert session.names == {one: "Anna"}
     session.correct(session.made("name", [one], 5, name="Bea"))
     session.close()
-    assert Session(folder).names() == {one: "Bea"}
+    assert Session(folder).names == {one: "Bea"}
 
 
 @pytest.mark.parametrize("spoil", ["size", "frames"])
@@ -170,7 +170,7 @@ def test_a_result_without_its_network_can_be_corrected_by_hand(folder):
     known = Result.load(folder)
     assert [t.frames.tolist() for t in session.tracks()] == [t.frames.tolist() for t in known]
     one, two = (t.id for t in list(session.tracks())[:2])
-    assert session.correct(session.made("switch", [one, two], 20)).ids == (one, two)
+    assert session.correct(session.made("switch", [one, two], 20)).tracks == [(one, 20, 39), (two, 20, 39)]
 
 
 def test_no_result_and_a_broken_network_are_one_line(folder, tmp_path):
