@@ -8,6 +8,7 @@
 | the folder | Drone-Action |
 | the file, or a folder with it as ``annotations.xml`` or ``annotations.json`` | CVAT for video; COCO, Label Studio |
 | the folder with ``labels`` | YOLO's rows with ids |
+| the folder with ``corrections.jsonl`` | a result that was reviewed: its tracks, in the frames that were tracked |
 
 Which boxes count is said where each format is read.
 """
@@ -18,6 +19,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
+
+import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.box_labels import BOX_LAYOUTS, BoxLayout
@@ -45,7 +48,9 @@ from tsuiseki.tracking.formats.okutama import (
     read_clip_labels,
     read_okutama_video,
 )
+from tsuiseki.tracking.formats.result_folder import read_folder
 from tsuiseki.tracking.formats.tracked_video import inside
+from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
@@ -140,6 +145,8 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
 
 
 def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
+    if (folder / "corrections.jsonl").is_file():
+        return [_reviewed(folder)]
     if is_okutama(folder):
         return [_okutama(video) for video in find_okutama(folder, multiple_actions)]
     for layout in BOX_LAYOUTS:
@@ -148,6 +155,30 @@ def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
     if is_drone_action(folder):
         return [_drone_action(clip) for clip in find_drone_action(folder)]
     return [_exported(path) for path in exported_in(folder)] or [_sequence(one) for one in find_sequences(folder)]
+
+
+def _reviewed(folder: Path) -> LabelledVideo:
+    """A result that somebody corrected; a box that no detection supports is neither right nor wrong."""
+    every, known = read_folder(folder)
+    tracks: list[Track] = [getattr(track, "track", track) for track in every]
+    if not tracks or not all(isinstance(track, Track) for track in tracks):
+        raise RequestError(f"{folder}: expected tracks of boxes to learn from, got none")
+    source = Path(known.get("source") or folder / "img1")
+    images = (list_images(source / "img1") or list_images(source)) if source.is_dir() else ()
+    tracked = known["frames"].get("frame") or range(len(images) or 1 + max(int(t.frames[-1]) for t in tracks))
+    first, last = min(tracked), max(tracked)
+
+    def read(_: Size, wanted: Wanted) -> GroundTruth:
+        wanted_numbers(wanted, {}, (), folder)
+        frames, boxes, seen = (
+            np.concatenate([getattr(track, name) for track in tracks]) for name in ("frames", "boxes", "observed")
+        )
+        ids = np.repeat([track.id for track in tracks], [len(track) for track in tracks])
+        truth = GroundTruth(frames - first, ids, boxes, seen, ~seen, np.ones(len(ids)))
+        return truth.select(np.argsort(frames, kind="stable"))
+
+    files = images[first : last + 1] or ((source,) if source.is_file() else ())
+    return LabelledVideo(folder.name, files, last + 1 - first, read, size=known.get("size"))
 
 
 def _sequence(sequence: MotSequence) -> LabelledVideo:

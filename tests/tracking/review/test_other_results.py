@@ -5,6 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests.tracking.review.conftest import FRAMES as FRAMES_OF_CLIP
+from tests.tracking.review.conftest import PEOPLE
+from tsuiseki.datamodules.labelled_images import labelled_images
+from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.single import read_boxes, write_boxes
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.review.reviewed import Reviewed
@@ -71,3 +75,18 @@ def test_a_table_of_tracks_is_corrected(tmp_path):
     assert saved[1].boxes[35, 0] == pytest.approx(walks[1][35])
     assert saved[2].boxes[35, 0] == pytest.approx(walks[0][35])
     assert saved[1].boxes[20, 0] == pytest.approx(walks[0][20])
+
+
+def test_a_reviewed_result_is_training_data(reviewable, tracked):
+    session = Session(reviewable)
+    session.correct(session.made("delete", [3]))
+    session.correct(session.made("box", [1], 10, box=(30, 40, 50, 60)))
+    session.close()
+    (video,) = open_labelled(reviewable)
+    truth = video.people()
+    assert [path.name for path in video.files] == sorted(path.name for path in (tracked.parent / "clip").iterdir())
+    assert set(truth.ids.tolist()) == set(range(1, PEOPLE + 1)) - {3}
+    moved = truth.select((truth.ids == 1) & (truth.frames == 10))
+    assert moved.boxes.tolist() == [[30, 40, 80, 100]]
+    assert (truth.evaluated != truth.ignored).all()
+    assert len(labelled_images(reviewable)) == FRAMES_OF_CLIP
