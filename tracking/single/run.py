@@ -22,6 +22,7 @@ from tsuiseki.tracking.formats.single import find_single_sequences, has_labels, 
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.single.corrected import boxes_said, from_both_sides
 from tsuiseki.tracking.single.settings import (
     SingleChoice,
     SingleMethod,
@@ -113,6 +114,7 @@ def follow_frames(
     box: FloatArray | Callable[[ImageArray], FloatArray],
     tracker: SingleTracker,
     times: StageTimes,
+    boxes: Mapping[int, FloatArray] | None = None,
 ) -> Iterator[tuple[Frame, Estimate]]:
     """Each frame with the target in it.
 
@@ -121,6 +123,7 @@ def follow_frames(
         box: ``(4,)`` the target in the first of them, or what finds it in its image.
         tracker: a fresh one.
         times: gets the stage ``read and track``.
+        boxes: ``(4,)`` the target in other frames, at which the tracker begins anew.
     """
     first = next(frames, None)
     if first is None:
@@ -132,7 +135,7 @@ def follow_frames(
             current[0] = frame
             yield frame
 
-    estimates = follow_target(noted(), box(first.image) if callable(box) else box, tracker)
+    estimates = follow_target(noted(), box(first.image) if callable(box) else box, tracker, boxes)
     while True:
         with times.measure("read and track"):
             estimate = next(estimates, None)
@@ -237,6 +240,7 @@ def single(
     box: str | None = None,
     select: bool = False,
     plot: bool = False,
+    corrections: Path | None = None,
 ) -> int:
     """Follow one target through a video, and say in every frame how sure the box is.
 
@@ -248,14 +252,18 @@ def single(
         box: the target in the first frame, X,Y,W,H in pixels counted from 0; a labelled sequence folder has its own.
         select: draw the box with the mouse, on a page in the browser whose address is printed.
         plot: also plot the scores, peaks.png.
+        corrections: corrections.jsonl of a reviewed result; from each box in it the target is followed on, and back.
     """
     source, labelled = open_single(video.source, video.frames)
     source = video.open(images=True) if labelled is None else source
     given = _first_box(source, box, select, labelled)
     tracker, constants = choice.tracker(output.seed)
+    said = None if corrections is None else boxes_said(corrections, source)
     with output.run() as run:
         wanted = partial(_drawn, run) if given is None else given
-        followed = follow_frames(run.frames(source, record=video.overlay), wanted, tracker, run.times)
+        followed = follow_frames(run.frames(source, record=video.overlay), wanted, tracker, run.times, said)
+        if said is not None:
+            followed = from_both_sides(followed, said, choice.tracker(output.seed)[0])
         steps = run.steps(followed, total=frames_expected(source))
         result = single_result(source, steps, run.times, output.settings, constants, plot)
         warn_if_not_asked(tracker)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -86,8 +86,10 @@ def check_start(box: FloatArray, image: ImageArray) -> FloatArray:
     return box
 
 
-def follow_target(frames: Iterable[Frame], box: FloatArray, tracker: SingleTracker) -> Iterator[Estimate]:
-    """The target in every frame; the first estimate is ``box`` itself.
+def follow_target(
+    frames: Iterable[Frame], box: FloatArray, tracker: SingleTracker, boxes: Mapping[int, FloatArray] | None = None
+) -> Iterator[Estimate]:
+    """The target in every frame; the first estimate is ``box`` itself, and so are those at ``boxes``, by frame.
 
     Raises:
         RequestError: see `check_start`; or the first image has one colour only.
@@ -111,5 +113,9 @@ def follow_target(frames: Iterable[Frame], box: FloatArray, tracker: SingleTrack
                 f"frame {frame.index + 1}: expected {size[1]}x{size[0]} pixels as before, "
                 f"got {frame.image.shape[1]}x{frame.image.shape[0]}; track the parts one by one"
             )
+        if boxes and frame.index in boxes:
+            tracker.start(frame.image, check_start(boxes[frame.index], frame.image))
+            yield Estimate(frame.index, boxes[frame.index], CERTAIN, "tracking")
+            continue
         seen = tracker.follow(frame.image)
         yield Estimate(frame.index, seen.box, seen.score, seen.status)
