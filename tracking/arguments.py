@@ -15,7 +15,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from tsuiseki.tracking.cli.sensible import check_sensible
+from tsuiseki.tracking.cli.values import check_sensible
 from tsuiseki.tracking.errors import RequestError
 
 # What types say badly, by the name of the argument and whether it may be a text.

@@ -18,6 +18,7 @@ from typing import IO, Any
 from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group
 from tsuiseki.tracking.cli.options import Output
 from tsuiseki.tracking.cli.parser import options_of, parse
+from tsuiseki.tracking.cli.values import is_several
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.output import RUN_FILE, is_partial, versions, whole_file
 from tsuiseki.tracking.weights import shipped_or_file
@@ -39,8 +40,7 @@ class Job:
         command: its words, such as track and people.
         source: what it is given: a path or an address.
         name: of the folder of its result.
-        options: values by name; ``{name}`` in a text stands for the name.
-        words: more options, as on the command line, which win.
+        options: values by name, as words or as YAML has them; ``{name}`` in a text stands for the name.
         start: when the video began, seconds; None where nobody says.
     """
 
@@ -48,7 +48,6 @@ class Job:
     source: str
     name: str
     options: Mapping[str, Any] = field(default_factory=dict)
-    words: tuple[str, ...] = ()
     start: float | None = None
 
     @property
@@ -73,29 +72,20 @@ class Job:
         Raises:
             RequestError: an option is unknown or wrong.
         """
-        names = [option.name for option in options_of(self.function)]
+        known = {option.name: option for option in options_of(self.function)}
         options = {**json.loads(json.dumps(dict(self.options)).replace("{name}", self.name)), **more}
-        if "out" in names:
-            options["out"] = str(folder)
-        elif "json" in names:
-            options["json"] = str(folder / SCORES)
-        options["overwrite"] = overwrite
-        by_place = [[name, options.pop(name)] for name in self._by_place()[1:] if name in options]
-        words = [word.replace("{name}", self.name) for word in self.words]
-        places = [word for _, value in by_place for word in (value if isinstance(value, list) else [value])]
-        places += self._taken(words)
-        config = json.dumps({name: value for name, value in options.items() if name in names})
-        return parse(" ".join(["tsuiseki", *self.command]), self.function, [source, *places, *words], config)
+        options |= {"out": str(folder)} if "out" in known else {"json": str(folder / SCORES)} if "json" in known else {}
+        options |= {"overwrite": overwrite, self.place: source}
+        for name, option in known.items():
+            # What is given by place may be named by any characters.
+            if option.by_place and is_several(option.kind) and isinstance(options.get(name), str):
+                options[name] = [options[name]]
+        return parse(" ".join(["tsuiseki", *self.command]), self.function, [], options)
 
-    def _taken(self, words: list[str]) -> list[str]:
-        """Values of options that the command takes by place, out of ``words``."""
-        names = [f"--{name}=" for name in self._by_place()[1:]]
-        taken = [word for word in words if word.startswith(tuple(names))]
-        words[:] = [word for word in words if word not in taken]
-        return [word.partition("=")[2] for word in taken]
-
-    def _by_place(self) -> list[str]:
-        return [option.name for option in options_of(self.function) if option.by_place]
+    @property
+    def place(self) -> str:
+        """Name of the option that takes the source."""
+        return next(option.name for option in options_of(self.function) if option.by_place)
 
 
 def function_of(words: tuple[str, ...]) -> Callable[..., Any]:
@@ -167,10 +157,8 @@ def settings_of(job: Job, source: str) -> dict[str, Any]:
     for value in given.values():
         if isinstance(value, Output):
             found |= value.settings
-    if not found:
-        found = {name: repr(value) for name, value in given.items()}
-    places = [option.name for option in options_of(job.function) if option.by_place][:1]
-    return {name: value for name, value in found.items() if name not in (*IDLE, *places)}
+    found = found or {name: repr(value) for name, value in given.items()}
+    return {name: value for name, value in found.items() if name not in (*IDLE, job.place)}
 
 
 @dataclass(frozen=True)
@@ -216,8 +204,12 @@ class Place:
             self._refuse(settings)
 
     def _refuse(self, settings: Mapping[str, Any]) -> None:
-        other = other_of(self.made, settings)
-        raise RequestError(f"{self.folder} holds {other}; choose another `out` or add `overwrite`")
+        before, now = self.made.get("settings"), json.loads(json.dumps(dict(settings), default=str))
+        differs = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)] if before else []
+        shown = ", ".join(f"{name} {(before or {}).get(name)}, now {now.get(name)}" for name in differs[:3])
+        other = f"of other settings ({shown})" if differs else "of another video, other models or versions"
+        other = "that no batch has made" if before is None else other
+        raise RequestError(f"{self.folder} holds a result {other}; choose another `out` or add `overwrite`")
 
     def begin(self, key: str, settings: Mapping[str, Any], overwrite: bool, redo: bool = False) -> bool:
         """Take the place for a job; False where its result is there, unless it is to be done again.
@@ -244,15 +236,3 @@ class Place:
         for path in self.state.iterdir():
             if path.name != "made.json":
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
-
-
-def other_of(made: Mapping[str, Any], settings: Mapping[str, Any]) -> str:
-    """What is different of a result that is there already."""
-    before, now = made.get("settings"), json.loads(json.dumps(dict(settings), default=str))
-    if before is None:
-        return "a result that no batch has made"
-    differs = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
-    if not differs:
-        return "a result of another video, other models or versions"
-    shown = ", ".join(f"{name} {before.get(name)}, now {now.get(name)}" for name in differs[:3])
-    return f"a result of other settings ({shown})"

@@ -8,7 +8,7 @@ tell, as the ground and the flow, is left to the one who puts the stretches toge
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from math import ceil
 from pathlib import Path
@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.batch.observations import Observations, read_observations, write_observations
 from tsuiseki.tracking.cli.run import Run
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
@@ -36,8 +35,73 @@ from tsuiseki.tracking.video.stretch import Stretches
 
 # Frames before a stretch that its camera is watched from: some that it is compared with in turn.
 WATCHED = 3
-# Parts of a plan that are long.
-BESIDE = ("beginning", "stamps", "times")
+# File of a plan.
+PLAN = "plan.npz"
+
+
+COLUMNS = ("boxes", "scores", "features", "angles", "classes", "sources")
+
+
+@dataclass(frozen=True)
+class Observations:
+    """Detections of frames that follow each other, in a file of numbers that is read without unpickling.
+
+    Attributes:
+        found: detections of each frame, with features where they were described.
+        about: what else is to be kept, for JSON.
+        arrays: likewise, by name.
+    """
+
+    found: Sequence[Detections]
+    about: Mapping[str, Any]
+    arrays: Mapping[str, Any]
+
+    def write(self, path: Path) -> None:
+        """Write a file, whole or not at all; what `read` makes of it is the same, bit for bit.
+
+        Raises:
+            RequestError: the disk is full, or the folder cannot be written to.
+        """
+        arrays = dict(self.arrays)
+        arrays["counts"] = np.array([len(each) for each in self.found], dtype=np.int64)
+        for name in COLUMNS:
+            parts = [getattr(each, name) for each in self.found]
+            arrays[f"told_{name}"] = told = np.array([part is not None for part in parts], dtype=np.bool_)
+            if told.any():
+                width = max((np.shape(part)[1:] for part in parts if part is not None), default=())
+                values = np.concatenate([part for part in parts if part is not None and len(part)] or [np.empty(0)])
+                arrays[name] = _packed(values.reshape(-1, *width))
+        names = {number: name for each in self.found for number, name in each.names.items()}
+        arrays["about"] = np.array(json.dumps({**self.about, "names": names}))
+        with whole_file(path) as file:
+            np.savez(file, **arrays)
+
+    @classmethod
+    def read(cls, path: Path) -> Observations:
+        """What `write` wrote."""
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        about, counts = json.loads(str(arrays.pop("about"))), arrays.pop("counts")
+        names = {int(number): name for number, name in about.pop("names").items()}
+        columns: dict[str, list[Any]] = {}
+        for name in COLUMNS:
+            told, parts = arrays.pop(f"told_{name}"), [None] * len(counts)
+            if told.any():
+                values = arrays.pop(name)
+                values = values.astype(np.float64) if values.dtype == np.float32 else values
+                pieces = np.split(values, np.cumsum(counts * told)[:-1])
+                parts = [piece if is_told else None for piece, is_told in zip(pieces, told.tolist(), strict=True)]
+            columns[name] = parts
+        rows = zip(*columns.values(), strict=True)
+        return cls([Detections(**dict(zip(COLUMNS, row, strict=True)), names=names) for row in rows], about, arrays)
+
+
+def _packed(values: Any) -> Any:
+    """The same numbers in half the bytes, where that loses none."""
+    if values.dtype != np.float64:
+        return values
+    short = values.astype(np.float32)
+    return short if np.array_equal(short.astype(np.float64), values, equal_nan=True) else values
 
 
 class KnownLooks(ViewLooks):
@@ -79,22 +143,16 @@ class LookingPlan:
     times: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def write(self, path: Path) -> None:
-        """Write it; what is long lies beside."""
-        values = {one.name: getattr(self, one.name) for one in fields(self) if one.name not in BESIDE}
-        nothing = np.empty(0, dtype=np.bool_), np.empty(0, dtype=np.int64)
-        write_observations(path.with_suffix(".npz"), Observations(self.beginning, *nothing, {}))
-        for name in BESIDE[1:]:
-            with whole_file(path.with_suffix(f".{name}.npy")) as file:
-                np.save(file, getattr(self, name))
-        with whole_file(path) as file:
-            file.write(json.dumps(values).encode())
+        """Write a file that `read` reads."""
+        about = {one.name: getattr(self, one.name) for one in fields(self)}
+        found, arrays = about.pop("beginning"), {name: about.pop(name) for name in ("stamps", "times")}
+        Observations(found, about, arrays).write(path)
 
     @classmethod
     def read(cls, path: Path) -> LookingPlan:
         """What `write` wrote."""
-        beginning = read_observations(path.with_suffix(".npz")).found
-        arrays = {name: np.load(path.with_suffix(f".{name}.npy"), allow_pickle=False) for name in BESIDE[1:]}
-        return cls(**json.loads(path.read_text(encoding="utf-8")), beginning=beginning, **arrays)
+        seen = Observations.read(path)
+        return cls(**seen.about, beginning=seen.found, **seen.arrays)
 
     def stretches(self, source: Source) -> Stretches:
         """Of the video, which is opened anew."""
@@ -235,7 +293,7 @@ def look(plan: LookingPlan, part: int, source: Source, finding: PeopleFinding, l
     network = inner_detector(inputs.detect)
     gave = [*network.gave] if isinstance(network, ForeignDetector) else []
     about = {"size": size, "seconds": times.seconds, "gave": gave}
-    return Observations(found, np.array(same, dtype=np.bool_), np.array(compared, dtype=np.int64), about)
+    return Observations(found, about, {"same": np.array(same, bool), "compared": np.array(compared, np.int64)})
 
 
 def standing(begins: int, files: Sequence[Path]) -> BoolArray | None:
@@ -284,7 +342,7 @@ class Again:
         images = stretches.frames(first, last) if self._images else None
         told = {*self.plan.gave}
         for (start, _), path in zip(self.plan.parts, self.files, strict=True):
-            seen = read_observations(path)
+            seen = Observations.read(path)
             told |= {*seen.about["gave"]}
             if isinstance(self._network, ForeignDetector):
                 self._network.gave |= told

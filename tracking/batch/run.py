@@ -2,36 +2,40 @@
 
 from __future__ import annotations
 
-import dataclasses
-import inspect
+import csv
+import io
 import json
 import secrets
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import MISSING, dataclass, field, make_dataclass
-from functools import partial
+from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args
+from urllib.parse import quote
 
 from tsuiseki.tracking.batch.continuous import in_order
-from tsuiseki.tracking.batch.executors import Executor, Processes
+from tsuiseki.tracking.batch.executors import Executor, Processes, RayTasks
 from tsuiseki.tracking.batch.jobs import STATE, Job, Place, function_of
-from tsuiseki.tracking.batch.page import summary_of, write_pages
 from tsuiseki.tracking.batch.schedule import Journal, Row, Schedule
 from tsuiseki.tracking.batch.sources import jobs_of
-from tsuiseki.tracking.batch.tasks import TOKEN, Task
+from tsuiseki.tracking.batch.tasks import TOKEN, Doing
 from tsuiseki.tracking.cli.commands import EVALUATE, TRACK
 from tsuiseki.tracking.cli.options import Output
-from tsuiseki.tracking.cli.parser import call, is_shared, options_of
+from tsuiseki.tracking.cli.parser import Option, arguments_of, documentation, options_of, read
+from tsuiseki.tracking.cli.values import plain
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.onnx import cores_of
-from tsuiseki.tracking.options import NO_OPTION
 from tsuiseki.tracking.output import held, whole_file
+from tsuiseki.tracking.report.page import html_page, html_table, listing, section
 
 SOURCES = (
     "videos, folders of them, globs, addresses that fsspec reads (s3://, gs://, https://), or manifests: CSV or YAML "
     "with a row a video, its source, name, and options of its own"
 )
+COLUMNS = ("name", "status", "frames", "tracks", "seconds", "source", "line")
+# Files of a result of which the first that is there is linked.
+PAGES = ("report.html", "run.json", "scores.json")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,18 +132,11 @@ def batch(
         RunError: the disk is full, or Ray has gone; the same call goes on from there.
     """
     how = BatchOptions(
-        out=Path(out),
-        overwrite=overwrite,
-        workers=workers,
-        ray=ray,
-        gpus=gpus,
-        stretch=stretch,
-        continuous=continuous,
+        out=Path(out), overwrite=overwrite, workers=workers, ray=ray, gpus=gpus, stretch=stretch, continuous=continuous
     )
     how.check()
     given = [sources] if isinstance(sources, str | Path) else sources
-    plain = json.loads(json.dumps(options, default=str))
-    job = Job(tuple(command.split()), "", "", plain)
+    job = Job(tuple(command.split()), "", "", plain(options))
     known = [option.name for option in options_of(job.function)]
     if unknown := [name for name in options if name not in known]:
         raise RequestError(f"expected options of `{command}`, got {unknown[0]!r}")
@@ -149,15 +146,14 @@ def batch(
 def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callable[[str], object] = str) -> BatchResult:
     """`batch` with what was checked; ``said`` is told in a line what is finished."""
     jobs = jobs_of(sources, job)
-    if how.continuous:
-        if job.command != ("track", "people"):
-            raise RequestError(f"expected `continuous` with track people, got it with {' '.join(job.command)}")
-        jobs = in_order(jobs)
+    if how.continuous and job.command != ("track", "people"):
+        raise RequestError(f"expected `continuous` with track people, got it with {' '.join(job.command)}")
+    jobs = in_order(jobs) if how.continuous else jobs
     # What is wrong with the options shows before anything is done, and so do results of others.
     for each in jobs if not how.overwrite else ():
         Place.of(how.out, each).refuse_others(each)
     jobs[0].arguments(jobs[0].source, how.out / jobs[0].name)
-    state = how.out / STATE
+    state, command = how.out / STATE, " ".join(job.command)
     try:
         state.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -165,16 +161,16 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callabl
     with ExitStack() as stack:
         if not held(state, stack):
             raise RequestError(f"another batch is writing {how.out} at this moment; choose another name")
-        token, command = secrets.token_hex(8), " ".join(job.command)
+        token = secrets.token_hex(8)
         with whole_file(state / TOKEN) as file:
             file.write(token.encode())
         journal = Journal(how.out)
         stack.callback(journal.close)
         journal.note("batch", command=command, sizes={each.name: _size(each) for each in jobs})
-        schedule: Schedule
         executor, alone = _executor(how)
+        stack.callback(executor.close)
         files = tuple(jobs) if how.continuous else ()
-        make = partial(_task, files=files, batch=how.out.resolve(), token=token, how=how, alone=alone)
+        schedule = Schedule(jobs, Doing(how.out.resolve(), token, how.overwrite, how.stretch, alone, files), journal)
 
         def changed() -> None:
             write_pages(how.out, command, schedule.rows)
@@ -182,13 +178,11 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callabl
             row = next(row for row in reversed(ended) if row.name == schedule.last)
             said(f"[{len(ended)}/{len(jobs)}] {row.name}: {row.status}{f', {row.line}' if row.line else ''}")
 
-        schedule = Schedule(jobs, make, journal, changed, how.continuous)
-        stack.callback(executor.close)
         try:
-            schedule.run(executor)
+            schedule.run(executor, changed)
         except KeyboardInterrupt as error:
             raise Interrupted(signal_of(error), "what is finished is kept; the same command goes on") from error
-        for each in jobs if how.continuous else ():
+        for each in files:
             Place.of(how.out, each).clear()
         write_pages(how.out, command, schedule.rows)
     return BatchResult(schedule.rows, how.out)
@@ -196,26 +190,54 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callabl
 
 def _executor(how: BatchOptions) -> tuple[Executor, bool]:
     count = cores_of(how.workers)
-    if how.ray is None:
-        return Processes(count), count == 1
-    from tsuiseki.tracking.batch.ray_tasks import RayTasks
-
-    return RayTasks(how.ray, count, how.gpus), False
+    return (Processes(count), count == 1) if how.ray is None else (RayTasks(how.ray, count, how.gpus), False)
 
 
-def _task(
-    order: int,
-    turn: int,
-    part: int,
-    kind: Any,
-    job: Job,
-    files: tuple[Job, ...],
-    batch: Path,
-    token: str,
-    how: BatchOptions,
-    alone: bool,
-) -> Task:
-    return Task(order, turn, part, kind, job, batch, token, how.overwrite, how.stretch, alone, files)
+def write_pages(batch: Path, command: str, rows: Sequence[Row]) -> None:
+    """Write ``summary.csv`` and ``index.html``: every video with what became of it, and the counts over all."""
+    table = io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    writer.writerows([*(getattr(row, name) for name in COLUMNS[:4]), round(row.seconds, 1), row.source, row.line]
+                     for row in rows)  # fmt: skip
+    shown = []
+    for row in rows:
+        there = next((name for name in PAGES if (batch / row.name / name).exists()), None)
+        link = "" if there is None else f'<a href="{quote(f"{row.name}/{there}")}">{there}</a>'
+        tracks = "" if row.tracks is None else str(row.tracks)
+        shown.append((row.name, [row.status, str(row.frames), tracks, f"{row.seconds:.1f} s", link], [False] * 5))
+    failed = {row.name: row.line for row in rows if row.status == "failed"}
+    sections = [
+        section("Crossings of all", listing(_crossings(batch, rows))),
+        section("Videos", html_table(["Video", "Status", "Frames", "Tracks", "Work", "Result"], shown)),
+        section("What failed", listing(failed)),
+    ]
+    page = html_page(f"{len(rows)} videos: {command}", f"{summary_of(rows)}.", sections)
+    for name, text in (("summary.csv", table.getvalue()), ("index.html", page)):
+        with whole_file(batch / name) as file:
+            file.write(text.encode())
+
+
+def summary_of(rows: Sequence[Row]) -> str:
+    """How many videos are done, failed and so on, and frames and tracks of all."""
+    counts = Counter(row.status for row in rows)
+    told = [f"{counts[name]} {name}" for name in ("done", "kept", "failed", "running", "waiting") if counts[name]]
+    told.append(f"{sum(row.frames for row in rows)} frames")
+    if any(row.tracks is not None for row in rows):
+        told.append(f"{sum(row.tracks or 0 for row in rows)} tracks")
+    return ", ".join(told)
+
+
+def _crossings(batch: Path, rows: Sequence[Row]) -> dict[str, str]:
+    """Of each line in each direction over all results of `tsuiseki count`; empty where there is none."""
+    sums: Counter[str] = Counter()
+    for row in rows:
+        path = batch / row.name / "answers.json"
+        if row.status != "failed" and path.is_file():
+            lines = json.loads(path.read_text(encoding="utf-8")).get("lines", {})
+            for line, way, count in zip(*(lines.get(name, []) for name in ("line", "direction", "count")), strict=True):
+                sums[f"{line}, {way}"] += count
+    return {name: str(count) for name, count in sorted(sums.items())}
 
 
 def _size(job: Job) -> float:
@@ -252,8 +274,27 @@ def _several(group: str, names: Any, words: Sequence[str]) -> int:
 
 
 def _call(command: tuple[str, ...], words: Sequence[str]) -> int:
-    status: int = call(" ".join(["tsuiseki batch", *command]), batched(command), _with_ray(words))
-    return status
+    """``tsuiseki batch COMMAND``: its options are those of a batch and of the command."""
+    function, prog = function_of(command), " ".join(["tsuiseki batch", *command])
+    theirs, own = options_of(function), options_of(_how)
+    place = next(option.name for option in theirs if option.by_place)
+    hidden = {place, *(option.name for option in own)}
+    # What a command takes by place beside the source is an option here, and one for each video.
+    beside = {option.name: option for option in theirs if option.name not in hidden}
+    for option in [option for option in beside.values() if option.by_place]:
+        kind = (get_args(option.kind) or (option.kind,))[0]
+        beside[option.name] = option._replace(kind=kind, default="", by_place=False)
+    sources = Option("sources", list[str], SOURCES, MISSING, True)
+    values = read(prog, documentation(function)[0], [sources, *own, *beside.values()], _with_ray(words))
+    how: BatchOptions = arguments_of(_how, prog, values)["how"]
+    given = {name: plain(values[name]) for name, option in beside.items() if values[name] != option.default}
+    result = run_batch(values["sources"], Job(command, "", "", given), how, print)
+    print(f"{summary_of(result.rows)}: {how.out / 'index.html'}")
+    return 1 if result.failed else 0
+
+
+def _how(how: BatchOptions) -> None:
+    """A function whose options are those of a batch."""
 
 
 def _with_ray(words: Sequence[str]) -> list[str]:
@@ -264,76 +305,3 @@ def _with_ray(words: Sequence[str]) -> list[str]:
         if word == "--ray" and not (following == "auto" or ":" in following):
             found[place] = "--ray=here"
     return found
-
-
-def batched(command: tuple[str, ...]) -> Callable[..., int]:
-    """The function of ``tsuiseki batch COMMAND``: its options are those of a batch and of the command."""
-    function, own = function_of(command), {option.name for option in options_of(partial_of(BatchOptions))}
-    place = next(option.name for option in options_of(function) if option.by_place)
-
-    def run(sources: list[str], /, doing: BatchOptions, **_: Any) -> int:
-        defaults = {option.name: option.default for option in options_of(function)}
-        given = {
-            name: value
-            for name, value in doing.settings.items()
-            if name in defaults and name not in own and value != _plain(defaults[name])
-        }
-        result = run_batch(sources, Job(command, "", "", given), doing, print)
-        print(f"{summary_of(result.rows)}: {doing.out / 'index.html'}")
-        return 1 if result.failed else 0
-
-    parameters = [
-        inspect.Parameter("sources", inspect.Parameter.POSITIONAL_ONLY, annotation=list[str]),
-        inspect.Parameter("doing", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=BatchOptions),
-    ]
-    for one in inspect.signature(function, eval_str=True).parameters.values():
-        if is_shared(one.annotation):
-            hidden = _without(one.annotation, own | {place})
-            default = one.default if one.default is one.empty else _as(hidden, one.default)
-            parameters.append(one.replace(annotation=hidden, default=default, kind=one.KEYWORD_ONLY))
-        elif one.name != place:
-            parameters.append(one.replace(kind=one.KEYWORD_ONLY))
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    text = inspect.getdoc(function) or ""
-    text += "" if "Args:" in text else "\n\nArgs:"
-    run.__doc__ = f"{text}\n    sources: {SOURCES}."
-    return run
-
-
-def partial_of(kind: type) -> Callable[..., Any]:
-    """A function whose options are the fields of ``kind``."""
-
-    def function(how: Any) -> None: ...
-
-    function.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [inspect.Parameter("how", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=kind)]
-    )
-    return function
-
-
-def _without(kind: type, names: set[str]) -> type:
-    """Options without some, which a batch gives; and unchecked, for each video checks its own."""
-
-    hints = get_type_hints(kind)
-    hidden = [
-        (one.name, hints[one.name], field(default="" if one.default is MISSING else one.default, metadata=NO_OPTION))
-        for one in dataclasses.fields(kind)
-        if one.name in names
-    ]
-    by_name = [one for one in dataclasses.fields(kind) if one.metadata.get("positional") and one.name not in names]
-    # What a command takes by place beside the source is an option here, and one for each video.
-    hidden += [(one.name, (get_args(hints[one.name]) or (hints[one.name],))[0], field(default="")) for one in by_name]
-    unchecked = {"check": lambda _: None, "__doc__": kind.__doc__}
-    return make_dataclass(kind.__name__, hidden, bases=(kind,), frozen=True, kw_only=True, namespace=unchecked)
-
-
-def _as(kind: type, value: Any) -> Any:
-
-    return kind(**{one.name: getattr(value, one.name) for one in dataclasses.fields(value)})
-
-
-def _plain(value: Any) -> Any:
-
-    if value is MISSING:
-        return value
-    return json.loads(json.dumps(dataclasses.asdict(value) if dataclasses.is_dataclass(value) else value, default=str))  # type: ignore[arg-type]

@@ -6,20 +6,24 @@ import heapq
 import json
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any, Literal
 
 from tsuiseki.tracking.batch.executors import Executor
 from tsuiseki.tracking.batch.jobs import STATE, Job
-from tsuiseki.tracking.batch.tasks import Kind, Outcome, Task, plain
-from tsuiseki.tracking.errors import RunError
+from tsuiseki.tracking.batch.tasks import Doing, Kind, Outcome, Task
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.output import held
 
 # Attempts at a task whose process died or whose network failed.
 ATTEMPTS = 3
 TURNS: dict[Kind, int] = {"finish": 0, "join": 0, "look": 1, "begin": 2, "whole": 1}
 JOURNAL = "journal.jsonl"
+# Seconds of the past that tell the speed.
+LATELY = 600.0
 
 
 @dataclass
@@ -68,41 +72,31 @@ class Schedule:
 
     Args:
         jobs: of the batch.
-        task: makes a task: order, turn, part, kind and job.
+        doing: how they are done; where it has files, these are finished together.
         journal: is told.
-        changed: is called whenever a video is finished.
-        continuous: the videos follow each other, and are finished together.
 
     Attributes:
         rows: what became of each so far.
         last: name of the one that was finished last.
     """
 
-    def __init__(
-        self,
-        jobs: Sequence[Job],
-        task: Callable[[int, int, int, Kind, Job], Task],
-        journal: Journal,
-        changed: Callable[[], None],
-        continuous: bool = False,
-    ) -> None:
-        self.rows = [Row(job.name, job.source) for job in jobs]
-        self._jobs, self._task, self._journal, self._changed = jobs, task, journal, changed
-        self.last = ""
+    def __init__(self, jobs: Sequence[Job], doing: Doing, journal: Journal) -> None:
+        self.rows, self.last = [Row(job.name, job.source) for job in jobs], ""
+        self._jobs, self._doing, self._journal = jobs, doing, journal
         self._ready: list[Task] = []
-        self._left: Counter[int] = Counter()
         self._tries: Counter[str] = Counter()
-        self._continuous, self._there, self._joining = continuous, set[int](), set[int]()
+        # Of files that follow each other: those whose result is there, and those that wait to be joined.
+        self._there, self._joining = set[int](), set[int]()
         for order in range(len(jobs)):
             self._add(order, "begin")
 
-    def run(self, executor: Executor) -> None:
-        """Do all of it.
+    def run(self, executor: Executor, changed: Callable[[], None]) -> None:
+        """Do all of it; ``changed`` is called whenever a video is finished.
 
         Raises:
             RunError: the disk is full.
         """
-        under_way = 0
+        self._changed, under_way = changed, 0
         while self._ready or under_way:
             while self._ready and executor.free():
                 task = heapq.heappop(self._ready)
@@ -117,15 +111,14 @@ class Schedule:
                 under_way -= 1
                 self._take(task, outcome)
 
-    def _add(self, order: int, kind: Kind, part: int = 0, **more: Any) -> None:
-        task = self._task(order, TURNS[kind], part, kind, self._jobs[order])
-        heapq.heappush(self._ready, replace(task, **more))
+    def _add(self, order: int, kind: Kind, part: int = 0, redo: bool = False) -> None:
+        heapq.heappush(self._ready, Task(order, TURNS[kind], part, kind, self._jobs[order], self._doing, redo))
 
     def _take(self, task: Task, outcome: Outcome) -> None:
-        row = self.rows[task.order]
+        row, facts = self.rows[task.order], outcome.facts
         row.seconds += outcome.seconds
         told = {"name": row.name, "kind": task.kind, "part": task.part, "seconds": round(outcome.seconds, 3)}
-        self._journal.note(outcome.status, **told, line=outcome.line, frames=outcome.facts.get("frames", 0))
+        self._journal.note(outcome.status, **told, line=outcome.line, frames=facts.get("frames", 0))
         if outcome.status == "full":
             raise RunError(f"{outcome.line}; free some and give the same command again: it goes on")
         if row.status == "failed":
@@ -134,27 +127,27 @@ class Schedule:
             self._tries[str(task)] += 1
             if self._tries[str(task)] < ATTEMPTS:
                 heapq.heappush(self._ready, task)
-                return
-            self._fail(task, f"{outcome.line} ({ATTEMPTS} attempts)")
-        elif outcome.status == "failed" or (outcome.status == "unfit" and self._continuous):
-            self._known(row, outcome)
+            else:
+                self._fail(task, f"{outcome.line} ({ATTEMPTS} attempts)")
+        elif outcome.status == "failed" or (outcome.status == "unfit" and self._doing.files):
+            self._know(row, outcome)
             self._fail(task, outcome.line)
         elif outcome.status == "unfit":
-            self._add(task.order, "whole")
-            row.line = outcome.line
-            self._left[task.order] = -1
+            # Stretches of it that are still under way count no more.
+            if row.parts[0] or task.kind == "begin":
+                self._add(task.order, "whole")
+            row.line, row.parts = outcome.line, [0, 0]
         elif task.kind == "begin":
-            self._begun(task, outcome, row)
+            self._begun(task, outcome)
         elif task.kind == "look":
             row.parts[1] += 1
-            self._left[task.order] -= 1
-            if self._left[task.order] == 0:
+            if row.parts[1] == row.parts[0]:
                 self._looked(task.order)
         elif task.kind == "join":
             for order in sorted(self._joining):
                 self._add(order, "finish")
         else:
-            self._known(row, outcome)
+            self._know(row, outcome)
             self._end(row, "done", outcome.line)
 
     def _fail(self, task: Task, line: str) -> None:
@@ -164,43 +157,39 @@ class Schedule:
         if task.kind in ("begin", "look"):
             self._join()
 
-    def _begun(self, task: Task, outcome: Outcome, row: Row) -> None:
-        facts = outcome.facts
-        if facts.get("there"):
-            self._known(row, outcome)
-            self._there.add(task.order)
-            if not self._continuous:
+    def _begun(self, task: Task, outcome: Outcome) -> None:
+        row, order = self.rows[task.order], task.order
+        parts, done = outcome.facts.get("parts", 0), outcome.facts.get("done", [])
+        row.parts = [parts, len(done)]
+        if outcome.facts.get("there"):
+            self._know(row, outcome)
+            self._there.add(order)
+            if not self._doing.files:
                 self._end(row, "kept", "the result was there")
             self._join()
-            return
-        parts, done = facts.get("parts", 0), facts.get("done", [])
-        row.parts = [parts, len(done)]
-        self._left[task.order] = parts - len(done)
-        for part in range(parts):
-            if part not in done:
-                self._add(task.order, "look", part)
-        if self._continuous and not parts:
+        elif not parts and self._doing.files:
             self._end(row, "failed", "this video cannot be looked at in stretches, as `continuous` needs")
             self._join()
-        elif parts == len(done) and parts:
-            self._looked(task.order)
         elif not parts:
-            self._add(task.order, "whole")
+            self._add(order, "whole")
+        elif parts == len(done):
+            self._looked(order)
+        for part in range(parts):
+            if part not in done:
+                self._add(order, "look", part)
 
     def _looked(self, order: int) -> None:
         """All stretches of a video are done."""
-        if not self._continuous:
+        if not self._doing.files:
             self._add(order, "finish")
-            return
-        self._joining.add(order)
-        self._join()
+        else:
+            self._joining.add(order)
+            self._join()
 
     def _join(self) -> None:
         """Of files that follow each other: go on where all are looked at; look again where only some were there."""
-        if not self._continuous:
-            return
         failed = {order for order, row in enumerate(self.rows) if row.status == "failed"}
-        if len(self._there | self._joining | failed) < len(self.rows):
+        if not self._doing.files or len(self._there | self._joining | failed) < len(self.rows):
             return
         if self._there and not self._joining:
             for order in sorted(self._there):
@@ -210,12 +199,75 @@ class Schedule:
                 self._add(order, "begin", redo=True)
             self._there = set()
         elif self._joining:
-            self._add(min(self._joining), "join", files=tuple(self._jobs[order] for order in sorted(self._joining)))
+            files = tuple(self._jobs[order] for order in sorted(self._joining))
+            self._doing = replace(self._doing, files=files)
+            self._add(min(self._joining), "join")
 
-    def _known(self, row: Row, outcome: Outcome) -> None:
+    def _know(self, row: Row, outcome: Outcome) -> None:
         row.frames, row.tracks = outcome.facts.get("frames", 0), outcome.facts.get("tracks")
 
     def _end(self, row: Row, status: Literal["done", "failed", "kept"], line: str) -> None:
-        row.status, row.line, self.last = status, plain(line), row.name
+        # Short enough for a table.
+        row.status, row.line, self.last = status, " ".join(line.split())[:400], row.name
         self._journal.note("end", name=row.name, status=status, line=row.line, frames=row.frames, tracks=row.tracks)
         self._changed()
+
+
+def status(folder: Path, /) -> None:
+    """Say how far a batch is: videos done, running and failed, frames a second, time left.
+
+    Args:
+        folder: that the batch writes into.
+    """
+    path = folder / STATE / JOURNAL
+    if not path.is_file():
+        raise RequestError(f"{folder}: expected the folder of a batch, found no {STATE}/{JOURNAL} in it")
+    events = list[dict[str, Any]]()
+    for line in path.read_text(encoding="utf-8").splitlines():
+        try:
+            event = json.loads(line)
+        except ValueError:
+            continue  # torn where the disk was full or the process killed
+        if isinstance(event, dict) and {"event", "time"} <= event.keys():
+            if event["event"] == "batch":
+                events.clear()
+            if events or event["event"] == "batch":
+                events.append(event)
+    if not events:
+        raise RequestError(f"{path}: expected the beginning of a batch, found none; is it still starting?")
+    with ExitStack() as stack:
+        runs = not held(folder / STATE, stack)
+    for line in lines_of(events, runs):
+        print(line)
+
+
+def lines_of(events: list[dict[str, Any]], runs: bool) -> Iterator[str]:
+    """What there is to say.
+
+    Args:
+        events: of one batch, the first of which says what is to be done.
+        runs: whether it does at this moment.
+    """
+    sizes: dict[str, float] = events[0]["sizes"]
+    ends = {event["name"]: event for event in events if event["event"] == "end"}
+    begun = {event["name"] for event in events if event["event"] == "begin"} - ends.keys()
+    failed = [event for event in ends.values() if event["status"] == "failed"]
+    waiting = len(sizes) - len(ends) - len(begun)
+    others = f"{len(begun)} begun, {waiting} waiting, {len(failed)} failed"
+    yield f"{'' if runs else 'not '}running: {len(ends) - len(failed)} of {len(sizes)} videos done, {others}"
+    now, start = time.time() if runs else events[-1]["time"], events[0]["time"]
+    looked = [event for event in events if event["event"] == "done" and event["kind"] in ("look", "whole")]
+    lately = [event for event in looked if event["time"] > now - LATELY]
+    if lately:
+        seconds = max(now - max(start, now - LATELY), 1e-3)
+        yield f"{sum(event['frames'] for event in lately) / seconds:.1f} frames a second"
+    worked = sum(sizes[name] for name, end in ends.items() if end["status"] != "kept" and name in sizes)
+    left = sum(size for name, size in sizes.items() if name not in ends)
+    if runs and worked and left:
+        minutes = round((now - start) * left / worked / 60)
+        clock = (
+            f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min" if minutes else "a minute"
+        )
+        yield f"about {clock} left"
+    for event in failed:
+        yield f"{event['name']}: {event['line']}"

@@ -14,6 +14,8 @@ from typing import IO, Any
 import yaml
 
 from tsuiseki.tracking.batch.jobs import Job
+from tsuiseki.tracking.cameras.multicamera import is_floor_folder
+from tsuiseki.tracking.cli.parser import merged, put
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.mot_sequence import is_sequence, list_images
 from tsuiseki.tracking.output import RUN_FILE, whole_file
@@ -81,6 +83,9 @@ def _in_folder(folder: Path, job: Job) -> list[Path]:
     if job.command[0] in ("count", "evaluate"):
         found = [folder] if (folder / RUN_FILE).exists() or is_sequence(folder) else sorted(folder.iterdir())
         found = [each for each in found if each.is_dir() and not each.name.startswith(".")]
+    elif job.command == ("track", "floor"):
+        # The boxes of all its cameras are one video.
+        found = [each for each in (folder, *folder.iterdir()) if is_floor_folder(each)]
     elif list_images(folder) or is_sequence(folder):
         found = [folder]
     else:
@@ -89,6 +94,8 @@ def _in_folder(folder: Path, job: Job) -> list[Path]:
         pictures = [path for path in inside if path.is_dir() and (list_images(path) or is_sequence(path))]
         # The pictures of a sequence lie in a folder of its own.
         found += [path for path in pictures if not any(other in path.parents for other in pictures)]
+    if not found and job.command == ("track", "floor"):
+        raise RequestError(f"{folder}: expected folders of WILDTRACK or Shelf, found none")
     if not found:
         raise RequestError(f"{folder}: expected videos ({', '.join(VIDEOS[:4])}, …) or folders of images, found none")
     return sorted(found)
@@ -105,12 +112,14 @@ def _in_manifest(path: Path, job: Job) -> Iterator[tuple[str, Job]]:
         if "://" not in source and not Path(source).exists():
             raise RequestError(f"{where}: there is no {source}")
         name = str(row.get("name") or PurePosixPath(source.split("?")[0]).stem)
-        given = {key: value for key, value in row.items() if key not in OWN and value not in (None, "")}
-        words = tuple(f"--{key}={value}" for key, value in given.items() if not isinstance(value, list | dict))
-        more = {key.replace("-", "_"): value for key, value in given.items() if isinstance(value, list | dict)}
+        given: dict[str, Any] = {}
+        for key, value in row.items():
+            if key not in OWN and value not in (None, ""):
+                put(given, key.replace("-", "_"), value)
         try:
             start = None if row.get("start") in (None, "") else float(row["start"])
-            found = replace(job, source=source, name=name, words=words, options={**job.options, **more}, start=start)
+            options = merged(job.options, given)
+            found = replace(job, source=source, name=name, options=options, start=start)
             if given:
                 found.arguments(source, Path("unused"))
         except (RequestError, ValueError) as error:

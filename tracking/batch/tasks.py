@@ -7,25 +7,52 @@ returns is small.
 
 from __future__ import annotations
 
-import contextlib
 import errno
 import io
 import json
 import os
-import re
 import time
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from tsuiseki.tracking.batch.continuous import GivenTracks, join_files, joined_tracks
 from tsuiseki.tracking.batch.jobs import STATE, Job, Place, key_of, settings_of
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.batch.looking import PLAN, LookingPlan, again, cut, look
+from tsuiseki.tracking.batch.sources import fetch
+from tsuiseki.tracking.cli.ending import LATE, ended, said_of
+from tsuiseki.tracking.cli.parser import options_of
+from tsuiseki.tracking.errors import RequestError, RunError, explained
+from tsuiseki.tracking.video.stretch import UnfitIndexError
 
 Kind = Literal["begin", "look", "join", "finish", "whole"]
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 TOKEN = "token"
+
+
+@dataclass(frozen=True)
+class Doing:
+    """How the tasks of a batch are done.
+
+    Attributes:
+        batch: folder of the batch.
+        token: what tells that this folder is seen.
+        overwrite: results of other settings.
+        stretch: seconds that one task looks at.
+        alone: no other task runs beside it, so it may take all cores.
+        files: all jobs of files that are tracked as one video; none where each is one by itself.
+    """
+
+    batch: Path
+    token: str
+    overwrite: bool = False
+    stretch: float = 60.0
+    alone: bool = False
+    files: tuple[Job, ...] = ()
 
 
 @dataclass(frozen=True, order=True)
@@ -38,12 +65,7 @@ class Task:
         part: number of the stretch.
         kind: what is to be done.
         job: the video.
-        batch: folder of the batch.
-        token: what tells that this folder is seen.
-        overwrite: results of other settings.
-        stretch: seconds that one task looks at.
-        alone: no other task runs beside it, so it may take all cores.
-        files: all jobs of files that are tracked as one video; none where each is one by itself.
+        doing: how.
         redo: do it again although the result is there.
     """
 
@@ -52,16 +74,28 @@ class Task:
     part: int
     kind: Kind = field(compare=False)
     job: Job = field(compare=False)
-    batch: Path = field(compare=False)
-    token: str = field(compare=False)
-    overwrite: bool = field(compare=False, default=False)
-    stretch: float = field(compare=False, default=60.0)
-    alone: bool = field(compare=False, default=False)
-    files: tuple[Job, ...] = field(compare=False, default=())
+    doing: Doing = field(compare=False)
     redo: bool = field(compare=False, default=False)
 
     def __str__(self) -> str:
         return f"{self.job.name} {self.kind}{f' {self.part + 1}' if self.kind == 'look' else ''}"
+
+    @property
+    def place(self) -> Place:
+        """Where the video leaves things."""
+        return Place.of(self.doing.batch, self.job)
+
+    def source(self) -> str:
+        """Path of the video, which is fetched where it is elsewhere."""
+        return str(fetch(self.job.source, self.place.state)) if self.job.is_address else self.job.source
+
+    def file(self, part: int) -> Path:
+        """Of what is seen in a stretch."""
+        return self.place.state / f"{part:05}.npz"
+
+    def plan(self) -> LookingPlan:
+        """How the video is cut."""
+        return LookingPlan.read(self.place.state / PLAN)
 
 
 @dataclass(frozen=True)
@@ -84,154 +118,99 @@ class Outcome:
 
 def do(task: Task) -> Outcome:
     """Do a task, whatever happens in it."""
-    from tsuiseki.tracking.cli.ending import LATE, said_of
-    from tsuiseki.tracking.errors import explained
-    from tsuiseki.tracking.video.stretch import UnfitIndexError
-
     start = time.monotonic()
+    return replace(_outcome(task), seconds=time.monotonic() - start)
+
+
+def _outcome(task: Task) -> Outcome:
+    batch = task.doing.batch
     try:
-        if not _sees(task):
-            raise RunError(
-                f"the machine {os.uname().nodename} does not see {task.batch}; give an `out` that all machines share"
-            )
-        return _timed(WORK[task.kind](task), start)
+        token = batch / STATE / TOKEN
+        if not token.is_file() or token.read_text(encoding="utf-8") != task.doing.token:
+            node = os.uname().nodename
+            raise RunError(f"the machine {node} does not see {batch}; give an `out` that all machines share")
+        return WORK[task.kind](task)
     except UnfitIndexError as error:
-        return _timed(Outcome("unfit", str(error)), start)
+        return Outcome("unfit", str(error))
     except ImportError as error:
-        return _timed(Outcome("failed", str(explained(error) or error)), start)
+        return Outcome("failed", str(explained(error) or error))
     except LATE as error:
         causes = [error, error.__cause__, error.__context__]
         if any(isinstance(cause, OSError) and cause.errno in FULL for cause in causes):
-            return _timed(Outcome("full", f"no space is left for {task.batch}"), start)
+            return Outcome("full", f"no space is left for {batch}")
         known = isinstance(error, RequestError | RunError)
-        return _timed(Outcome("failed" if known else "lost", f"{said_of(error) or type(error).__name__}"), start)
-
-
-def _timed(outcome: Outcome, start: float) -> Outcome:
-    return Outcome(outcome.status, outcome.line, outcome.facts, time.monotonic() - start)
-
-
-def _sees(task: Task) -> bool:
-    try:
-        return (task.batch / STATE / TOKEN).read_text(encoding="utf-8") == task.token
-    except OSError:
-        return False
-
-
-def _source(task: Task) -> str:
-    """Path of the video, which is fetched where it is elsewhere."""
-    from tsuiseki.tracking.batch.sources import fetch
-
-    if not task.job.is_address:
-        return task.job.source
-    return str(fetch(task.job.source, Place.of(task.batch, task.job).state))
+        return Outcome("failed" if known else "lost", f"{said_of(error) or type(error).__name__}")
 
 
 def _begin(task: Task) -> Outcome:
     """Find out whether the result is there, and cut the video where it can be."""
-    from tsuiseki.tracking.batch.looking import LookingPlan, cut
-
-    place, given = Place.of(task.batch, task.job), task.job.source
+    place, given, doing = task.place, task.job.source, task.doing
     people = task.job.command == ("track", "people")
-    key = key_of(task.job, given, [task.stretch if people else None, [(job.name, job.start) for job in task.files]])
-    if not place.begin(key, settings_of(task.job, given), task.overwrite, task.redo):
+    key = key_of(task.job, given, [doing.stretch if people else None, [(job.name, job.start) for job in doing.files]])
+    if not place.begin(key, settings_of(task.job, given), doing.overwrite, task.redo):
         return Outcome("done", facts={"there": True, **_known(place)})
-    source = _source(task)
+    source = task.source()
     if not people:
         return Outcome("done", facts={"parts": 0})
-    path = place.state / "plan.json"
-    if path.exists():
-        plan: LookingPlan | None = LookingPlan.read(path)
-    else:
+    if not (place.state / PLAN).exists():
         found = task.job.arguments(source, place.folder)
-        with _quiet() as (_, errors):
-            plan = _said(partial(cut, found["video"].open(), found["finding"], found["linking"], task.stretch), errors)
-        if plan is not None:
-            plan.write(path)
-    if plan is None:
-        return Outcome("done", facts={"parts": 0})
-    done = [part for part in range(len(plan.parts)) if _file(place, part).exists()]
-    frames = [last + 1 - first for first, last in plan.parts]
-    return Outcome("done", facts={"parts": len(plan.parts), "done": done, "frames": frames})
-
-
-def _said(call: Callable[[], Any], errors: io.StringIO) -> Any:
-    """What ``call`` gives; its notes go nowhere, for the end tells them again."""
-    import warnings
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        found = call()
-    errors.truncate(0)
-    return found
-
-
-def _file(place: Place, part: int) -> Path:
-    return place.state / f"{part:05}.npz"
+        with _unsaid():
+            plan = cut(found["video"].open(), found["finding"], found["linking"], doing.stretch)
+        if plan is None:
+            return Outcome("done", facts={"parts": 0})
+        plan.write(place.state / PLAN)
+    parts = task.plan().parts
+    done = [part for part in range(len(parts)) if task.file(part).exists()]
+    return Outcome("done", facts={"parts": len(parts), "done": done, "frames": [b + 1 - a for a, b in parts]})
 
 
 def _look(task: Task) -> Outcome:
-    from tsuiseki.tracking.batch.looking import LookingPlan, look
-    from tsuiseki.tracking.batch.observations import write_observations
-
-    place, source = Place.of(task.batch, task.job), _source(task)
-    plan = LookingPlan.read(place.state / "plan.json")
-    found = task.job.arguments(source, place.folder)
-    with _quiet() as (_, errors):
-        how = (task.part, found["video"].open(), found["finding"], found["linking"])
-        seen = _said(partial(look, plan, *how), errors)
-    write_observations(_file(place, task.part), seen)
+    found = task.job.arguments(task.source(), task.place.folder)
+    with _unsaid():
+        seen = look(task.plan(), task.part, found["video"].open(), found["finding"], found["linking"])
+    seen.write(task.file(task.part))
     return Outcome("done", facts={"frames": len(seen.found)})
 
 
 def _finish(task: Task) -> Outcome:
-    from tsuiseki.tracking.batch.looking import LookingPlan, again
     from tsuiseki.tracking.people.run import track
 
-    place, source = Place.of(task.batch, task.job), _source(task)
-    plan = LookingPlan.read(place.state / "plan.json")
-    files = [_file(place, part) for part in range(len(plan.parts))]
-    found, tracker = task.job.arguments(source, place.folder), None
-    if task.files:
-        from tsuiseki.tracking.batch.continuous import GivenTracks, joined_tracks
-
-        tracker = GivenTracks(joined_tracks(place.state / "joined.npz"))
-    return _ended(partial(track, **found, look=partial(again, plan=plan, files=files, tracker=tracker)), task, place)
+    place, plan = task.place, task.plan()
+    found = task.job.arguments(task.source(), place.folder)
+    tracker = GivenTracks(joined_tracks(place.state / "joined.npz")) if task.doing.files else None
+    how = {"plan": plan, "files": [task.file(part) for part in range(len(plan.parts))], "tracker": tracker}
+    return _ended(partial(track, **found, look=partial(again, **how)), task, place)
 
 
 def _join(task: Task) -> Outcome:
-    from tsuiseki.tracking.batch.continuous import join_files
-
-    states = [Place.of(task.batch, job).state for job in task.files]
-    join_files(task.files, [_source(replace(task, job=job)) for job in task.files], states)
+    tasks = [replace(task, job=job) for job in task.doing.files]
+    join_files(task.doing.files, [each.source() for each in tasks], [each.place.state for each in tasks])
     return Outcome("done")
 
 
 def _whole(task: Task) -> Outcome:
-    place, source = Place.of(task.batch, task.job), _source(task)
+    place, job = task.place, task.job
     place.folder.mkdir(parents=True, exist_ok=True)
-    more: dict[str, Any] = {} if task.alone else {"threads": 1}
-    given = task.job.arguments(source, place.folder, **more)
-    from tsuiseki.tracking.cli.parser import options_of
-
-    by_place = [option.name for option in options_of(task.job.function) if option.by_place]
-    places = [given.pop(name) for name in by_place if name in given]
-    return _ended(partial(task.job.function, *places, **given), task, place)
+    more: dict[str, Any] = {} if task.doing.alone else {"threads": 1}
+    known = options_of(job.function)
+    given = job.arguments(
+        task.source(), place.folder, **{n: v for n, v in more.items() if n in [o.name for o in known]}
+    )
+    places = [given.pop(option.name) for option in known if option.by_place and option.name in given]
+    return _ended(partial(job.function, *places, **given), task, place)
 
 
 def _ended(call: Callable[[], int | None], task: Task, place: Place) -> Outcome:
     """Run a command's function to its end, and drop what was kept on the way."""
-    from tsuiseki.tracking.cli.ending import ended
-
     with _quiet() as (said, errors):
         status = ended(call)
     lines = [line.removeprefix("tsuiseki: ") for line in errors.getvalue().splitlines() if line.strip()]
     complaints = [line for line in lines if not line.startswith("note: ")]
     if any(os.strerror(number) in line for line in complaints for number in FULL):
-        return Outcome("full", f"no space is left for {task.batch}")
+        return Outcome("full", f"no space is left for {task.doing.batch}")
     if status:
         return Outcome("failed", complaints[-1] if complaints else f"ended with status {status}", _known(place))
-    if not task.files:  # those that follow each other may be needed again until all are finished
+    if not task.doing.files:  # those that follow each other may be needed again until all are finished
         place.clear()
     printed = [line for line in said.getvalue().splitlines() if line.strip()]
     return Outcome("done", printed[-1] if printed else "", _known(place))
@@ -252,22 +231,21 @@ def _known(place: Place) -> dict[str, Any]:
     return found
 
 
-@contextlib.contextmanager
-def _quiet() -> Any:
+@contextmanager
+def _quiet() -> Iterator[tuple[io.StringIO, io.StringIO]]:
     """What is printed inside; a batch has many voices and one terminal."""
-    with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()) as errors:
+    with redirect_stdout(io.StringIO()) as said, redirect_stderr(io.StringIO()) as errors:
         yield said, errors
 
 
-def plain(line: str) -> str:
-    """A line for people, short enough for a table."""
-    return re.sub(r"\s+", " ", line).strip()[:400]
+@contextmanager
+def _unsaid() -> Iterator[None]:
+    """Nothing is said inside, for the end says it again."""
+    with _quiet(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
 
 WORK: dict[Kind, Callable[[Task], Outcome]] = {
-    "begin": _begin,
-    "look": _look,
-    "join": _join,
-    "finish": _finish,
-    "whole": _whole,
-}
+    "begin": _begin, "look": _look, "join": _join, "finish": _finish, "whole": _whole
+}  # fmt: skip

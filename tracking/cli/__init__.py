@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group, Tree
-from tsuiseki.tracking.cli.deadline import DEADLINE
-from tsuiseki.tracking.cli.ending import DONE, WRONG_REQUEST, ended
+from tsuiseki.tracking.cli.ending import DEADLINE, DONE, WRONG_REQUEST, ended
 from tsuiseki.tracking.errors import RequestError
 
 PROGRAM = "tsuiseki"

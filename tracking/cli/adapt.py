@@ -11,8 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsuiseki.tracking.cli.detector_lines import tell_models
 from tsuiseki.tracking.cli.options import SeededOutput
+from tsuiseki.tracking.cli.run import tell_models
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.features.foreign_options import DetectorOptions

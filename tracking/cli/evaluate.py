@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as text
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -115,6 +115,11 @@ class Labels(Stretch):
             raise RequestError(f"`size`: expected a width and height from 1 pixel on, got {width},{height}")
 
 
+def _check(right: bool, name: str, expected: str, value: float) -> None:
+    if not right:
+        raise RequestError(f"`{name}`: expected {expected}, got {value:g}")
+
+
 def action(given: Comparison, labels: Labels, threshold: float = 0.4, multiple_actions: bool = False) -> None:
     """Score what people were said to do: F1 at a threshold, and average precision, for every action.
 
@@ -135,8 +140,7 @@ def action(given: Comparison, labels: Labels, threshold: float = 0.4, multiple_a
     from tsuiseki.tracking.evaluation.actions import evaluate_actions, match_actions, read_labelled_actions
     from tsuiseki.tracking.evaluation.tables import action_table, action_values
 
-    if not 0 <= threshold <= 1:
-        raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
+    _check(0 <= threshold <= 1, "threshold", "a number from 0 to 1", threshold)
     truths = read_labelled_actions(given.truth, labels.protocol, labels.size, multiple_actions, labels.range)
     scores = {}
     for name, result in given.named().items():
@@ -161,8 +165,7 @@ def coverage(given: Comparison, stretch: Stretch, overlap: float = 0.5) -> None:
     from tsuiseki.tracking.evaluation.coverage import cover_targets, coverage_table, coverage_values
     from tsuiseki.tracking.formats.single import find_single_sequences
 
-    if not 0 < overlap <= 1:
-        raise RequestError(f"`overlap`: expected a share above 0 and at most 1, got {overlap:g}")
+    _check(0 < overlap <= 1, "overlap", "a share above 0 and at most 1", overlap)
     sequences = find_single_sequences(given.truth)
     found = {name: cover_targets(sequences, path, overlap, stretch.range) for name, path in given.named().items()}
     given.report(coverage_table(found), coverage_values(found))
@@ -192,8 +195,7 @@ def detection(
     from tsuiseki.tracking.evaluation.truths import read_truths
     from tsuiseki.tracking.formats.rotated import is_rotated
 
-    if not 0 < iou <= 1:
-        raise RequestError(f"`iou`: expected an overlap above 0 and up to 1, got {iou:g}")
+    _check(0 < iou <= 1, "iou", "an overlap above 0 and up to 1", iou)
     shown = given.named().items()
     if is_rotated(given.truth):
         if labels.frames is not None:
@@ -214,14 +216,11 @@ def floor(given: Comparison, distance: float = 1.0, near: float = 0.5) -> None:
         distance: metres within which a track is on a person, for IDF1, MOTA, HOTA and GOSPA.
         near: metres within which a detection is right, for MODA, MODP, recall and precision.
     """
-    from dataclasses import asdict
-
     from tsuiseki.tracking.evaluation.on_floor import evaluate_floor_files
     from tsuiseki.tracking.evaluation.tables import FLOOR_COLUMNS, value_table
 
-    for name, value in (("distance", distance), ("near", near)):
-        if not value > 0:
-            raise RequestError(f"`{name}`: expected metres above 0, got {value:g}")
+    _check(distance > 0, "distance", "metres above 0", distance)
+    _check(near > 0, "near", "metres above 0", near)
     scores = evaluate_floor_files(given.truth, given.named(), distance, near)
     given.report(value_table(scores, FLOOR_COLUMNS), {name: asdict(one) for name, one in scores.items()})
 
@@ -266,8 +265,6 @@ def appearance(given: Comparison, threads: int = 0) -> None:
         results: appearance networks as ONNX, or the names of shipped or downloaded ones; several are compared.
         threads: CPU cores; 0 takes all.
     """
-    from dataclasses import asdict
-
     from tsuiseki.tracking.evaluation.reidentification import read_views, score_views
     from tsuiseki.tracking.evaluation.tables import score_table
     from tsuiseki.tracking.features.exported import open_appearance
@@ -292,15 +289,11 @@ def points(given: Comparison, stretch: Stretch, cutoff: float = 100.0, window: i
         cutoff: distance from which a point counts as missed, in the unit of the files.
         window: frames of OSPA(2).
     """
-    from dataclasses import asdict
-
     from tsuiseki.tracking.evaluation.points import evaluate_point_files
     from tsuiseki.tracking.evaluation.tables import POINT_COLUMNS, value_table
 
-    if not cutoff > 0:
-        raise RequestError(f"`cutoff`: expected a distance above 0, got {cutoff:g}")
-    if window < 1:
-        raise RequestError(f"`window`: expected 1 frame or more, got {window}")
+    _check(cutoff > 0, "cutoff", "a distance above 0", cutoff)
+    _check(window >= 1, "window", "1 frame or more", window)
     scores = evaluate_point_files(given.truth, given.named(), cutoff, window, stretch.range)
     given.report(value_table(scores, POINT_COLUMNS), {name: asdict(one) for name, one in scores.items()})
 
@@ -354,7 +347,6 @@ def states(given: Comparison, stretch: Stretch, distance: float = 20.0) -> None:
     from tsuiseki.tracking.evaluation.states import evaluate_state_files
     from tsuiseki.tracking.evaluation.tables import STATE_COLUMNS, value_table
 
-    if not distance > 0:
-        raise RequestError(f"`distance`: expected pixels above 0, got {distance:g}")
+    _check(distance > 0, "distance", "pixels above 0", distance)
     scores = evaluate_state_files(given.truth, given.named(), distance, stretch.range)
     given.report(value_table(scores, STATE_COLUMNS), {name: one.values() for name, one in scores.items()})

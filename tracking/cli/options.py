@@ -147,3 +147,16 @@ class Output(Shared):
 @dataclass(frozen=True)
 class SeededOutput(Seed, Output):
     """Where the result of something random goes."""
+
+
+@dataclass(frozen=True)
+class Reproduction(Output):
+    """Where an experiment computes, and where its result goes.
+
+    Attributes:
+        out: folder for results.json, tables.md, plots, pictures and run.json.
+        cache: folder that keeps what was computed, so that an experiment that was stopped goes on where it was; what
+            other arguments, data or code made is never taken.
+    """
+
+    cache: Path = Path("out/cache/experiments")

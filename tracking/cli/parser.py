@@ -1,4 +1,4 @@
-"""From a typed function to its options: jsonargparse. The words of its help and errors are in `wording`.
+"""From a typed function to its options, and from words and YAML to its arguments.
 
 Options are shown with dashes and taken with dashes or underscores; a switch needs no value. In a YAML file they carry
 underscores, as the function's parameters do.
@@ -8,68 +8,28 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-import json
 import re
-from argparse import SUPPRESS, Action
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+import shutil
+import textwrap
+from argparse import ArgumentParser, HelpFormatter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import MISSING
+from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn, TypeGuard, get_origin, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
-from jsonargparse import ArgumentError, ArgumentParser, Namespace
+import yaml
 
-from tsuiseki.tracking.cli.config import config_text
+from tsuiseki.tracking.cli import values as value_types
 from tsuiseki.tracking.cli.options import Output
-from tsuiseki.tracking.cli.sensible import check_sensible
-from tsuiseki.tracking.cli.wording import HelpFormatter, friendly, is_several, shown_value, with_option
+from tsuiseki.tracking.cli.values import is_several, kinds_of, option_shown, plain, typed, unknown, usual_of
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
 
 CONFIG_HELP = "YAML file of options, with underscores in their names; options given here win over it"
+# A word that names an option: no number below zero.
+OPTION = r"-(?![\d.])\S"
 PRINT_HELP = "print all options as YAML, as a start for --config, and exit"
-
-
-class Parser(ArgumentParser):
-    """A jsonargparse parser that fails with `RequestError`, also inside of groups of options."""
-
-    def error(self, message: str, ex: Exception | None = None) -> NoReturn:
-        raise RequestError(friendly(message, _names(self))) from ex
-
-
-def call(prog: str, function: Callable[..., Any], words: Sequence[str]) -> Any:
-    """What ``function`` makes of the words of a command line; see `parse`."""
-    arguments = parse(prog, function, words)
-    by_place = [arguments.pop(p.name) for p in _parameters(function) if p.kind is p.POSITIONAL_ONLY]
-    return function(*by_place, **arguments)
-
-
-def parse(prog: str, function: Callable[..., Any], words: Sequence[str], config: str = "") -> dict[str, Any]:
-    """The arguments of ``function`` from the words of a command line.
-
-    Args:
-        prog: what the user typed so far, for the help.
-        function: typed, with Google-style docstring. Its positional-only parameters and the `BY_PLACE` fields of its
-            `Shared` ones are given by place; a list takes all that follow.
-        words: the rest of the command line.
-        config: YAML of options, over which ``words`` win.
-
-    Raises:
-        RequestError: an unknown option, a wrong type, a missing option, a broken YAML file.
-        SystemExit: help was asked for.
-    """
-    # jsonargparse also leaves out of --print-config what its help does not show: hide options for --help alone.
-    parser = build_parser(prog, function, every_option=not {"-h", "--help"} & set(words))
-
-    try:
-        given = [f"--config={config}"] if config else []
-        found = parser.parse_args([*given, *_normalised(words, parser, prog.split())])
-        for name, kind, *_ in options_of(function):
-            if dataclasses.is_dataclass(kind) and not isinstance(found[name], Namespace):
-                raise RequestError(f"{name}: expected options of its own below it, got {found[name]!r}")
-        values = parser.instantiate(found)
-    except (ArgumentError, ValueError) as error:  # such as of a settings dataclass that refuses a value
-        raise RequestError(with_option(friendly(str(error), _names(parser)), words)) from error
-    return _arguments(function, values, prog)
 
 
 class Option(NamedTuple):
@@ -83,175 +43,276 @@ class Option(NamedTuple):
     kind: Any
     text: str
     default: Any
-    by_place: bool
+    by_place: bool = False
+
+
+def call(prog: str, function: Callable[..., Any], words: Sequence[str]) -> Any:
+    """What ``function`` makes of the words of a command line; see `parse`."""
+    arguments = parse(prog, function, words)
+    by_place = [arguments.pop(p.name) for p in _parameters(function) if p.kind is p.POSITIONAL_ONLY]
+    return function(*by_place, **arguments)
+
+
+def parse(
+    prog: str, function: Callable[..., Any], words: Sequence[str], config: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """The arguments of ``function`` from the words of a command line.
+
+    Args:
+        prog: what the user typed so far, for the help.
+        function: typed, with Google-style docstring. Its positional-only parameters and the `BY_PLACE` fields of its
+            `Shared` ones are given by place; a list takes all that follow.
+        words: the rest of the command line.
+        config: options, over which ``words`` win.
+
+    Raises:
+        RequestError: an unknown option, a wrong type, a missing option, a broken YAML file.
+        SystemExit: help was asked for.
+    """
+    values = read(prog, documentation(function)[0], options_of(function), words, config)
+    return arguments_of(function, prog, values)
 
 
 def options_of(function: Callable[..., Any]) -> list[Option]:
     """The options of ``function``, those of its `Shared` parameters last, worded and with defaults as it says."""
-    texts, own, shared = _documentation(function)[1], [], []
+    texts, own, shared = documentation(function)[1], list[Option](), list[Option]()
     for one in _parameters(function):
         if not is_shared(one.annotation):
-            default = dataclasses.MISSING if one.default is one.empty else one.default
+            default = MISSING if one.default is one.empty else one.default
             by_place = one.kind is one.POSITIONAL_ONLY
             own.append(Option(one.name, one.annotation, texts.get(one.name, ""), default, by_place))
             continue
-        inherited: dict[str, str] = {}
-        for base in reversed(one.annotation.__mro__):
-            inherited |= _documentation(base)[1] if dataclasses.is_dataclass(base) else {}
+        inherited = {name: text for base in reversed(one.annotation.__mro__) for name, text in _fields(base).items()}
         hints = get_type_hints(one.annotation)
-        for field in _fields_of(one.annotation):
+        for field in _options_in(one.annotation):
             text = texts.get(field.name, inherited.get(field.name, ""))
-            value = field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
-            value = value if one.default is one.empty else getattr(one.default, field.name)
+            default = usual_of(field) if one.default is one.empty else getattr(one.default, field.name)
             by_place = field.metadata.get("positional", False)
-            shared.append(Option(field.name, hints[field.name], text, value, by_place))
+            shared.append(Option(field.name, hints[field.name], text, default, by_place))
     return own + shared
+
+
+def is_shared(kind: Any) -> bool:
+    """Whether the parameters of type ``kind`` are options of the command itself."""
+    return isinstance(kind, type) and issubclass(kind, Shared)
 
 
 def _parameters(function: Callable[..., Any]) -> Iterable[inspect.Parameter]:
     return inspect.signature(function, eval_str=True).parameters.values()
 
 
-def is_shared(kind: Any) -> TypeGuard[type[Shared]]:
-    """Whether the parameters of type ``kind`` are options of the command itself."""
-    return isinstance(kind, type) and issubclass(kind, Shared)
+def _options_in(kind: Any) -> list[dataclasses.Field[Any]]:
+    return [field for field in dataclasses.fields(kind) if field.metadata.get("option", True)]
 
 
-def _fields_of(kind: type[Shared]) -> list[dataclasses.Field[Any]]:
-    """The fields of a shared dataclass that are options."""
-    return [field for field in dataclasses.fields(kind) if field.metadata.get("option", True)]  # type: ignore[arg-type]
+def _fields(kind: Any) -> dict[str, str]:
+    """Texts of the fields of a dataclass by name; of another class none."""
+    texts = documentation(kind)[1]
+    return texts if dataclasses.is_dataclass(kind) else {}
 
 
-def _arguments(function: Callable[..., Any], values: Any, prog: str) -> dict[str, Any]:
-    """What ``function`` is called with, from the values of all options."""
-    settings: dict[str, Any] = {}
-    arguments: dict[str, Any] = {}
+@cache
+def documentation(documented: Any) -> tuple[str, dict[str, str]]:
+    """The description of a function or class, and of its parameters or attributes."""
+    from docstring_parser import parse as parse_docstring
+
+    found = parse_docstring(inspect.getdoc(documented) or "")
+    text = [(part or "").replace("``", "") for part in (found.short_description, found.long_description)]
+    parameters = {p.arg_name: " ".join((p.description or "").split()) for p in found.params}
+    return "\n\n".join(part for part in text if part), parameters
+
+
+def arguments_of(function: Callable[..., Any], prog: str, values: Mapping[str, Any]) -> dict[str, Any]:
+    """What ``function`` is called with, from the values of all its options.
+
+    Raises:
+        RequestError: a value is of no use; see `Shared.check`.
+    """
+    settings, arguments = dict[str, Any](), dict[str, Any]()
     for one in _parameters(function):
-        if is_shared(one.annotation):
-            fields = {field.name: values[field.name] for field in _fields_of(one.annotation)}
-            arguments[one.name] = one.annotation(**fields)
-            settings |= fields
-        else:
-            arguments[one.name] = settings[one.name] = values[one.name]
-    settings = _plain(settings)
+        names = [field.name for field in _options_in(one.annotation)] if is_shared(one.annotation) else [one.name]
+        fields = {name: values[name] for name in names}
+        settings |= fields
+        arguments[one.name] = one.annotation(**fields) if is_shared(one.annotation) else values[one.name]
+    settings = plain(settings)
     for name, value in arguments.items():
         if isinstance(value, Shared):
             value.check()
         if isinstance(value, Output):
             arguments[name] = dataclasses.replace(value, command=prog.split(), settings=settings)
     for option in options_of(function):
-        check_sensible("" if option.by_place else option.name, settings[option.name], _plain(option.default))
+        value_types.check_sensible("" if option.by_place else option.name, settings[option.name], plain(option.default))
     return arguments
 
 
-def _plain(value: Any) -> Any:
-    """As ``run.json`` has it: dataclasses as mappings, paths as text."""
-
-    def simple(part: Any) -> Any:
-        return dataclasses.asdict(part) if dataclasses.is_dataclass(part) else str(part)  # type: ignore[arg-type]
-
-    return json.loads(json.dumps(value, default=simple))
-
-
-def build_parser(prog: str, function: Callable[..., Any], every_option: bool = False) -> Parser:
-    """A parser whose options are the parameters of ``function``.
-
-    The options of its dataclass parameters are shown in the help only with ``every_option``.
-    """
-    options = options_of(function)
-    parser = Parser(
-        prog=prog,
-        description=_documentation(function)[0],
-        formatter_class=HelpFormatter,
-        exit_on_error=False,
-        print_config="--print_config",
-        allow_abbrev=False,
-    )
-    usage = [prog]
-    for name, kind, text, default, _ in (option for option in options if option.by_place):
-        some: dict[str, Any] = {}
-        if get_origin(kind) is list:
-            kind, some = kind.__args__[0], {"nargs": "*", "default": []}
-            some = {"nargs": "+"} if default is dataclasses.MISSING else some
-        parser.add_argument(name, type=kind, metavar=name.upper(), help=text, **some)
-        usage.append(name.upper() + (" …" if some else ""))
-    for name, kind, text, default, _ in (option for option in options if not option.by_place):
-        needed = default is dataclasses.MISSING
-        parser.add_argument(f"--{name}", type=kind, help=text, **{"required": True} if needed else {"default": default})
-        usage += [f"--{name} {shown_value(name, kind, text)}"] if needed else []
-    parser.add_argument("--config", action="config", metavar="FILE", help=CONFIG_HELP)
-    if groups := [f"--{option.name}.*" for option in options if dataclasses.is_dataclass(option.kind)]:
-        parser.add_argument("--help_all", action="help", help=f"also show {', '.join(groups)}")
-    _show_as_typed(parser._actions, parser._option_string_actions, every_option)
-    parser.usage = " ".join([*usage, "[options]"])
-    return parser
-
-
-def _names(parser: Parser, matches: Callable[[Any], bool] = lambda _: True) -> list[str]:
-    """Options whose type ``matches``, as they are shown: ``--seed`` and so on."""
-    hinted = [action for action in parser._actions if matches(getattr(action, "_typehint", None))]
-    return [name for action in hinted for name in action.option_strings if name.startswith("--")]
-
-
-def _normalised(words: Sequence[str], parser: Parser, command: Sequence[str]) -> list[str]:
-    """``--some-option`` as ``--some_option``, switches with their value, and ``1,2`` for several numbers as a list.
-
-    An option for a list of such lists is given once for each of them, ``--init 1,2 --init 3,4``. The contents of files
-    of options come first, so that what is given here wins over them wherever it stands.
-    """
-    switches, several = _names(parser, lambda kind: kind is bool), _names(parser, is_several)
-    lists_of_lists = _names(parser, partial(is_several, lists=True))
-    repeated: dict[str, list[str]] = {}
-    result, configs, rest = list[str](), list[str](), list(words)
+def read(
+    prog: str, about: str, options: Sequence[Option], words: Sequence[str], config: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """The values of ``options`` by name, typed; see `parse`. ``about`` says in the help what the command does."""
+    kinds = {one.name: one.kind for option in options for one in _below(option)}
+    found, given, places, printed = dict(config or {}), dict[str, Any](), list[str](), False
+    rest = list(words)
     while rest:
         word = rest.pop(0)
+        shown, equals, value = word.partition("=")
+        name = shown[2:].replace("-", "_")
         if word == "--":
-            result += [word, *rest]
+            places += rest
             break
-        if not re.match(r"--[a-zA-Z]", word):
-            result.append(word)
-            continue
-        name, equals, value = word.partition("=")
-        shown, name = name.replace("_", "-"), "--" + name[2:].replace("-", "_")
-        if name == "--config" and (equals or rest):
-            configs.append("--config=" + config_text(Path(value if equals else rest.pop(0)), command))
-            continue
-        if shown in switches and not equals:
-            equals, value = "=", "true"
-        if shown == "--hide" and not equals and rest[:1] == ["all-but"]:
-            ids = [word for word in rest[1:2] if not word.startswith("--")]
-            equals, value, rest = "=", " ".join(["all-but", *ids]), rest[1 + len(ids) :]
-        if shown in several and (equals or rest):
+        if word == "-h" or name == "help" or (name == "help_all" and _groups(options)):
+            print(help_text(prog, about, options, name == "help_all"), end="")
+            raise SystemExit(0)
+        if not re.match(OPTION, word):
+            places.append(word)
+        elif name == "print_config":
+            printed = True
+        elif name != "config" and name not in kinds:
+            raise unknown(shown, [*kinds, "config", "help"])
+        elif kinds.get(name) is bool and not equals:
+            put(given, name, True)
+        elif not equals and (not rest or re.match(OPTION, rest[0])):
+            raise RequestError(f"argument {shown}: expected one argument")
+        else:
             value = value if equals else rest.pop(0)
-            equals, value = "=", value if value.startswith("[") else f"[{value}]"
-            if shown in lists_of_lists and not value.startswith("[["):
-                repeated.setdefault(name, []).append(value)
-                continue
-        result.append(name + equals + value)
-    return [*configs, *(f"{name}=[{','.join(values)}]" for name, values in repeated.items()), *result]
+            if name == "config":
+                found = merged(found, value_types.read_config(Path(value), prog.split()))
+            elif name == "hide" and value == "all-but" and rest and not rest[0].startswith("--"):
+                given[name] = f"{value} {rest.pop(0)}"
+            elif is_several(kinds[name], lists=True) and not value.startswith("[["):
+                # A list of lists is given once for each of them, --init 1,2 --init 3,4.
+                given.setdefault(name, []).append(value)
+            else:
+                put(given, name, value)
+    return _complete(options, merged(found, given) | _by_place(options, places), kinds, printed)
 
 
-def _show_as_typed(actions: Iterable[Action], by_option: dict[str, Action], every_option: bool) -> None:
-    """Show options with dashes, and leave out what jsonargparse adds on its own."""
-    for action in actions:
-        if action.dest == "help":
-            action.help = "show this help and exit"
-        elif action.dest.endswith(".help") or action.metavar == "CONFIG" or ("." in action.dest and not every_option):
-            action.help = SUPPRESS
-        elif "print_config" in action.dest:
-            action.help, action.metavar = PRINT_HELP, ""
-        names = [name for name in action.option_strings if not name.endswith("+")]
-        action.option_strings = ["--" + n[2:].replace("_", "-") if n.startswith("--") else n for n in names]
-        if getattr(action, "_typehint", None) is bool:
-            action.metavar = ""
-        by_option |= dict.fromkeys(action.option_strings, action)
+def _complete(
+    options: Sequence[Option], found: Mapping[str, Any], kinds: Iterable[str], printed: bool
+) -> dict[str, Any]:
+    """Values of all ``options``, typed, or their defaults; ``printed`` as YAML instead."""
+    names, made = [one.name for one in options], dict[str, Any]()
+    if wrong := [name for name in found if name not in names]:
+        raise unknown(wrong[0], kinds)
+    for one in options:
+        value = found.get(one.name, MISSING)
+        usual = value is MISSING or (value is None and one.default is MISSING)
+        made[one.name] = one.default if usual else typed(one.kind, value, one.name, one.default)
+    missing = [one for one in options if made[one.name] is MISSING]
+    if printed:
+        made |= dict.fromkeys([one.name for one in missing])
+        print(yaml.safe_dump(plain(made), sort_keys=False, allow_unicode=True), end="")
+        raise SystemExit(0)
+    if missing:
+        shown = [one.name.upper() if one.by_place else option_shown(one.name) for one in missing]
+        raise RequestError(f"missing: {', '.join(shown)}")
+    return made
 
 
-def _documentation(function: Callable[..., Any]) -> tuple[str, dict[str, str]]:
-    """The description of ``function`` and of its parameters."""
-    from docstring_parser import parse as parse_docstring
+def _by_place(options: Sequence[Option], places: Sequence[str]) -> dict[str, Any]:
+    """What is given by place: a word each, a list all that follow."""
+    found, rest = dict[str, Any](), list(places)
+    for option in options:
+        if option.by_place and rest:
+            found[option.name], rest = (rest, []) if is_several(option.kind) else (rest[0], rest[1:])
+    if rest:
+        raise RequestError(f"expected no further words, got {rest[0]!r}")
+    return found
 
-    found = parse_docstring(inspect.getdoc(function) or "")
-    text = [(part or "").replace("``", "") for part in (found.short_description, found.long_description)]
-    parameters = {p.arg_name: " ".join((p.description or "").split()) for p in found.params}
-    return "\n\n".join(part for part in text if part), parameters
+
+def put(values: dict[str, Any], name: str, value: Any) -> None:
+    """Set the option ``name``, such as ``flow.fill``, in nested values."""
+    *above, last = name.split(".")
+    for part in above:
+        values = values.setdefault(part, {})
+    values[last] = value
+
+
+def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested values, of which those of ``above`` win."""
+    both = [name for name in above if isinstance(above[name], Mapping) and isinstance(below.get(name), Mapping)]
+    return {**below, **above} | {name: merged(below[name], above[name]) for name in both}
+
+
+def _below(option: Option) -> Iterator[Option]:
+    """An option, and those in it where it is a group."""
+    yield option
+    kind = kinds_of(option.kind)[0]
+    if dataclasses.is_dataclass(kind):
+        hints, texts = get_type_hints(kind), _fields(kind)
+        for one in dataclasses.fields(kind):
+            usual = usual_of(one) if option.default in (MISSING, None) else getattr(option.default, one.name)
+            yield from _below(Option(f"{option.name}.{one.name}", hints[one.name], texts.get(one.name, ""), usual))
+
+
+def _groups(options: Sequence[Option]) -> list[Option]:
+    return [option for option in options if dataclasses.is_dataclass(option.kind)]
+
+
+class _Formatter(HelpFormatter):
+    """Narrow enough to be read, with paragraphs apart."""
+
+    def __init__(self, prog: str) -> None:
+        width = min(100, shutil.get_terminal_size().columns - 2)
+        super().__init__(prog, max_help_position=30, width=width)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        parts = text.split("\n\n")
+        return "\n\n".join(textwrap.fill(" ".join(part.split()), width, initial_indent=indent) for part in parts)
+
+
+def help_text(prog: str, about: str, options: Sequence[Option], every_option: bool = False) -> str:
+    """The help of a command; the options of its groups are shown with ``every_option``."""
+    named, groups = [one for one in options if not one.by_place], _groups(options)
+    usage = [prog, *(one.name.upper() + " …" * is_several(one.kind) for one in options if one.by_place)]
+    usage += [
+        f"{option_shown(one.name)} {value_types.metavar(one.kind, one.name, one.text)}"
+        for one in named
+        if one.default is MISSING
+    ]
+    parser = ArgumentParser(
+        usage=" ".join([*usage, "[options]"]), description=about, formatter_class=_Formatter, add_help=False
+    )
+    for one in (one for one in options if one.by_place):
+        parser.add_argument(one.name, metavar=one.name.upper(), help=_help(one))
+    parser.add_argument("-h", "--help", action="store_true", help="show this help and exit")
+    for one in named:
+        if one not in groups:
+            _show(parser, one)
+    parser.add_argument("--config", metavar="FILE", help=CONFIG_HELP)
+    parser.add_argument("--print-config", action="store_true", help=PRINT_HELP)
+    if groups:
+        shown = ", ".join(f"--{one.name}.*" for one in groups)
+        parser.add_argument("--help-all", action="store_true", help=f"also show {shown}")
+    for one in groups if every_option else ():
+        _show_group(parser, one)
+    return parser.format_help()
+
+
+def _show_group(parser: ArgumentParser, group: Option) -> None:
+    inside = [one for one in _below(group) if one.name.rpartition(".")[0] == group.name]
+    shown = parser.add_argument_group(group.text.removesuffix("."))
+    for one in inside:
+        if not dataclasses.is_dataclass(one.kind):
+            _show(shown, one)
+    for one in _groups(inside):
+        _show_group(parser, one)
+
+
+def _show(place: Any, option: Option) -> None:
+    how = (
+        {"action": "store_true"}
+        if option.kind is bool
+        else {"metavar": value_types.metavar(option.kind, option.name, option.text)}
+    )
+    place.add_argument(option_shown(option.name), help=_help(option), **how)
+
+
+def _help(option: Option) -> str:
+    text, default = option.text.removesuffix(".").replace("``", "").replace("%", "%%"), option.default
+    if option.by_place:
+        return text
+    if default is MISSING:
+        return f"{text} (required)"
+    if default in (None, "") or isinstance(default, bool) or dataclasses.is_dataclass(default):
+        return text
+    return f"{text} (default: {','.join(map(str, default)) if isinstance(default, tuple | list) else default})"

@@ -33,8 +33,7 @@ from pathlib import Path, PurePath
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tsuiseki.tracking.cli.deadline import DEADLINE
-from tsuiseki.tracking.cli.ending import DONE, FAILED, LATE, NOTES, complain, on_signals, said_of
+from tsuiseki.tracking.cli.ending import DEADLINE, DONE, FAILED, LATE, NOTES, complain, on_signals, said_of
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import Dropped, Interrupted, RequestError, RunError, signal_of
 from tsuiseki.tracking.output import RunRecord, output_folder
@@ -377,3 +376,35 @@ def frames_expected(source: Source) -> int | None:
 def count(number: int, one: str, several: str) -> str:
     """``1 person`` or ``3 people``."""
     return f"{number} {one if number == 1 else several}"
+
+
+def tell_models(run: Run, detect: object, *others: object) -> None:
+    """Print, and keep for ``run.json``, what the networks run on, and how the file of ``detect`` is read.
+
+    Only what is not the usual way is printed: a GPU, and a file that was recognised.
+    """
+    from tsuiseki.tracking.features.foreign_detector import ForeignDetector
+    from tsuiseki.tracking.features.view_choice import devices_of, inner_detector
+
+    device = devices_of(detect, *others)
+    run.facts |= device
+    if "cuda" in device.get("device", ""):
+        print(f"networks run on {device['device']}", flush=True)
+    found = inner_detector(detect)
+    if isinstance(found, ForeignDetector):
+        run.facts["detector"] = found.facts
+        print(f"{found.path.name} is read as {found}", flush=True)
+
+
+def tell_blank(detect: object) -> None:
+    """Print that the file of ``detect`` has given nothing for any picture, where that is so."""
+    from tsuiseki.tracking.features.foreign_detector import ForeignDetector
+    from tsuiseki.tracking.features.view_choice import inner_detector
+
+    found = inner_detector(detect)
+    if isinstance(found, ForeignDetector) and found.blank:
+        print(
+            f"{found.path.name} gave no box of any class for any picture; check that it is the right export and that "
+            f"its pictures are {found.input}",
+            flush=True,
+        )

@@ -23,8 +23,7 @@ def demo_drone(output: SeededOutput, frames: int, threads: int, device: Device) 
     """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
-    from tsuiseki.tracking.cli.detector_lines import tell_models
-    from tsuiseki.tracking.cli.run import frames_expected
+    from tsuiseki.tracking.cli.run import frames_expected, tell_models
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import DRONE_METHODS, scored
     from tsuiseki.tracking.drone.models import DroneModels

@@ -68,7 +68,7 @@ def _demo_street(
     """Generate a street, track it three ways, score and report."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
-    from tsuiseki.tracking.cli.detector_lines import tell_models
+    from tsuiseki.tracking.cli.run import tell_models
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import scored, shipped_street, street_inputs, street_trackers
     from tsuiseki.tracking.features.standing_camera import StandingCamera

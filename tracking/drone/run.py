@@ -300,7 +300,7 @@ def drone(
         seed: of random numbers; kept in run.json, for the methods here draw none.
         drone: settings of the flow and of what is reported.
     """
-    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
+    from tsuiseki.tracking.cli.run import tell_blank, tell_models
     from tsuiseki.tracking.features.camera_path import line_on_camera
 
     if not 0 <= threshold <= 1:

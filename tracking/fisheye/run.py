@@ -136,7 +136,7 @@ def fisheye(
         hungarian: settings of --method hungarian.
         flow: settings of --method flow.
     """
-    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
+    from tsuiseki.tracking.cli.run import tell_blank, tell_models
     from tsuiseki.tracking.fisheye.page import floor_page
 
     opened = opened_ceiling(source, cameras, ceiling, finding, detections)

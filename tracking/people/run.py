@@ -56,8 +56,7 @@ def track(
         look: gives what runs instead, and each frame's number with what is there.
     """
     from tsuiseki.tracking.answers.page import counted, with_page
-    from tsuiseki.tracking.cli.detector_lines import tell_blank, tell_models
-    from tsuiseki.tracking.cli.run import count, frames_expected
+    from tsuiseki.tracking.cli.run import count, frames_expected, tell_blank, tell_models
     from tsuiseki.tracking.formats.mot import detection_lines
     from tsuiseki.tracking.people.hidden_places import Wanted
     from tsuiseki.tracking.people.tracking import open_people, people_result

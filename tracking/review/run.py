@@ -25,7 +25,7 @@ def review(result: Path, /, video: Path | None = None) -> int:
         result: folder of a result.
         video: what was tracked in; by default what the result names. Without it boxes are on a plain background.
     """
-    from tsuiseki.tracking.cli.deadline import DEADLINE
+    from tsuiseki.tracking.cli.ending import DEADLINE
     from tsuiseki.tracking.report.drawing import show_page
     from tsuiseki.tracking.review.session import Session
 

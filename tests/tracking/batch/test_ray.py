@@ -11,8 +11,8 @@ from typing import Any
 import psutil
 import pytest
 
+from tsuiseki.tracking.batch.executors import RayTasks
 from tsuiseki.tracking.batch.jobs import STATE
-from tsuiseki.tracking.batch.ray_tasks import RayTasks
 from tsuiseki.tracking.batch.run import BatchOptions, run_batch
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError

@@ -19,7 +19,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from tsuiseki.tracking.answers.page import TrackedPage
-from tsuiseki.tracking.cli import deadline, main
+from tsuiseki.tracking.cli import ending, main
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.onnx import CALLS
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -130,7 +130,7 @@ def test_a_signal_drops_the_networks_under_way_and_keeps_what_is_finished(
 
     monkeypatch.setattr(image_folder, "read_image", reading)
     # However busy the machine is.
-    monkeypatch.setattr(deadline, "BRIEF", 3.0)
+    monkeypatch.setattr(ending, "BRIEF", 3.0)
     words = ["track", "people", str(inputs.images), "--detector", str(detector), "--view", "1", "--method", "sort"]
     out = tmp_path / "out"
     assert main([*words, "--threads", threads, "--out", str(out)]) == 128 + signal.SIGTERM

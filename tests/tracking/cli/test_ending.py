@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from tsuiseki.tracking.cli.commands import reproduction
 from tsuiseki.tracking.cli.ending import ended
 from tsuiseki.tracking.cli.parser import call
-from tsuiseki.tracking.cli.reproduce import reproduction
 from tsuiseki.tracking.options import PlottedFile
 from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
 

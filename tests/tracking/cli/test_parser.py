@@ -8,7 +8,8 @@ from typing import Any, Literal
 
 import pytest
 
-from tsuiseki.tracking.cli.parser import build_parser, parse
+from tsuiseki.tracking.cli.parser import help_text as help_of
+from tsuiseki.tracking.cli.parser import options_of, parse
 from tsuiseki.tracking.errors import RequestError
 
 
@@ -173,7 +174,7 @@ def test_mistakes_in_yaml_get_one_line(tmp_path: Path, yaml: str, line: str) -> 
 
 def help_text(*words: str) -> str:
     """The help as one line."""
-    text = build_parser("tsuiseki do", command, every_option=bool(words)).format_help()
+    text = help_of("tsuiseki do", "Do something.", options_of(command), every_option=bool(words))
     return " ".join(text.split())
 
 

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.cli import deadline, main, run
+from tsuiseki.tracking.cli import ending, main, run
 from tsuiseki.tracking.output import output_file
 from tsuiseki.tracking.video import image_folder
 from tsuiseki.tracking.video.source import open_source
@@ -27,7 +27,7 @@ FRAMES = 10
 @pytest.fixture(autouse=True)
 def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
     """However busy the machine is, what is finished is written."""
-    monkeypatch.setattr(deadline, "BRIEF", 30.0)
+    monkeypatch.setattr(ending, "BRIEF", 30.0)
 
 
 @pytest.fixture(scope="module")

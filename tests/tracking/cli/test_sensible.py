@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.cli.sensible import check_sensible
+from tsuiseki.tracking.cli.values import check_sensible
 from tsuiseki.tracking.errors import RequestError
 
 
