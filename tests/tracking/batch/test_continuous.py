@@ -14,6 +14,9 @@ from tsuiseki.tracking.batch.jobs import Job
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.people import whole_flow
+from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.types import Detections
 
 RATE = 10.0
 CONTINUOUS = ["batch", "track", "people"]
@@ -99,3 +102,22 @@ def test_only_people_follow_each_other(recorded: Path, tmp_path: Path, capsys: p
     words = ["batch", "track", "animals", str(recorded), "--continuous", "--out", str(tmp_path / "o")]
     assert main(words) == 2
     assert "`continuous`" not in capsys.readouterr().err
+
+
+def test_windows_whose_borders_are_proved_give_the_ids_of_the_whole_solve(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three minutes of people who come and go: what is finished on the way is what one solution of the whole says."""
+    monkeypatch.setattr(whole_flow, "RELEASE", 30.0)
+    whole, windows = (FlowTracker(FlowSettings(decide_every=every), frame_rate=4.0) for every in (None, 20.0))
+    rng = np.random.default_rng(0)
+    for number in range(720):
+        # Someone comes every four seconds, and crosses the picture in 20.
+        walked = (number - 16 * np.arange(number // 16 + 1)) / 80
+        left, top = 640 * walked[walked < 1], 40.0 * (np.flatnonzero(walked < 1) % 7)
+        seen = rng.random(len(left)) > 0.1
+        boxes = np.stack([left, top, left + 20, top + 60], axis=1)[seen] + rng.normal(0, 1, (int(seen.sum()), 4))
+        for tracker in (whole, windows):
+            tracker.update(Detections(boxes, np.full(len(boxes), 0.9)))
+    expected, found = whole.tracks(), windows.tracks()
+    assert windows.exact
+    assert windows.facts()["tracks_finished_early"] > 20
+    assert [(t.id, t.frames.tolist()) for t in found] == [(t.id, t.frames.tolist()) for t in expected]
