@@ -85,7 +85,8 @@ class Observations:
         names = {int(number): name for number, name in about.pop("names").items()}
         columns: dict[str, list[Any]] = {}
         for name in COLUMNS:
-            told, parts = arrays.pop(f"told_{name}"), [None] * len(counts)
+            told = arrays.pop(f"told_{name}")
+            parts: list[Any] = [None] * len(counts)
             if told.any():
                 values = arrays.pop(name)
                 values = values.astype(np.float64) if values.dtype == np.float32 else values

@@ -178,8 +178,9 @@ def _finish(task: Task) -> Outcome:
     place, plan = task.place, task.plan()
     found = task.job.arguments(task.source(), place.folder)
     tracker = GivenTracks(joined_tracks(place.state / "joined.npz")) if task.doing.files else None
-    how = {"plan": plan, "files": [task.file(part) for part in range(len(plan.parts))], "tracker": tracker}
-    return _ended(partial(track, **found, look=partial(again, **how)), task, place)
+    files = [task.file(part) for part in range(len(plan.parts))]
+    looked = partial(again, plan=plan, files=files, tracker=tracker)
+    return _ended(partial(track, **found, look=looked), task, place)
 
 
 def _join(task: Task) -> Outcome:
