@@ -149,7 +149,7 @@ REPRODUCE = {
     "corrections": (".corrections:reproduce", "a simulated annotator who reviews results"),
     "omnidirectional": (".fisheye:reproduce", "people under ceiling fisheye cameras"),
     "stereo-sphere": (".sphere:reproduce", "a ball in space from two cameras"),
-    "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video, with peers"),
+    "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video"),
     "one-floor": (".one_floor:reproduce", "people on one floor through several cameras, on WILDTRACK and Shelf"),
     "sphere-points": (".sphere_points:reproduce", "a thrown ball from its measured pixels"),
 }
