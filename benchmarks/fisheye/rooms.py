@@ -24,7 +24,7 @@ from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.fisheye import ROOMS, VALIDATION_SEEDS
-from tsuiseki.trainers.experiments.fisheye_rooms import CeilingClip
+from tsuiseki.trainers.experiments.fisheye_rows import CeilingClip
 
 VISIBLE, EVERY, LEAST_SCORE = 0.3, 5, 0.05
 

@@ -23,28 +23,24 @@ from tsuiseki.tracking.evaluation.coverage import coverage
 from tsuiseki.tracking.evaluation.multi import PeopleScores
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS
 from tsuiseki.tracking.report.overlay import Overlay, draw_label
-from tsuiseki.tracking.types import BoolArray, FloatArray, Frame, ImageArray
-from tsuiseki.tracking.types.tracks import FloorTrack
+from tsuiseki.tracking.types import BoolArray, FloatArray, Frame, ImageArray, Track
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments.fisheye_rooms import (
+from tsuiseki.trainers.experiments.fisheye_rows import (
     RATE,
+    ROWS,
     STAGES,
     CeilingClip,
     CeilingModels,
     CpuTimes,
-    Observed,
-    observe,
-)
-from tsuiseki.trainers.experiments.fisheye_rows import (
-    ROWS,
     Graded,
+    Observed,
     lowest_score,
+    observe,
     pair_of,
     run_row,
     score,
     select,
     tracked,
-    world_errors,
 )
 from tsuiseki.trainers.experiments.study import (
     Bench,
@@ -93,7 +89,7 @@ class FloorResults:
 
     clips: list[CeilingClip]
     observed: list[Observed]
-    tracks: dict[str, list[list[FloorTrack]]]
+    tracks: dict[str, list[list[Track]]]
 
 
 CHOSEN_ON = "all settings have the best MOTA on rooms of seeds 900 and 901"
@@ -109,7 +105,6 @@ def reproduce(
     calibration: Path | None = None,
     detector: Path | None = None,
     appearance: Path | None = None,
-    full: bool = False,
 ) -> Outcome:
     """People under ceiling fisheye cameras, at 1 and 15 frames a second: what upright crops and floor places bring.
 
@@ -125,14 +120,11 @@ def reproduce(
         calibration: lens of the cameras, any that tsuiseki calibrate convert reads; by default an equidistant one.
         detector: exported detector for unrolled views; by default the shipped one.
         appearance: exported appearance network; by default the shipped one.
-        full: 5 seeds of 180 seconds at both rates, as many frames as the thesis has and more.
 
     Raises:
         RequestError: a number below 1 (`fast_seeds`: below 0), or a file that cannot be read.
     """
     at_least_one(seeds=seeds, seconds=seconds, fast_seconds=fast_seconds)
-    if full:
-        seeds, seconds, fast_seeds, fast_seconds = 5, 180, 5, 180
     tested = _tested(first_seed, seeds, fast_seeds)
     models = CeilingModels(detector or shipped(DETECTORS["unrolled"]), appearance or shipped("appearance_people"))
     plans = [(room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)]
@@ -198,16 +190,13 @@ def _scores(found: FloorResults, name: str, where: Any = None) -> list[PeopleSco
 
 
 def row_values(found: FloorResults) -> dict[str, Any]:
-    """The scores of each row by seed, and its world errors over all of them."""
+    """The scores of each row by seed."""
     result = {}
-    for name, tracks in found.tracks.items():
+    for name in found.tracks:
         scores = _scores(found, name)
-        errors = np.concatenate([world_errors(*pair) for pair in zip(found.observed, tracks, strict=True)])
-        spread = (np.median(errors), errors.mean(), np.percentile(errors, 90)) if len(errors) else [None] * 3
         result[name] = {
             **{k: [100 * getattr(s, k) for s in scores] for k in ("mota", "idf1", "hota", "recall", "precision")},
             "id_switches": [s.id_switches for s in scores],
-            **{f"world_error_{key}": value for key, value in zip(("median", "mean", "90"), spread, strict=True)},
         }
     return result
 
@@ -280,11 +269,7 @@ def _people_table(label: str, place: int, rows: Mapping[str, Mapping[str, Any]])
         Column("HOTA", "hota", ".1f"),
         Column("switches", "id_switches", ".0f"),
     )
-    table = tabulated(found, columns, ("row",), f"Table 4.3: {label}", "both")
-    errors = [[row[f"world_error_{name}"] for name in ("median", "mean", "90")] for row in rows.values()]
-    world = ["" if each[0] is None else ", ".join(f"{error:.2f}" for error in each) for each in errors]
-    lines = [[*line, cell] for line, cell in zip(table.rows, world, strict=True)]
-    return Table(table.title, [*table.columns, "world error, m (median, mean, 90 %)"], lines)
+    return tabulated(found, columns, ("row",), f"Table 4.3: {label}", "both")
 
 
 def switch_pictures(found: FloorResults) -> dict[str, bytes]:
@@ -301,11 +286,11 @@ def switch_pictures(found: FloorResults) -> dict[str, bytes]:
     return pictures
 
 
-def named(observed: Observed, tracks: Sequence[FloorTrack]) -> Named:
+def named(observed: Observed, tracks: Sequence[Track]) -> Named:
     """The id that tracks give to each labelled person, by frame and person; no box stands for two."""
     return {
         (frame, person.id): number
-        for person in coverage(observed.truth, [each.track for each in tracks])
+        for person in coverage(observed.truth, tracks)
         for frame, number in zip(person.frames.tolist(), person.track_ids.tolist(), strict=True)
         if number
     }
@@ -323,14 +308,12 @@ def first_switch(switching: Named, keeping: Named | None) -> tuple[int, int] | N
     return None
 
 
-def _strip(
-    clip: CeilingClip, observed: Observed, spot: tuple[int, int], rows: Sequence[Sequence[FloorTrack]]
-) -> ImageArray:
+def _strip(clip: CeilingClip, observed: Observed, spot: tuple[int, int], rows: Sequence[Sequence[Track]]) -> ImageArray:
     """Three frames up to a switch, cut out around the person, a row for the tracks of each method."""
     frame, person = spot
     room, truth, lines = clip.plan(), observed.truth, list[ImageArray]()
     for tracks in rows:
-        overlay, cells = Overlay([each.track for each in tracks], 1.0, trail_seconds=0.0), list[ImageArray]()
+        overlay, cells = Overlay(tracks, 1.0, trail_seconds=0.0), list[ImageArray]()
         for at in range(frame - 2, frame + 1):
             image = room.draw_frame(room.view(clip.camera), at * RATE)[0]
             drawn = overlay.draw(Frame(at, float(at), image))

@@ -1,27 +1,176 @@
-"""The rows of Table 4.3: ways to track that differ in what they match by, with the settings chosen on other rooms."""
+"""Rooms under ceiling fisheye cameras as the networks observe them, and the rows of Table 4.3 over the observations.
+
+Rows are ways to track that differ in what they match by, with the settings chosen on other rooms.
+"""
 
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip import FrameTruth, ground_truth
+from tsuiseki.datamodules.scenes.room_clip import SIZES, Room, RoomClip, RoomSettings, plan_room
+from tsuiseki.tracking.cameras.lens_files import read_lens
+from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
+from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
 from tsuiseki.tracking.evaluation.multi import PeopleScores, SequencePair, evaluate_sequences
+from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.fisheye.settings import FisheyeSettings
 from tsuiseki.tracking.fisheye.tracker import FisheyeTracker, flow_on_floor
-from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.fisheye.unrolled import looking
+from tsuiseki.tracking.fisheye.view import CeilingView, Crops
 from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.people.sort import Sort, SortSettings
 from tsuiseki.tracking.people.tracker import run_tracker
-from tsuiseki.tracking.types import FloatArray, Track
-from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
-from tsuiseki.trainers.experiments.fisheye_rooms import Observed
+from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, Track
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.types.tracks import FloorDetections
 from tsuiseki.trainers.experiments.store import Store
+
+# Frames per second of the rooms (thesis 4.3.1), and people of each sequence; the small room's vary as in Table 4.2.
+RATE = 15
+PEOPLE: dict[Room, tuple[int, ...]] = {"large": (6,), "small": (4, 10, 3, 6)}
+QUALITY = 95
+# Detections below it are not kept: the lowest score that the experiment chooses from.
+LEAST_SCORE = 0.2
+CROPS: tuple[Crops, ...] = ("image", "upright")
+STAGES = ("detect", "look up", "rectify", "describe")
+
+
+@dataclass(frozen=True)
+class CeilingClip:
+    """One camera of one room.
+
+    Attributes:
+        room: large or small.
+        seed: of the room.
+        seconds: length.
+        rate: frames per second that are kept, 1 or 15.
+        camera: 0 or 1.
+        calibration: lens file; None takes an equidistant lens.
+    """
+
+    room: Room
+    seed: int
+    seconds: int
+    rate: int
+    camera: int
+    calibration: Path | None
+
+    def plan(self) -> RoomClip[OmnidirectionalCamera]:
+        """The room; its people walk alike at every rate."""
+        people = PEOPLE[self.room]
+        settings = RoomSettings(
+            size=SIZES[self.room],
+            frames=self.seconds * RATE,
+            frame_rate=float(RATE),
+            people=people[self.seed % len(people)],
+        )
+        return plan_room(settings, 10_000 + self.seed, read_lens(self.calibration) if self.calibration else None)
+
+    def pictures(self) -> Iterator[tuple[int, ImageArray, FrameTruth]]:
+        """Frame number in the room, picture ``(H, W, 3)`` uint8 RGB as a camera's JPEG has it, and truth."""
+        room = self.plan()
+        view = room.view(self.camera)
+        for frame in range(0, self.seconds * RATE, RATE // self.rate):
+            drawn, truth = room.draw_frame(view, frame)
+            jpeg = cv2.imencode(".jpg", drawn[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
+            image = np.asarray(cv2.imdecode(jpeg, cv2.IMREAD_COLOR), dtype=np.uint8)[..., ::-1]
+            yield frame, np.ascontiguousarray(image), truth
+
+
+class CpuTimes(StageTimes):
+    """Seconds of the processor instead of the clock, which other programs change."""
+
+    @contextmanager
+    def measure(self, stage: str) -> Iterator[None]:
+        """Add the processor's time inside the ``with`` block to ``stage``."""
+        start = time.process_time()
+        try:
+            yield
+        finally:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.process_time() - start
+
+
+@dataclass(frozen=True)
+class CeilingModels:
+    """Files of the networks.
+
+    Attributes:
+        detector: file.
+        appearance: file.
+    """
+
+    detector: Path
+    appearance: Path
+
+
+@dataclass(frozen=True)
+class Observed:
+    """The observations of a sequence, and the truth of one frame in every second.
+
+    Attributes:
+        rate: frames per second.
+        found: of each frame, without features.
+        features: by kind of crop, of each frame, in half precision.
+        truth: its frames count seconds.
+        seconds: of each stage, over all frames.
+    """
+
+    rate: int
+    found: list[FloorDetections]
+    features: dict[str, list[FloatArray]]
+    truth: GroundTruth
+    seconds: dict[str, float]
+
+    def described(self, crops: str, least_score: float) -> list[FloorDetections]:
+        """The detections from a score on, with the features of a kind of crop; ``none`` goes without."""
+        result = []
+        for frame, each in enumerate(self.found):
+            kept = each.detections.scores >= least_score
+            detections = each.detections.select(kept)
+            if crops != "none":
+                wide = self.features[crops][frame][kept].astype(np.float64)
+                unit = wide / np.maximum(np.linalg.norm(wide, axis=1, keepdims=True), 1e-9)
+                detections = detections.with_features(unit)
+            result.append(FloorDetections(detections, each.rotated[kept], each.places[kept]))
+        return result
+
+
+def observe(clip: CeilingClip, models: CeilingModels) -> Observed:
+    """What the networks make of the pictures of a sequence."""
+    room = clip.plan()
+    camera = room.cameras[clip.camera]
+    appearance = Appearance(models.appearance, threads=1)
+    table = build_table(camera, room.floor)
+    views = {crops: CeilingView(camera, table, PersonModel(), appearance, crops) for crops in CROPS}
+    detector = looking(Detector(models.detector, LEAST_SCORE, threads=1), camera, "unrolled")
+    times, unmeasured = CpuTimes(dict.fromkeys(STAGES, 0.0)), CpuTimes()
+    found, truths = list[FloorDetections](), list[FrameTruth]()
+    features: dict[str, list[FloatArray]] = {crops: [] for crops in CROPS}
+    for frame, image, truth in clip.pictures():
+        with times.measure("detect"):
+            detected = detector.detect([image])[0]
+        located = views["upright"].locate(detected, times)
+        for crops, each in views.items():
+            own = each.describe(image, located, times if crops == "upright" else unmeasured).detections.features
+            features[crops].append((np.empty((0, 128)) if own is None else own).astype(np.float16))
+        plain = Detections(located.detections.boxes, detected.scores)
+        found.append(FloorDetections(plain, located.rotated, located.places))
+        truths += [truth] if frame % RATE == 0 else []
+    return Observed(clip.rate, found, features, ground_truth(truths), times.seconds)
+
 
 # Seconds that all rows keep a track without a detection, and that a new one needs detections in a row.
 PATIENCE, CONFIRM = 3.0, 0.2
@@ -31,7 +180,7 @@ ANY_OVERLAP = 0.99
 # rooms with the other settings of both parts.
 PLACE_GATE = 0.5
 Choice = dict[str, float]
-Tracking = Callable[[Sequence[FloorDetections], float, Choice], list[FloorTrack]]
+Tracking = Callable[[Sequence[FloorDetections], float, Choice], list[Track]]
 
 
 @dataclass(frozen=True)
@@ -61,7 +210,7 @@ class FloorRow:
 
 
 def _hungarian(by_appearance: bool, by_place: bool, **fixed: float) -> Tracking:
-    def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+    def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[Track]:
         # As in the thesis, the second stage asks for the place alone, unless a row says otherwise.
         given = {"start_score": 0.0, "place_feature_gate": 2.0, **choice, **fixed}
         settings = FisheyeSettings(by_appearance, by_place, confirm=CONFIRM, max_age=PATIENCE, **given)
@@ -70,11 +219,11 @@ def _hungarian(by_appearance: bool, by_place: bool, **fixed: float) -> Tracking:
     return track
 
 
-def _online(found: Sequence[FloorDetections], rate: float, settings: FisheyeSettings) -> list[FloorTrack]:
+def _online(found: Sequence[FloorDetections], rate: float, settings: FisheyeSettings) -> list[Track]:
     tracker = FisheyeTracker(rate, settings)
     for each in found:
         tracker.update(each)
-    return tracker.tracks()
+    return [each.track for each in tracker.tracks()]
 
 
 def _lifecycle(rate: float, choice: Choice) -> LifecycleSettings:
@@ -87,12 +236,12 @@ def _motion(rate: float, walk: float) -> BoxMotion:
     return BoxMotion(acceleration=walk / rate**1.5, start_velocity=walk / rate)
 
 
-def _sort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+def _sort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[Track]:
     settings = SortSettings(choice["min_iou"], _lifecycle(rate, choice), _motion(rate, choice["walk"]))
-    return _with_places(run_tracker((f.detections for f in found), Sort(settings)), found)
+    return run_tracker((f.detections for f in found), Sort(settings))
 
 
-def _deepsort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[FloorTrack]:
+def _deepsort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[Track]:
     growth = choice["growth"] / rate
     settings = DeepSortSettings(
         feature_gate=choice["feature_gate"],
@@ -103,7 +252,7 @@ def _deepsort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> 
         lifecycle=_lifecycle(rate, choice),
         motion=_motion(rate, choice["walk"]),
     )
-    return _with_places(run_tracker((f.detections for f in found), DeepSort(settings)), found)
+    return run_tracker((f.detections for f in found), DeepSort(settings))
 
 
 # Chosen values are meant to lie within these. A cosine distance of 1 is as good as no gate, an overlap of .01 as any.
@@ -127,47 +276,28 @@ _ROWS: tuple[FloorRow, ...] = (
     # As the command does it, whatever validation says.
     FloorRow("track fisheye", "upright", lambda found, rate, _: _online(found, rate, FisheyeSettings()), {},
              least_score=SHIPPED_SCORE),
-    FloorRow("track fisheye, flow", "upright", lambda found, rate, _: flow_on_floor(found, rate), {},
+    FloorRow("track fisheye, flow", "upright", lambda found, rate, _: [t.track for t in flow_on_floor(found, rate)], {},
              least_score=SHIPPED_SCORE),
 )  # fmt: skip
 ROWS = {row.name: row for row in _ROWS}
 
 
-def _with_places(tracks: Sequence[Track], found: Sequence[FloorDetections]) -> list[FloorTrack]:
-    """Tracks in the image, with the places of the detections that their boxes overlap most."""
-    result = []
-    for track in tracks:
-        rotated, places = np.zeros((len(track), 5)), np.full((len(track), 2), np.nan)
-        for k, (frame, box) in enumerate(zip(track.frames.tolist(), track.boxes, strict=True)):
-            here = found[frame]
-            if len(here):
-                best = int(iou_matrix(box[None], here.detections.boxes)[0].argmax())
-                rotated[k], places[k] = here.rotated[best], here.places[best]
-        result.append(FloorTrack(track, rotated, places))
-    return result
-
-
-def each_second(tracks: Sequence[FloorTrack], rate: int) -> list[FloorTrack]:
+def each_second(tracks: Sequence[Track], rate: int) -> list[Track]:
     """Tracks in the frames that have a truth, counted in seconds."""
-    result = []
-    for t in tracks:
-        kept = t.track.frames % rate == 0
-        if kept.any():
-            track = Track(t.track.id, t.track.frames[kept] // rate, t.track.boxes[kept], t.track.scores[kept])
-            result.append(FloorTrack(track, t.rotated[kept], t.places[kept]))
-    return result
+    kept = [(t, t.frames % rate == 0) for t in tracks]
+    return [Track(t.id, t.frames[k] // rate, t.boxes[k], t.scores[k]) for t, k in kept if k.any()]
 
 
-def run_row(row: FloorRow, observed: Observed, choice: Choice, least_score: float) -> list[FloorTrack]:
+def run_row(row: FloorRow, observed: Observed, choice: Choice, least_score: float) -> list[Track]:
     """The tracks of a sequence in the seconds that have a truth."""
     least = least_score if row.least_score is None else row.least_score
     tracks = row.track(observed.described(row.crops, least), float(observed.rate), choice)
     return each_second(tracks, observed.rate)
 
 
-def pair_of(name: str, observed: Observed, tracks: Sequence[FloorTrack], where: Any = None) -> SequencePair:
+def pair_of(name: str, observed: Observed, tracks: Sequence[Track], where: Any = None) -> SequencePair:
     """Truth and tracks of a sequence; ``where`` keeps the boxes ``(N, 4)`` for which it is True."""
-    truth, plain = observed.truth, [t.track for t in tracks]
+    truth, plain = observed.truth, list(tracks)
     if where is not None:
         truth = truth.select(where(truth.boxes))
         kept = [(t, where(t.boxes)) for t in plain]
@@ -178,23 +308,6 @@ def pair_of(name: str, observed: Observed, tracks: Sequence[FloorTrack], where: 
 def score(pairs: Sequence[SequencePair]) -> PeopleScores:
     """Scores over all sequences together."""
     return evaluate_sequences(pairs).combined
-
-
-def world_errors(observed: Observed, tracks: Sequence[FloorTrack]) -> FloatArray:
-    """``(M,)`` metres between the places of tracked boxes and of the labelled boxes they overlap by half."""
-    errors: list[float] = []
-    for frame in np.unique(observed.truth.frames):
-        rows = np.flatnonzero(observed.truth.frames == frame)
-        here = [(t, int(k)) for t in tracks for k in np.flatnonzero(t.track.frames == frame)]
-        if not here:
-            continue
-        overlaps = iou_matrix(observed.truth.boxes[rows], np.array([t.track.boxes[k] for t, k in here]))
-        best = overlaps.argmax(axis=1)
-        for row, column in zip(rows[overlaps.max(axis=1) >= 0.5], best[overlaps.max(axis=1) >= 0.5], strict=True):
-            track, k = here[column]
-            errors.append(float(np.linalg.norm(track.places[k] - observed.places[row])))
-    values = np.array(errors, dtype=np.float64)
-    return values[np.isfinite(values)]
 
 
 LEAST_SCORES = (0.2, 0.3, 0.4, 0.5, 0.6)
@@ -264,7 +377,7 @@ def select(store: Store, row: FloorRow, validation: Sequence[Observed], least: f
     return best_choice(row, lambda choices: store.recall(grades, row.name, validation, choices, least))
 
 
-def tracked(row: tuple[str, Choice, float], observed: Observed) -> list[FloorTrack]:
+def tracked(row: tuple[str, Choice, float], observed: Observed) -> list[Track]:
     """The tracks of a row by its name, choice and lowest score in a sequence, in the seconds that have a truth."""
     name, choice, least = row
     return run_row(ROWS[name], observed, choice, least)

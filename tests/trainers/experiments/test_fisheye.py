@@ -12,24 +12,27 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
+from tsuiseki.tracking.types.tracks import FloorDetections
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments import fisheye, fisheye_rows
 from tsuiseki.trainers.experiments.fisheye import SIDE, _strip, first_switch, named, reproduce, tables
-from tsuiseki.trainers.experiments.fisheye_rooms import STAGES, CeilingClip, CeilingModels, Observed, observe
 from tsuiseki.trainers.experiments.fisheye_rows import (
     GATED,
     ROWS,
+    STAGES,
     STARTS,
+    CeilingClip,
+    CeilingModels,
     Graded,
+    Observed,
     best_choice,
     each_second,
     grades,
     lowest_score,
+    observe,
     pair_of,
     run_row,
     score,
-    world_errors,
 )
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import Bench
@@ -40,10 +43,9 @@ def observed(seconds=12, seed=0):
     rng = np.random.default_rng(seed)
     start, velocity = np.array([[0.0, 0.0], [0.0, 4.0], [5.0, 8.0]]), np.array([[0.9, 0.0], [0.8, 0.1], [-0.7, -0.2]])
     clothes = np.eye(8)[[0, 0, 1]]
-    found, features, places = [], [], []
+    found, features = [], []
     for t in range(seconds):
         place = start + t * velocity
-        places.append(place)
         seen = place + rng.normal(0, 0.1, place.shape)
         corner = 300 + 40 * seen
         boxes = np.concatenate([corner, corner + np.array([30.0, 60.0])], axis=1)
@@ -56,7 +58,7 @@ def observed(seconds=12, seed=0):
     truth = GroundTruth(np.repeat(np.arange(seconds), 3), np.tile([1, 2, 3], seconds), boxes, everyone, ~everyone,
                         np.ones(3 * seconds))  # fmt: skip
     kinds = dict.fromkeys(("image", "upright"), features)
-    return Observed(1, found, kinds, truth, np.concatenate(places), {})
+    return Observed(1, found, kinds, truth, {})
 
 
 @pytest.mark.parametrize("row", ROWS.values(), ids=lambda row: row.name)
@@ -165,17 +167,8 @@ def test_the_command_goes_to_the_end(tmp_path, monkeypatch, capsys):
 
 def test_only_frames_with_a_truth_are_scored():
     track = Track(1, np.arange(31), np.tile([0.0, 0, 9, 9], (31, 1)), np.ones(31))
-    [kept] = each_second([FloorTrack(track, np.zeros((31, 5)), np.zeros((31, 2)))], 15)
-    assert kept.track.frames.tolist() == [0, 1, 2]
-
-
-def test_world_errors_are_those_of_the_places():
-    some = observed()
-    row = ROWS["world"]
-    errors = world_errors(some, run_row(row, some, {"reach": 0.9, "speed": 1.4}, 0.1))
-    assert len(errors) == 36
-    # The length of a vector of two Gaussian errors of 10 cm has a mean of 12.5 cm.
-    assert np.isclose(errors.mean(), 0.125, atol=0.03)
+    [kept] = each_second([track], 15)
+    assert kept.frames.tolist() == [0, 1, 2]
 
 
 def test_boxes_outside_a_region_do_not_count():
@@ -200,7 +193,7 @@ def test_a_room_is_drawn_observed_and_shown():
     some = observe(clip, CeilingModels(shipped(DETECTORS["unrolled"]), shipped("appearance_people")))
     assert len(some.found) == 3
     assert set(some.truth.frames) == {0, 1, 2}
-    assert len(some.places) == len(some.truth) > 3
+    assert len(some.truth) > 3
     for each in some.described("upright", 0.2):
         assert np.allclose(np.linalg.norm(each.detections.features, axis=1), 1)
     tracks = run_row(ROWS["world"], some, {"reach": 0.9, "speed": 1.4}, 0.2)
@@ -215,12 +208,11 @@ def test_no_box_is_shown_for_two():
     # The first person's box lies on the second's, too, and nobody else is tracked.
     truth = replace(some.truth, boxes=some.truth.boxes[[0, 0, 2]] + np.array([[0.0], [1.0], [0.0]]))
     track = Track(7, np.array([0]), truth.boxes[:1], np.ones(1))
-    assert named(replace(some, truth=truth), [FloorTrack(track, np.zeros((1, 5)), np.zeros((1, 2)))]) == {(0, 1): 7}
+    assert named(replace(some, truth=truth), [track]) == {(0, 1): 7}
 
 
 def test_tables_of_one_room_have_no_interval():
-    row = {"mota": [50.0], "idf1": [50.0], "hota": [40.0], "id_switches": [3], "world_error_median": None,
-           "world_error_mean": None, "world_error_90": None}  # fmt: skip
+    row = {"mota": [50.0], "idf1": [50.0], "hota": [40.0], "id_switches": [3]}
     values = {
         "rows": {"large 1 fps": {"both": row, "SORT": {**row, "mota": [41.5]}}},
         "where": {"rim": {"row": "world", "against": "SORT", "by_seed": [2.0]}},
