@@ -26,6 +26,7 @@ from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.formats.okutama import check_frames
 from tsuiseki.tracking.types import BoolArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import ActionLabels
+from tsuiseki.tracking.video.source import open_source
 
 
 @dataclass(frozen=True)
@@ -94,42 +95,23 @@ def frame_reader(sequence: ActionSequence) -> ReadFrame:
     """What reads the frames of ``sequence``; it raises RequestError where one cannot be read."""
     files = sequence.files
     if len(files) == 1 and files[0].suffix.lower() in VIDEO_SUFFIXES:
-        return ForwardVideo(files[0])
+        return _forward(files[0])
     return lambda number: read_image(files[number])
 
 
-class ForwardVideo:
-    """Frames of a video file, asked for in rising order; what lies between is passed over.
+def _forward(path: Path) -> ReadFrame:
+    """Frames of a video file; what lies between those that are asked for is passed over."""
+    frames = open_source(str(path)).frames()
 
-    Args:
-        path: of the file.
-    """
+    def read(number: int) -> ImageArray:
+        image = next((frame.image for frame in frames if frame.index == number), None)
+        if image is None:
+            raise RequestError(
+                f"{path}: expected at least {number + 1} frames, got fewer; are its labels another video's?"
+            )
+        return image
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._capture = cv2.VideoCapture(str(path))
-        self._next = 0
-
-    def __call__(self, number: int) -> ImageArray:
-        """``(H, W, 3)`` uint8 RGB of the frame ``number``.
-
-        Raises:
-            RequestError: the video ends before, or cannot be decoded there.
-            ValueError: the frame lies before the last one.
-        """
-        if number < self._next:
-            raise ValueError(f"expected frames in rising order, got {number} after {self._next - 1}")
-        while self._next <= number:
-            if not self._capture.grab():
-                raise RequestError(
-                    f"{self.path}: expected a video of at least {number + 1} frames, got {self._next}; "
-                    "are its labels those of another video?"
-                )
-            self._next += 1
-        decoded, image = self._capture.retrieve()
-        if not decoded:
-            raise RequestError(f"{self.path}: frame {number + 1} cannot be decoded")
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    return read
 
 
 VERSION = 2

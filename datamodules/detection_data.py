@@ -16,8 +16,7 @@ from torch.utils.data import DataLoader, Dataset, DistributedSampler
 
 from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, texture
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
-from tsuiseki.datamodules.footage import FixedView, Footage, TrainingSource
-from tsuiseki.datamodules.generated_pictures import check_source, write_pictures
+from tsuiseki.datamodules.footage import FixedView, Footage, TrainingSource, check_source, write_pictures
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.preprocessing import fit_image

@@ -9,8 +9,14 @@ import numpy as np
 import pytest
 import torch
 
-from tsuiseki.datamodules.appearance_data import AppearanceData, IdentityBatches, RenderedPeople
-from tsuiseki.datamodules.crop_augmentation import CropAugmentation, augment_crop, draw_camera
+from tsuiseki.datamodules.appearance_data import (
+    AppearanceData,
+    CropAugmentation,
+    IdentityBatches,
+    RenderedPeople,
+    augment_crop,
+    draw_camera,
+)
 from tsuiseki.datamodules.identity_crops import (
     IdentityCrops,
     crops_from_folder,

@@ -20,8 +20,7 @@ from tsuiseki.datamodules.detection_data import (
     EpochSampler,
     collate,
 )
-from tsuiseki.datamodules.footage import Footage, TrainingSource
-from tsuiseki.datamodules.generated_pictures import write_pictures
+from tsuiseki.datamodules.footage import Footage, TrainingSource, write_pictures
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence

@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from tsuiseki.models.metric_losses import (
+from tsuiseki.models.appearance import (
     contrastive_loss,
     hardest_distances,
     pairwise_distances,

@@ -9,8 +9,16 @@ import torch
 from torch import nn
 
 from tsuiseki.models.anchors import corners_from_centres, encode, grid_anchors
-from tsuiseki.models.losses import DetectionLoss, MinedEntropy, smooth_l1
-from tsuiseki.models.quality_losses import QualityFocal, SoftTargets, complete_iou, distillation_loss, found_by
+from tsuiseki.models.losses import (
+    DetectionLoss,
+    MinedEntropy,
+    QualityFocal,
+    SoftTargets,
+    complete_iou,
+    distillation_loss,
+    found_by,
+    smooth_l1,
+)
 
 ANCHORS = torch.tensor([[20.0, 30.0, 20.0, 40.0], [60.0, 30.0, 20.0, 40.0], [100.0, 30.0, 20.0, 40.0]])
 BOXES = torch.tensor([[[10.0, 12.0, 30.0, 52.0], [50.0, 10.0, 72.0, 50.0]]])

@@ -18,8 +18,7 @@ from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.filters.motion.bodies import RandomWalk
 from tsuiseki.tracking.formats.body_states import read_states
 from tsuiseki.tracking.formats.silhouettes import centre_inside
-from tsuiseki.trainers.learn_body import area_centroids, evenly_sampled, learn_body, line_up
-from tsuiseki.trainers.outlines import Outline, outlines_of
+from tsuiseki.trainers.learn_body import Outline, area_centroids, evenly_sampled, learn_body, line_up, outlines_of
 
 SETTINGS = GoldfishSettings(frames=60, fish=3, size_spread=0.0)
 

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.features.exported import SizedDetect
     from tsuiseki.trainers.adapt.round import Round
     from tsuiseki.trainers.adapt.rounds import Adaptation
-    from tsuiseki.trainers.adapt.settings import AdaptSettings
-    from tsuiseki.trainers.adapt.watch import CameraVideos
+    from tsuiseki.trainers.adapt.watch import AdaptSettings, CameraVideos
 
 # Pictures, labels and detectors of the rounds, until the result is whole.
 WORK = ".adapt"
@@ -79,7 +78,7 @@ def adapt(
         device: what the exported networks run on, as in track people; learning stays on the CPU.
         detector_options: what the file of the teacher does not tell, where that is another project's.
     """
-    from tsuiseki.trainers.adapt.settings import AdaptSettings
+    from tsuiseki.trainers.adapt.watch import AdaptSettings
 
     parse_frames(frames)
     settings = AdaptSettings(

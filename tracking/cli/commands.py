@@ -141,7 +141,7 @@ REPRODUCE = {
     "phd": (".finite_sets:reproduce", "finite-set filters on the standard scenarios"),
     "pca-particle-filter": (".goldfish:reproduce", "how many particles a goldfish needs"),
     "drone-action-features": (".drone_actions:reproduce", "tracks and actions from a drone improve each other"),
-    "phd-unseen": (".sensed:reproduce", "a sensor's measurements on new scenarios, with peers"),
+    "phd-unseen": (".finite_sets:unseen", "a sensor's measurements on new scenarios, with peers"),
     "blobs": (".coloured:blobs", "coloured objects, beside components and SORT"),
     "phd-equalisation": (".coloured:equalisation", "equal likelihoods keep the weak target"),
     "association": (".association:reproduce", "people and cars linked on given detections, with peers"),
@@ -151,7 +151,7 @@ REPRODUCE = {
     "stereo-sphere": (".sphere:reproduce", "a ball in space from two cameras"),
     "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video"),
     "one-floor": (".one_floor:reproduce", "people on one floor through several cameras, on WILDTRACK and Shelf"),
-    "sphere-points": (".sphere_points:reproduce", "a thrown ball from its measured pixels"),
+    "sphere-points": (".sphere:points", "a thrown ball from its measured pixels"),
 }
 FIT = "fit a model to labelled video (all but body and motion need the train extra)"
 PAPER = "a paper's table or figure: paper and here, plus the plot"

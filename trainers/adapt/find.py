@@ -15,9 +15,8 @@ from tsuiseki.tracking.people.inputs import PeopleInputs
 from tsuiseki.tracking.people.methods import LearntCosts, cost_of_scores, people_affinity, people_tracker
 from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.types import Detections, Track
-from tsuiseki.trainers.adapt.settings import HELD_OUT, AdaptSettings
 from tsuiseki.trainers.adapt.track_labels import TrackLabels, label
-from tsuiseki.trainers.adapt.watch import Foreground, Watched
+from tsuiseki.trainers.adapt.watch import HELD_OUT, AdaptSettings, Foreground, Watched
 
 # Detections down to this score are known, so that what the tracker rejects is, too.
 LOWEST_SCORE = 0.1

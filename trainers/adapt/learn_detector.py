@@ -23,8 +23,7 @@ from tsuiseki.tracking.features.views import view_of
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, ImageArray
-from tsuiseki.trainers.adapt.settings import HELD_OUT, KEPT_BACK, AdaptSettings
-from tsuiseki.trainers.adapt.watch import Watched
+from tsuiseki.trainers.adapt.watch import HELD_OUT, KEPT_BACK, AdaptSettings, Watched
 from tsuiseki.trainers.exporting.export import export_onnx, load_module
 from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import ExportedLayout

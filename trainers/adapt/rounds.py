@@ -19,10 +19,9 @@ import numpy as np
 from tsuiseki.tracking.drone.observations import file_digest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import SizedDetect
-from tsuiseki.tracking.formats.mot import write_detections
+from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.people.settings import NONE
-from tsuiseki.tracking.types import Detections
-from tsuiseki.trainers.adapt.find import RoundVideo, find, labelled
+from tsuiseki.trainers.adapt.find import RoundVideo, above, find, labelled
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
 from tsuiseki.trainers.adapt.round import (
     Round,
@@ -30,11 +29,9 @@ from tsuiseki.trainers.adapt.round import (
     keep_round,
     kept_round,
     round_scores,
-    write_everyone,
 )
-from tsuiseki.trainers.adapt.settings import KEPT_BACK, AdaptSettings
 from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, TAKEN, Verdict
-from tsuiseki.trainers.adapt.watch import CameraVideos, Watched
+from tsuiseki.trainers.adapt.watch import KEPT_BACK, AdaptSettings, CameraVideos, Watched
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 
 # Agreement must rise by this much for a round to be better: at first by more, since a detector that has learnt from
@@ -164,7 +161,7 @@ def _teaching(videos: Sequence[Watched], taught_by: Round) -> list[Watched]:
     for n, video in enumerate(videos):
         frames = np.concatenate([np.empty(0, np.int64), *(t.frames for t in taught_by.taken(n))])
         if np.isin(video.frames[: video.learnt(KEPT_BACK)], frames).any():
-            shutil.copyfile(taught_by.folder / f"gt-{n}.txt", _labels_of(video))
+            write_ground_truth(Path(video.folder) / "gt" / "gt.txt", taught_by.people[n])
             teaching.append(video)
     if not teaching:
         raise RequestError(
@@ -176,7 +173,7 @@ def _teaching(videos: Sequence[Watched], taught_by: Round) -> list[Watched]:
 def _look(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> Round:
     """Look with the ``detector``, or read what an earlier call found."""
     folder, camera, settings = adaptation.folder(number), adaptation.camera, adaptation.settings
-    if (done := kept_round(folder, number, detector)) is not None:
+    if (done := kept_round(folder, detector)) is not None:
         return done
     # The shipped costs know the scores of the shipped detectors, not those that were learnt here.
     affinity = Path(NONE) if number else None
@@ -190,22 +187,18 @@ def _look(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> 
     scores = round_scores(videos, settings.score_threshold)
     if not number and adaptation.teacher is not None:
         scores = replace(scores, agreement=_before_learning(adaptation, videos))
-    for n, each in enumerate(videos):
-        before = [Detections.empty()] * each.found.first
-        write_detections(folder / f"det-{n}.txt", [*before, *each.found.detections])
-        write_everyone(folder / f"tracks-{n}.npz", each.labels.everyone)
-        if len(each.labels.people):
-            each.labels.write(each.watched)
-            shutil.copyfile(_labels_of(each.watched), folder / f"gt-{n}.txt")
+    labels = [each.labels for each in videos]
     here = Round(
         number,
         detector,
         scores,
-        tuple(each.labels.verdicts for each in videos),
+        tuple(each.verdicts for each in labels),
         max(each.found.columns for each in videos),
-        folder,
+        tuple(each.everyone for each in labels),
+        tuple(tuple(above(each.found.detections, 0.0)) for each in videos),
+        tuple(each.people for each in labels),
     )
-    keep_round(here)
+    keep_round(here, folder)
     return here
 
 
@@ -218,10 +211,6 @@ def _before_learning(adaptation: Adaptation, videos: Sequence[RoundVideo]) -> fl
         found = find(end, adaptation.start, adaptation.settings, adaptation.camera.view)
         detections.append(found.detections[each.held_out - found.first :])
     return agreement_held_out(videos, detections, adaptation.settings.score_threshold)
-
-
-def _labels_of(video: Watched) -> Path:
-    return Path(video.folder) / "gt" / "gt.txt"
 
 
 def _taken(verdicts: Sequence[Verdict]) -> int:

@@ -14,9 +14,8 @@ from tsuiseki.tracking.types import Detections, ImageArray, Track
 from tsuiseki.trainers.adapt.find import above
 from tsuiseki.trainers.adapt.round import Round
 from tsuiseki.trainers.adapt.rounds import Adaptation, best_of
-from tsuiseki.trainers.adapt.settings import HELD_OUT
 from tsuiseki.trainers.adapt.track_labels import SHORT, STILL, TAKEN, TWICE, UNSURE
-from tsuiseki.trainers.adapt.watch import Watched
+from tsuiseki.trainers.adapt.watch import HELD_OUT, Watched
 
 _PICTURES, _EXAMPLES = 4, 12
 _MEANINGS = {
@@ -49,17 +48,13 @@ def summary(adaptation: Adaptation, finished: Sequence[Round], notes: Sequence[s
 def _compared(adaptation: Adaptation, start: Round, later: Round, number: int) -> list[BeforeAndAfter]:
     """The held-out pictures, some time apart, in which either finds most that the other does not."""
     video, threshold = adaptation.camera.videos[number], adaptation.settings.score_threshold
-    end = video.span[0] + video.length
-    before, after = (above(here.detections(number, end), threshold) for here in (start, later))
-    unseen = range(video.learnt(HELD_OUT), len(video.frames))
-    apart = {n: _differences(before[video.frames[n]], after[video.frames[n]]) for n in unseen}
+    before, after = (above(here.detections[number], threshold) for here in (start, later))
+    unseen = {n: video.frames[n] - video.span[0] for n in range(video.learnt(HELD_OUT), len(video.frames))}
+    apart = {n: _differences(before[row], after[row]) for n, row in unseen.items()}
     chosen = spread_best(apart, _PICTURES, max(1, len(unseen) // (2 * _PICTURES)))
     return [
         BeforeAndAfter(
-            f"frame {video.frames[n] + 1} of {video.source}",
-            video.picture(n),
-            before[video.frames[n]],
-            after[video.frames[n]],
+            f"frame {video.frames[n] + 1} of {video.source}", video.picture(n), before[unseen[n]], after[unseen[n]]
         )
         for n in chosen
     ]
@@ -85,7 +80,7 @@ def _examples(adaptation: Adaptation, taught_by: Round) -> dict[str, list[ImageA
     places: dict[str, list[tuple[Watched, int, np.ndarray]]] = {}
     for n, video in enumerate(adaptation.camera.videos):
         number_of = {frame: picture for picture, frame in enumerate(video.frames)}
-        for track, verdict in zip(taught_by.tracks(n), taught_by.verdicts[n], strict=True):
+        for track, verdict in zip(taught_by.tracks[n], taught_by.verdicts[n], strict=True):
             for row in _rows(rng, track):
                 frame = int(track.frames[row])
                 name = _MEANINGS[verdict.verdict]

@@ -10,13 +10,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.datamodules.identity_crops import uncovered
 from tsuiseki.tracking.association.tracklets import EXPLAINED, explained_boxes, is_straddling
-from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, shared_with_all
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -86,10 +84,6 @@ class TrackLabels:
     def tracks(self) -> list[Track]:
         """Those taken."""
         return [t for t, v in zip(self.everyone, self.verdicts, strict=True) if v.verdict == TAKEN]
-
-    def write(self, watched: Watched) -> None:
-        """Put the labels beside the pictures, as ``gt/gt.txt``."""
-        write_ground_truth(Path(watched.folder) / "gt" / "gt.txt", self.people)
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,17 @@ from tsuiseki.tracking.association.tracklets import MISS_OF_JOIN, MOST_FOR_JOIN,
 from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, owners_of
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
-from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, Origin
-from tsuiseki.trainers.association.labelled_flow import ALWAYS, labelled, short_runs, taken_out, without
+from tsuiseki.trainers.association.graphs import (
+    ALWAYS,
+    DetectedVideo,
+    Graph,
+    Graphs,
+    Origin,
+    labelled,
+    short_runs,
+    taken_out,
+    without,
+)
 
 # Scores nearer to 0 and 1 count as this; a video that trusts all scores alike still lets a little gradient through.
 CERTAIN, FLATTEST = 1e-6, 0.1

@@ -21,8 +21,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from tsuiseki.datamodules.labelled_images import read_image
+from tsuiseki.models.appearance import softmax_contrastive_loss
 from tsuiseki.models.association_network import AssociationNetwork
-from tsuiseki.models.metric_losses import softmax_contrastive_loss
 from tsuiseki.tracking.association.evidence import LINK_FEATURES
 from tsuiseki.tracking.association.flow_rounds import AVERAGED
 from tsuiseki.tracking.association.link_cost import LinkCost

@@ -17,8 +17,7 @@ from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.people.flow_input import FlowSettings
-from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs
-from tsuiseki.trainers.association.labelled_flow import window
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.videos import OTHER_RATE, acting, described, detected_videos, filmed, part_of
 from tsuiseki.trainers.association.window_costs import WindowCrops, crops_of

@@ -51,7 +51,7 @@ from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.video.source import open_source
-from tsuiseki.tracking.weights import shipped, shipped_or_file
+from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import Bench, Curve, Outcome, Table, at_least_one, curves
 
@@ -165,10 +165,7 @@ def reproduce(
     seeds: int = 3,
     clips: int = 2,
     frames: int = 300,
-    full: bool = False,
     actions: list[Path] | None = None,
-    appearance: Path | None = None,
-    detector: Path | None = None,
 ) -> Outcome:
     """Thesis chapter 5 on generated clips from a violently moving drone: Tables 5.3, 5.4 and 5.5, Figs. 5.8 and 5.11.
 
@@ -179,23 +176,18 @@ def reproduce(
         seeds: sets of test clips.
         clips: of each set.
         frames: of each clip.
-        full: 5 sets of 10 clips of 600 frames, whatever the three options above say.
         actions: exported action streams, separated by commas; by default the shipped ones.
-        appearance: exported appearance network; by default the shipped one.
-        detector: exported detector, or the name of a shipped one; by default drone, with which the settings of the
-            methods that are compared were chosen.
 
     Raises:
         RequestError: a number below 1, a clip that something was learnt from, or a model that is not there.
     """
     at_least_one(seeds=seeds, clips=clips, frames=frames)
-    if full:
-        seeds, clips, frames = 5, 10, 600
     tests, second = scored_plans(seeds, clips, frames), second_plans(clips, frames)
     models = ObservingModels(
         tuple(actions or [shipped(f"action_drone_{name}") for name in STREAMS]),
-        appearance or shipped("appearance_people"),
-        shipped("detector_drone") if detector is None else shipped_or_file("detector", detector),
+        shipped("appearance_people"),
+        # With it the settings of the methods that are compared were chosen.
+        shipped("detector_drone"),
     )
     # All clips in one go, so that every core has one to draw until the end.
     work = on_all_cores(partial(observe_clip, bench.store, models), [*tests, *second])

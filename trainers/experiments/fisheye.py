@@ -103,8 +103,6 @@ def reproduce(
     fast_seeds: int = 3,
     fast_seconds: int = 10,
     calibration: Path | None = None,
-    detector: Path | None = None,
-    appearance: Path | None = None,
 ) -> Outcome:
     """People under ceiling fisheye cameras, at 1 and 15 frames a second: what upright crops and floor places bring.
 
@@ -118,15 +116,13 @@ def reproduce(
         fast_seeds: of these rooms, tracked at 15 frames a second, too; 0 leaves them out.
         fast_seconds: of each sequence at 15 frames a second.
         calibration: lens of the cameras, any that tsuiseki calibrate convert reads; by default an equidistant one.
-        detector: exported detector for unrolled views; by default the shipped one.
-        appearance: exported appearance network; by default the shipped one.
 
     Raises:
         RequestError: a number below 1 (`fast_seeds`: below 0), or a file that cannot be read.
     """
     at_least_one(seeds=seeds, seconds=seconds, fast_seconds=fast_seconds)
     tested = _tested(first_seed, seeds, fast_seeds)
-    models = CeilingModels(detector or shipped(DETECTORS["unrolled"]), appearance or shipped("appearance_people"))
+    models = CeilingModels(shipped(DETECTORS["unrolled"]), shipped("appearance_people"))
     plans = [(room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)]
     plans += [(room, seed, fast_seconds, 15) for seed in tested[:fast_seeds] for room in ROOMS]
     jobs = [CeilingClip(*plan, camera, calibration) for plan in plans for camera in range(CAMERAS)]

@@ -10,9 +10,8 @@ from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
 
 from tsuiseki.datamodules.appearance_data import AppearanceBatch
-from tsuiseki.models.appearance import AppearanceNetwork
+from tsuiseki.models.appearance import AppearanceNetwork, contrastive_loss, softmax_contrastive_loss, triplet_loss
 from tsuiseki.models.backbones import TrunkName
-from tsuiseki.models.metric_losses import contrastive_loss, softmax_contrastive_loss, triplet_loss
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.reidentification import Retrieval, evaluate_retrieval
 from tsuiseki.tracking.onnx import ModelCard

@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from tsuiseki.models.anchors import VARIANCES
 from tsuiseki.models.backbones import TrunkName, build_trunk
 from tsuiseki.models.detector import AnchorDetector, people_detector
-from tsuiseki.models.quality_losses import SoftTargets, found_by
+from tsuiseki.models.losses import SoftTargets, found_by
 from tsuiseki.models.ssd import coco_start, ssd300, ssd512, ssdlite320
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard

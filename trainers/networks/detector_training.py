@@ -13,8 +13,18 @@ from torchvision.ops import batched_nms
 from tsuiseki.datamodules.detection_data import DetectionBatch
 from tsuiseki.models.anchors import decode
 from tsuiseki.models.backbones import TrunkName
-from tsuiseki.models.losses import IGNORED, PADDING, BoxTerm, DetectionLoss, MinedEntropy, ScoreTerm, smooth_l1
-from tsuiseki.models.quality_losses import QualityFocal, complete_iou, distillation_loss
+from tsuiseki.models.losses import (
+    IGNORED,
+    PADDING,
+    BoxTerm,
+    DetectionLoss,
+    MinedEntropy,
+    QualityFocal,
+    ScoreTerm,
+    complete_iou,
+    distillation_loss,
+    smooth_l1,
+)
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import Detections

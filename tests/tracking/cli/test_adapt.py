@@ -15,10 +15,9 @@ from tests.tracking.features.tiny_onnx import save_constant
 from tests.trainers.adapt import street
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import Interrupted, RequestError
-from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.adapt.round import Round, RoundScores, write_everyone
+from tsuiseki.trainers.adapt.round import Round, RoundScores
 from tsuiseki.trainers.adapt.rounds import Adaptation
 from tsuiseki.trainers.adapt.track_labels import Verdict
 
@@ -45,10 +44,10 @@ def made_up_rounds(adaptation: Adaptation, *agreements: float) -> Iterator[Round
         folder = adaptation.folder(number)
         (folder / "detector.onnx").write_bytes(str(number).encode())
         scores = RoundScores(agreement, 5, 4.0, 5.0, 1.0, 0.1)
-        write_everyone(folder / "tracks-0.npz", [street.track_of(0), street.decoy_track()])
-        write_detections(folder / "det-0.txt", [Detections(street.people(0), np.array([0.9, 0.4]))] * 110)
+        tracks = (street.track_of(0), street.decoy_track())
+        found = (Detections(street.people(0), np.array([0.9, 0.4])),) * 110
         verdicts = (Verdict(1, "taken", 110, 0, 0.9, 1.0), Verdict(9, "never moves", 110, 0, 0.9, 0.0))
-        yield Round(number, folder / "detector.onnx", scores, (verdicts,), 1, folder)
+        yield Round(number, folder / "detector.onnx", scores, (verdicts,), 1, (tracks,), (found,))
 
 
 def test_short_videos(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,9 +19,8 @@ from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt import learn_detector
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, TorchDetector, fine_tune
-from tsuiseki.trainers.adapt.settings import HELD_OUT, AdaptSettings
 from tsuiseki.trainers.adapt.track_labels import label
-from tsuiseki.trainers.adapt.watch import Watched, foreground_of, watch
+from tsuiseki.trainers.adapt.watch import HELD_OUT, AdaptSettings, Watched, foreground_of, watch
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.detector_training import DetectorTraining

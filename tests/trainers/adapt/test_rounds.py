@@ -18,8 +18,7 @@ from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.trainers.adapt import rounds as module
 from tsuiseki.trainers.adapt.find import FoundPeople
 from tsuiseki.trainers.adapt.rounds import Adaptation, best_of, better, file_state, resumed, rounds
-from tsuiseki.trainers.adapt.settings import AdaptSettings
-from tsuiseki.trainers.adapt.watch import CameraVideos, Watched, open_camera
+from tsuiseki.trainers.adapt.watch import AdaptSettings, CameraVideos, Watched, open_camera
 
 START = Path("start.onnx")
 TEACHER: Any = Path("teacher.onnx")
@@ -113,10 +112,10 @@ def test_a_round_competes_with_the_start_and_not_with_its_teacher(
 
 def test_labels_of_a_round_teach_the_next(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:
     given = adaptation([seeing(1, 1.0), seeing(2, 0.5)])
-    list(rounds(given))
-    labels = [(given.work / f"round-{n}" / "gt-0.txt").read_text().splitlines() for n in range(2)]
-    counted = [sum(row.split(",")[6] == "1" for row in rows) for rows in labels]
+    counted = [here.people[0].evaluated.sum() for here in rounds(given)]
     assert counted == [30, 60]
+    written = (Path(given.camera.videos[0].folder) / "gt" / "gt.txt").read_text().splitlines()
+    assert sum(row.split(",")[6] == "1" for row in written) == 30
 
 
 def test_boxes_are_moved_onto_silhouettes_once(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:

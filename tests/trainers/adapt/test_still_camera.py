@@ -7,7 +7,7 @@ import pytest
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.types import ImageArray
-from tsuiseki.trainers.adapt.still_camera import motion_of
+from tsuiseki.trainers.adapt.foreground import motion_of
 
 PICTURES = range(0, 108, 12)
 

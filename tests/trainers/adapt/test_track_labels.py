@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.trainers.adapt import street
-from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.trainers.adapt.track_labels import SHORT, STILL, TAKEN, TWICE, UNSURE, label
@@ -134,9 +132,3 @@ def test_labels_are_as_wide_as_detected_in_their_frame(watched: Watched) -> None
     people = label(watched, None, [track], found).people
     for n, frame in enumerate(watched.frames):
         np.testing.assert_allclose(people.boxes[people.frames == n], street.people(frame)[:1] + wider[frame])
-
-
-def test_labels_are_written_for_training(watched: Watched) -> None:
-    label(watched, foreground_of(watched), [street.track_of(0)], [NONE] * 40).write(watched)
-    truth = read_ground_truth(Path(watched.folder) / "gt" / "gt.txt")
-    assert truth.evaluated.sum() == 40

@@ -11,8 +11,7 @@ from tsuiseki.tracking.association.evidence import JOIN_FEATURES
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, Problem, cheapest
-from tsuiseki.trainers.association.graphs import DetectedVideo, Graph
-from tsuiseki.trainers.association.labelled_flow import FlowCounts, window, windows
+from tsuiseki.trainers.association.graphs import DetectedVideo, FlowCounts, Graph, window, windows
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 
 FRAMES = 60

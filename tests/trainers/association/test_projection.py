@@ -17,12 +17,11 @@ from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import Detections
-from tsuiseki.trainers.association.fitting import Fit, NetworkChanges, fitted
-from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs, no_others
-from tsuiseki.trainers.association.labelled_flow import window
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs, no_others, window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining
 from tsuiseki.trainers.association.windows import TrainingWindow
+from tsuiseki.trainers.experiments.end_to_end import Fit, NetworkChanges, fitted
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.export_costs import TOLERANCE, export_association
 

@@ -8,7 +8,7 @@ import pytest
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.trainers.association.trained_frames import NetworkUse, check_unseen, trained_frames
+from tsuiseki.trainers.association.affinity_fit import NetworkUse, check_unseen, trained_frames
 
 PETS = "PETS09-S2L1-first"
 ALL = [(0.0, float("inf"))]

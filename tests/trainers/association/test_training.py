@@ -170,7 +170,7 @@ def test_a_window_without_detections_is_no_step(walk: Path) -> None:
     data = AssociationData([walk])
     data.setup("fit")
     graph = data.learnt[0].detections
-    from tsuiseki.trainers.association.labelled_flow import window
+    from tsuiseki.trainers.association.graphs import window
 
     nothing = TrainingWindow(window(graph, 5000, 5010), data.learnt[0].tracklets)
     assert AssociationTraining().training_step(nothing, 0) is None

@@ -17,8 +17,7 @@ from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association import window_detector
 from tsuiseki.trainers.association.flow_loss import FlowLoss
-from tsuiseki.trainers.association.starting import detector_of
-from tsuiseki.trainers.association.training import AssociationTraining, HeadsLearning
+from tsuiseki.trainers.association.training import AssociationTraining, HeadsLearning, detector_of
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, frames_of, own_loss, rescored, score_logits
 from tsuiseki.trainers.association.windows import AssociationData, EveryWindow, TrainingWindow
 from tsuiseki.trainers.exporting.export import ModelFile

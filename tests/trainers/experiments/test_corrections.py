@@ -4,7 +4,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import corrections
-from tsuiseki.trainers.experiments.corrections import RANKINGS, reviewed
+from tsuiseki.trainers.experiments.corrections import reviewed
 from tsuiseki.trainers.experiments.end_to_end import STREETS, write_streets
 from tsuiseki.trainers.experiments.given_sequences import find_given
 
@@ -16,13 +16,8 @@ def course(tmp_path_factory):
     return reviewed(find_given(home.parent, STREETS)[0], 6)
 
 
-def test_every_ranking_finds_errors_and_no_more_than_there_are(course):
-    assert set(course.found) == set(RANKINGS)
-    assert all(0 <= found <= course.errors for found in course.found.values())
-    assert course.found["questions"] >= course.found["random"]
-
-
 def test_answers_bring_the_tracks_nearer_to_what_the_detections_allow(course):
+    assert course.errors > 0
     assert 2 <= len(course.idf1) == len(course.hota) <= 7
     assert 0 < course.idf1[0] <= max(course.idf1)
     assert max(course.idf1) <= course.allowed + 0.1
@@ -33,7 +28,7 @@ def street(home, *_):
     return write_streets(home, 1, 60)
 
 
-def test_the_experiment_runs_to_its_table(tmp_path, monkeypatch, capsys):
+def test_the_experiment_runs_to_its_table(tmp_path, monkeypatch):
     monkeypatch.setattr(corrections, "write_streets", street)
     street(tmp_path / "made")
     (tmp_path / "mot").mkdir()
@@ -44,4 +39,3 @@ def test_the_experiment_runs_to_its_table(tmp_path, monkeypatch, capsys):
     rows = [line for line in (out / "tables.md").read_text().splitlines() if line.startswith("|")]
     assert len(rows) == 3
     assert "clicks by hand" in rows[0]
-    assert "Errors within the first 5%" in capsys.readouterr().out

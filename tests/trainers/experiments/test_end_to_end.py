@@ -11,11 +11,11 @@ import pytest
 from tests.trainers.association.crossing import crossing
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.trainers.association.fitting import Fit
 from tsuiseki.trainers.experiments.end_to_end import (
     FITS,
     FOLDS,
     STREETS,
+    Fit,
     Fold,
     fold_sums,
     given_rows,

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.trainers.experiments import sensed
+from tsuiseki.trainers.experiments import finite_sets
+from tsuiseki.trainers.experiments.finite_sets import STANDARD_PLACES, Scenarios, drawn_scenario, run_sensed
 from tsuiseki.trainers.experiments.peers import Peer
-from tsuiseki.trainers.experiments.sensed import STANDARD_PLACES, Scenarios, drawn_scenario, run_filter
 
 
 def test_the_experiment_prints_every_kind(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    short = {kind: replace(settings, steps=12) for kind, settings in sensed.KINDS.items()}
-    monkeypatch.setattr(sensed, "KINDS", short)
+    short = {kind: replace(settings, steps=12) for kind, settings in finite_sets.KINDS.items()}
+    monkeypatch.setattr(finite_sets, "KINDS", short)
     words = ["--seeds", "1", "--seed", "7", "--particles", "100", "--cache", str(tmp_path / "cache")]
     assert main(["reproduce", "phd-unseen", *words, "--out", str(tmp_path / "out")]) == 0
     assert "known places" in capsys.readouterr().out
@@ -60,7 +60,7 @@ def test_what_a_peer_reports_outside_the_region_or_twice_is_dropped(tmp_path: Pa
         "    return {'rows': rows, 'milliseconds': [2.0] * len(scans)}\n"
     )
     settings = Scenarios(steps=10, clutter=0.0, births=0.0, survival=1.0, detection=1.0, deviation=0.0, speed=0.0)
-    found = run_filter((settings, Peer(sys.executable, "1"), program, "all measurements"), 1)
+    found = run_sensed((settings, Peer(sys.executable, "1"), program, "all measurements"), 1)
     # Exact measurements of every target: nothing is wrong but the identities.
     assert found["ospa1"] == pytest.approx(0.0, abs=1e-9)
     assert (found["false"], found["milliseconds"]) == (0.0, 2.0)
