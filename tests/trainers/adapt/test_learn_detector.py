@@ -14,6 +14,7 @@ from torch import Tensor
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.errors import Interrupted
+from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.tracking.weights import shipped
@@ -40,7 +41,8 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Watched:
     folder = tmp_path_factory.mktemp("camera")
     video = watch(str(street.write_video(folder / "street")), EVERY_FRAME, folder / "kept", 20)
     tracks = [street.track_of(0), street.track_of(1)]
-    label(video, foreground_of(video), tracks, [Detections.empty()] * 20).write(video)
+    labels = label(video, foreground_of(video), tracks, [Detections.empty()] * 20)
+    write_ground_truth(Path(video.folder) / "gt" / "gt.txt", labels.people)
     return video
 
 
