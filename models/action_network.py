@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import torch
@@ -61,6 +61,24 @@ class ActionNetwork(nn.Module):
     def forward(self, crops: Mapping[str, Tensor]) -> Tensor:
         """Crops ``(B, channels, H, W)`` by stream to the probabilities ``(B, classes)``: a single-frame feature."""
         return torch.stack([stream(crops[name]).sigmoid() for name, stream in self.streams.items()]).mean(dim=0)
+
+
+class FusedProbability(nn.Module):
+    """The four streams of the thesis as they are exported together.
+
+    Args:
+        network: of these four.
+    """
+
+    def __init__(self, network: ActionNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, rgb_local: Tensor, rgb_global: Tensor, flow_local: Tensor, flow_global: Tensor) -> Tensor:
+        """``(B, channels, H, W)`` of each stream to probabilities ``(B, classes)``."""
+        crops = {"rgb_local": rgb_local, "rgb_global": rgb_global}
+        probability: Tensor = self.network({**crops, "flow_local": flow_local, "flow_global": flow_global})
+        return probability
 
 
 class StreamProbability(nn.Module):
@@ -123,6 +141,12 @@ def action_loss(logits: Tensor, truth: Tensor, positive_weight: Tensor | None = 
         positive_weight: ``(C,)`` of the terms of performed actions; None weighs all the same.
     """
     return functional.binary_cross_entropy_with_logits(logits, truth, pos_weight=positive_weight)
+
+
+def fused_logits(logits: Sequence[Tensor]) -> Tensor:
+    """``(B, C)`` logits of the mean probability of streams (thesis Fig. 5.3), from those of each, ``(B, C)``."""
+    mean = torch.stack([one.sigmoid() for one in logits]).mean(dim=0)
+    return torch.logit(mean, eps=1e-6)
 
 
 def positive_weights(counts: Tensor, samples: int, exponent: float, limit: float) -> Tensor:

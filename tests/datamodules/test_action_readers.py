@@ -98,9 +98,6 @@ def test_the_command_line_trains_on_drone_action(
     assert main([*words, "--model.actions=13"]) == 0
     state = torch.load(tmp_path / "out/checkpoints/best.ckpt", weights_only=True)
     assert tuple(state["action_names"]) == DRONE_ACTION_CLASSES
-    best = tmp_path / "out/checkpoints/best.ckpt"
-    assert main(["export", "action", "--checkpoint", str(best), "--out", str(tmp_path / "action.onnx")]) == 0
-    assert (tmp_path / "action_rgb_local.onnx").is_file()
 
 
 def test_another_clip_of_the_same_name_is_cut_anew(drone_action: Path, tmp_path: Path) -> None:

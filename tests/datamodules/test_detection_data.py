@@ -159,11 +159,11 @@ def test_steady_boxes_are_of_rendered_people(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scene", ["varied", "drone"])
 def test_pictures_in_the_sun_are_other_pictures_of_the_same_people(tmp_path: Path, scene: Any) -> None:
     for name, share in (("without", 0.0), ("with", 1.0)):
-        source = TrainingSource(str(tmp_path / name), generate=2, scene=scene, size=(96, 64), seed=2, sun=share)
+        source = TrainingSource(str(tmp_path / name), generate=1, scene=scene, size=(96, 64), seed=2, sun=share)
         DetectionData([source], [source], height=64, width=96).prepare_data()
     without, changed = (read_ground_truth(tmp_path / name / "gt" / "gt.txt") for name in ("without", "with"))
     np.testing.assert_array_equal(without.boxes, changed.boxes)
-    pictures = [[(tmp_path / name / f"img1/{n:06d}.jpg").read_bytes() for n in (1, 2)] for name in ("without", "with")]
+    pictures = [(tmp_path / name / "img1/000001.jpg").read_bytes() for name in ("without", "with")]
     assert pictures[0] != pictures[1]
 
 

@@ -47,7 +47,8 @@ def test_ssd512_trains_on_okutamas_layout(tmp_path):
 
 
 @pytest.mark.thesis_size
-def test_wide_resnet_trains_on_mars(acting_clips, tmp_path):
+@pytest.mark.parametrize("name", ["appearance_mars", "appearance_thesis"])
+def test_the_thesis_s_networks_train_on_mars(name, acting_clips, tmp_path):
     rng = np.random.default_rng(0)
     for person in ("0001", "0002", "0003", "0000"):
         for camera in (1, 2):
@@ -56,7 +57,7 @@ def test_wide_resnet_trains_on_mars(acting_clips, tmp_path):
                 path = tmp_path / "mars" / person / f"{person}C{camera}T0001F{frame:03d}.jpg"
                 path.parent.mkdir(parents=True, exist_ok=True)
                 cv2.imwrite(str(path), cv2.resize(sprite[..., 2::-1], (32, 64)))
-    words = ["--config", str(CONFIGS / "appearance_mars.yaml"), "--out", str(tmp_path / "out"), *TINY]
+    words = ["--config", str(CONFIGS / f"{name}.yaml"), "--out", str(tmp_path / "out"), *TINY]
     words += ["--trainer.precision=32", "--model.height=64", "--model.width=32", "--data.batches=1"]
     words += [f"--data.{part}_folders=[{tmp_path / 'mars'}]" for part in ("train", "validation")]
     best = fit_appearance([*words, "--data.identities=2", "--data.views=2"])
@@ -70,10 +71,11 @@ def test_wide_resnet_trains_on_mars(acting_clips, tmp_path):
 
 @pytest.mark.thesis_size
 @pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
-@pytest.mark.parametrize(("name", "streams"), [("action_drone", ["rgb_global"]), ("action_resnet101", ["flow_local"])])
+@pytest.mark.parametrize(("name", "streams"), [("action_drone", ["rgb_global"]), ("action_thesis", ["flow_local"])])
 def test_action_networks_train_on_okutamas_layout(name, streams, acting_clips, tmp_path):
     words = ["--config", str(CONFIGS / f"{name}.yaml"), "--out", str(tmp_path / "out"), *TINY, "--data.cutting.step=5"]
-    words += ["--trainer.precision=32", "--model.weights=null", f"--model.streams=[{','.join(streams)}]"]
+    words += ["--trainer.precision=32", "--model.weights=null", "--model.fused=false"]
+    words += [f"--model.streams=[{','.join(streams)}]"]
     words += [f"--data.train_folders=[{acting_clips / 'okutama'}]", "--data.batch_size=2", "--data.batches=1"]
     words += [f"--data.validation_folders=[{acting_clips / 'train'}]", f"--data.cache={tmp_path / 'cache'}"]
     best = fit_action(words)

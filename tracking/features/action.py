@@ -8,7 +8,7 @@ and no motion is `NO_MOTION`. So crops, padding and normalisation are those of i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -207,15 +207,15 @@ def _padded(image: ImageArray, margins: tuple[int, int, int, int], fill: tuple[i
 
 
 class ActionRecogniser:
-    """The streams of an action network exported to ONNX, each in its own file.
+    """The streams of an action network exported to ONNX, each in its own file or all in one.
 
     Attributes:
         names: of the A actions.
-        streams: of the S files, in their order.
+        streams: that the S files take, in their order.
         history: number of frames before the current one that the flow needs.
 
     Args:
-        paths: of the files, one a stream.
+        paths: of the files, one a stream, or one of streams that were trained jointly.
         threads: CPU threads; 0 takes all cores.
         batch_size: most crops of one inference call.
         device: what to run on, see `opened_on`; afterwards what they run on.
@@ -231,7 +231,8 @@ class ActionRecogniser:
             raise RequestError("expected the file of at least one action stream, got none")
         self.models = [OnnxModel(path, "action", threads, device) for path in paths]
         self.device = self.models[0].device
-        self.inputs = [_input(model) for model in self.models]
+        self._taken = [_inputs(model) for model in self.models]
+        self.inputs = [one for taken in self._taken for one in taken]
         self.batch_size = batch_size
         self.names = self.models[0].card.class_names
         self.streams: tuple[StreamName, ...] = tuple(one.stream for one in self.inputs)
@@ -241,14 +242,16 @@ class ActionRecogniser:
         self.history = self._flow.stack if self._flow else 0
 
     def _check_together(self) -> None:
-        for model, stream in zip(self.models, self.streams, strict=True):
+        for model in self.models:
             if model.card.class_names != self.names:
                 raise RequestError(
                     f"{model.path}: expected the actions of {self.models[0].path.name}, {', '.join(self.names)}; got "
                     f"{', '.join(model.card.class_names)}"
                 )
-            if self.streams.count(stream) > 1:
-                raise RequestError(f"{model.path}: expected one file a stream, got {stream} twice")
+        if len(set(self.streams)) < len(self.streams):
+            raise RequestError(
+                f"{self.models[-1].path}: expected one file a stream, or one of all, got {', '.join(self.streams)}"
+            )
         flows = {(one.stack, one.flow_limit, one.flow, one.compensate) for one in self.inputs if one.is_flow}
         if len(flows) > 1:
             raise RequestError(
@@ -257,7 +260,7 @@ class ActionRecogniser:
             )
 
     def recognise(self, images: Sequence[ImageArray], boxes: FloatArray) -> FloatArray:
-        """``(S, N, A)`` float32 probabilities of the people in ``(N, 4)`` boxes, by stream.
+        """``(S, N, A)`` float32 probabilities of the people in ``(N, 4)`` boxes, by file.
 
         Args:
             images: ``(H, W, 3)`` uint8 RGB, the current frame last, before it as many of the frames before as there
@@ -268,13 +271,16 @@ class ActionRecogniser:
         if len(boxes) == 0:
             return found  # type: ignore[return-value]
         flow = None if self._flow is None else self.flow(images)
-        for model, stream, result in zip(self.models, self.inputs, found, strict=True):
-            picture = images[-1] if not stream.is_flow or flow is None else flow
-            squares = square_boxes(boxes, stream.scale)
+        for model, taken, result in zip(self.models, self._taken, found, strict=True):
+            pictures = [images[-1] if not stream.is_flow or flow is None else flow for stream in taken]
+            squares = [square_boxes(boxes, stream.scale) for stream in taken]
             for start in range(0, len(boxes), self.batch_size):
                 some = slice(start, start + self.batch_size)
-                crops = crop_squares(picture, squares[some], stream.size)
-                result[some] = model.run(normalise(crops, model.card))[0]
+                crops = [
+                    normalise(crop_squares(picture, square[some], stream.size), stream.card("", ()))
+                    for picture, square, stream in zip(pictures, squares, taken, strict=True)
+                ]
+                result[some] = model.run(*crops)[0]
         return found  # type: ignore[return-value]
 
     def flow(self, images: Sequence[ImageArray]) -> ImageArray:
@@ -294,9 +300,11 @@ def averaged(streams: FloatArray) -> FloatArray:
     return np.asarray(streams.mean(axis=0), dtype=np.float64)
 
 
-def _input(model: OnnxModel) -> ActionInput:
+def _inputs(model: OnnxModel) -> list[ActionInput]:
+    card = model.card
     try:
-        found = ActionInput.from_card(model.card)
+        settings = card.settings.get("streams", [card.settings])
+        found = [ActionInput.from_card(replace(card, settings=one)) for one in settings]
     except (KeyError, TypeError, ValueError) as error:
         raise RequestError(
             f"{model.path}: expected stream, enlargement, flow_limit, flow and stack in the metadata, got {error!r}; "

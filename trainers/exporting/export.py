@@ -74,25 +74,25 @@ def export_onnx(
     module: nn.Module,
     card: ModelCard,
     path: Path,
-    example: Tensor,
+    example: Tensor | Mapping[str, Tensor],
     outputs: Sequence[str],
     float16: bool = False,
     overwrite: bool = False,
-    spread: float = 1.0,
+    spread: float | Sequence[float] = 1.0,
 ) -> float:
     """Write ``module`` as ONNX with ``card`` in its metadata, once it gives what torch gives.
 
     The batch is dynamic. The file appears under its name only when it is complete and checked.
 
     Args:
-        module: takes one tensor, gives one or several whose first axis is the batch, or constants.
+        module: takes the tensors of ``example``, gives one or several whose first axis is the batch, or constants.
         card: what the file will say about itself; the version of the project is filled in.
         path: of the file.
-        example: ``(B, ...)`` an input; tells the shape.
+        example: ``(B, ...)`` an input, called ``images``, or several by name; tells the shapes.
         outputs: their names in order.
         float16: store weights as float16; computation stays float32.
         overwrite: replace an existing file.
-        spread: standard deviation of the random inputs that both are compared on.
+        spread: standard deviation of the random inputs that both are compared on; of each input, or of all.
 
     Returns:
         The largest difference to torch over all outputs, relative to the largest value of the output.
@@ -101,15 +101,17 @@ def export_onnx(
         RequestError: the path cannot be written to.
         RunError: onnxruntime and torch disagree.
     """
+    inputs = {"images": example} if isinstance(example, Tensor) else dict(example)
     # A batch of one would be taken for a constant.
-    several = torch.cat((example, example)) if len(example) == 1 else example
+    several = tuple(torch.cat((one, one)) if len(one) == 1 else one for one in inputs.values())
+    batch = torch.export.Dim("batch")
     tolerance = FLOAT16_TOLERANCE if float16 else FLOAT32_TOLERANCE
     with _evaluating(module):
-        model = convert_module(module, (several,), ("images",), outputs, ({0: torch.export.Dim("batch")},))
+        model = convert_module(module, several, tuple(inputs), outputs, tuple({0: batch} for _ in several))
         if float16:
             store_float16(model)
         return write_checked(
-            model, card, path, lambda work: check_parity(module, work, example, tolerance, spread), overwrite
+            model, card, path, lambda work: check_parity(module, work, several, tolerance, spread), overwrite
         )
 
 
@@ -173,22 +175,28 @@ def load_module(kind: type[Module], checkpoint: Path, size: tuple[int, int] | No
     return module.eval()
 
 
-def check_parity(module: nn.Module, path: Path, example: Tensor, tolerance: float, spread: float = 1.0) -> float:
+def check_parity(
+    module: nn.Module, path: Path, examples: Sequence[Tensor], tolerance: float, spread: float | Sequence[float] = 1.0
+) -> float:
     """The largest relative difference between ``module`` and the file on random inputs, batch 1 and 3.
 
     Raises:
         RunError: it is larger than ``tolerance``, or an output does not depend on the input.
     """
     session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
-    name = session.get_inputs()[0].name
+    names = [one.name for one in session.get_inputs()]
+    spreads = [spread] * len(names) if isinstance(spread, float) else spread
     generator = torch.Generator().manual_seed(0)
     worst = 0.0
     for batch in _PARITY_BATCHES:
         # Normal numbers are what normalised images look like: no unit of the network saturates on all of them.
-        inputs = spread * torch.randn((batch, *example.shape[1:]), generator=generator)
+        inputs = [
+            scale * torch.randn((batch, *one.shape[1:]), generator=generator)
+            for scale, one in zip(spreads, examples, strict=True)
+        ]
         with torch.no_grad():
-            expected = [x.numpy() for x in _as_tuple(module(inputs))]
-        got = session.run(None, {name: inputs.numpy()})
+            expected = [x.numpy() for x in _as_tuple(module(*inputs))]
+        got = session.run(None, {name: one.numpy() for name, one in zip(names, inputs, strict=True)})
         for output, a, b in zip(session.get_outputs(), expected, got, strict=True):
             worst = max(worst, _difference(path.name, output.name, a, b, tolerance))
     return worst

@@ -11,11 +11,12 @@ from typing import Literal, cast
 import torch
 from torch import Tensor, nn
 
-from tsuiseki.models.action_network import StreamProbability
+from tsuiseki.models.action_network import FusedProbability, StreamProbability
 from tsuiseki.models.backbones import TrunkName, build_trunk
 from tsuiseki.models.detector import AnchorDetector, OneClass, people_detector
 from tsuiseki.models.ssd import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.action import StreamName
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx, load_module
@@ -204,8 +205,11 @@ def write_appearance(module: AppearanceTraining, output: ModelFile) -> float:
 def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
     """Write the streams of an action network as ONNX, a file each, and check that they give what torch gives.
 
+    Streams that were trained jointly (model.fused) are written into one file more, which takes the crops of all.
+
     Args:
-        out: ONNX file to write; action.onnx becomes action_rgb_local.onnx, action_rgb_global.onnx and so on.
+        out: ONNX file to write; action.onnx becomes action_rgb_local.onnx, action_rgb_global.onnx and so on, and
+            action_fused.onnx.
         checkpoint: best.ckpt of tsuiseki train action.
 
     Returns:
@@ -216,19 +220,33 @@ def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
         RunError: an exported file does not give what torch gives.
     """
     module = load_module(ActionTraining, checkpoint)
-    paths = {name: output.out.with_name(f"{output.out.stem}_{name}.onnx") for name in module.inputs}
+    groups: dict[str, tuple[StreamName, ...]] = {name: (name,) for name in module.inputs}
+    groups |= {"fused": tuple(module.inputs)} if module.fused else {}
+    paths = {name: output.out.with_name(f"{output.out.stem}_{name}.onnx") for name in groups}
     for path in paths.values():
         check_output_file(path, output.overwrite)
     module.network.to(memory_format=torch.contiguous_format)
     written = {}
-    for name, path in paths.items():
-        card = dataclasses.replace(module.card(name), training_data=output.training_data)
-        example = torch.zeros(2, module.inputs[name].channels, card.input_height, card.input_width)
+    for group, streams in groups.items():
+        one, path = streams[0], paths[group]
+        card = fused_card(module) if group == "fused" else module.card(one)
+        card = dataclasses.replace(card, training_data=output.training_data)
+        side = card.input_height
+        examples: dict[str, Tensor] = {n: torch.zeros(2, module.inputs[n].channels, side, side) for n in streams}
         # Flow is nearly nothing nearly everywhere; noise as strong as in colours would saturate every sigmoid.
-        spread = 0.1 if module.inputs[name].is_flow else 1.0
-        probability = StreamProbability(module.network.streams[name])  # type: ignore[arg-type]
+        spread = [0.1 if module.inputs[name].is_flow else 1.0 for name in streams]
+        network: nn.Module = FusedProbability(module.network)
+        if group != "fused":
+            examples = {"images": examples[one]}
+            network = StreamProbability(module.network.streams[one])  # type: ignore[arg-type]
         how = output.float16, output.overwrite, spread
-        written[path] = export_onnx(probability, card, path, example, ("probability",), *how)
+        written[path] = export_onnx(network, card, path, examples, ("probability",), *how)
     for path, difference in written.items():
         output.report(path, difference)
     return written
+
+
+def fused_card(module: ActionTraining) -> ModelCard:
+    """The contract of all streams in one file, whose inputs are called as the streams."""
+    cards = [module.card(name) for name in module.inputs]
+    return dataclasses.replace(cards[0], settings={"streams": [card.settings for card in cards]})

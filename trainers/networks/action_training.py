@@ -10,7 +10,7 @@ from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
 
 from tsuiseki.datamodules.action_data import ActionBatch, ActionData
-from tsuiseki.models.action_network import ActionNetwork, ActionStream, action_loss, positive_weights
+from tsuiseki.models.action_network import ActionNetwork, ActionStream, action_loss, fused_logits, positive_weights
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.actions import average_precisions
@@ -21,12 +21,12 @@ from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.trainers.networks.modules import Optimisation, Tested, gathered, normalised, plain_hyperparameters
 
 OKUTAMA_ACTIONS = 12
-# Exponent of the weight of rare actions (see `positive_weights`), of which 0 is eq. 5.1 as it stands, and the largest.
-RARE_WEIGHT, RARE_LIMIT = 0.5, 5.0
+# Largest weight of rare actions, see `positive_weights`.
+RARE_LIMIT = 5.0
 
 
 class ActionTraining(Tested):
-    """The streams of an action network, trained side by side, each by its own loss; validates by mAP.
+    """The streams of an action network, trained side by side or as one network; validates by mAP.
 
     Args:
         trunk: network under every stream; the thesis has ``resnet101``.
@@ -37,6 +37,8 @@ class ActionTraining(Tested):
         size: side of the input, pixels.
         flow: how flow is estimated.
         compensate: whether the camera's motion is taken out of the flow; it is not in the thesis.
+        fused: one loss on the mean of the streams' probabilities trains them jointly; otherwise each has its own.
+        rare_weight: exponent of the weight of rare actions, see `positive_weights`; 0 is eq. 5.1 as it stands.
         optimisation: how weights are moved; the thesis has a learning rate of 0.0001.
     """
 
@@ -50,11 +52,15 @@ class ActionTraining(Tested):
         size: int = 64,
         flow: FlowName = "dis",
         compensate: bool = False,
+        fused: bool = False,
+        rare_weight: float = 0.5,
         optimisation: Optimisation = Optimisation(learning_rate=1e-4),  # noqa: B008
     ) -> None:
         super().__init__()
         self.save_hyperparameters()
         plain_hyperparameters(self)
+        if fused and tuple(streams) != STREAMS:
+            raise RequestError(f"expected {', '.join(STREAMS)} with `fused`, got {', '.join(streams)}")
         try:
             self.inputs = {n: ActionInput(n, size, flow=flow, compensate=compensate) for n in streams}
             self.network = ActionNetwork(
@@ -63,7 +69,7 @@ class ActionTraining(Tested):
         except (ValueError, ConnectionError) as error:
             raise RequestError(str(error)) from error
         self.trunk, self.actions, self.names = trunk, actions, tuple(f"action {n + 1}" for n in range(actions))
-        self.optimisation = optimisation
+        self.optimisation, self.fused, self.rare_weight = optimisation, fused, rare_weight
         self.register_buffer("positive_weight", torch.ones(actions))
         self._validated: list[tuple[dict[str, Tensor], Tensor]] = []
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
@@ -96,7 +102,7 @@ class ActionTraining(Tested):
         self.names = data.names
         truth = data.train_crops.actions
         counts = torch.from_numpy(truth.sum(axis=0).astype(np.float64))
-        weight = positive_weights(counts, len(truth), RARE_WEIGHT, RARE_LIMIT)
+        weight = positive_weights(counts, len(truth), self.rare_weight, RARE_LIMIT)
         assert isinstance(self.positive_weight, Tensor)
         self.positive_weight.copy_(weight)
 
@@ -111,12 +117,12 @@ class ActionTraining(Tested):
         self.names = tuple(names)
 
     def training_step(self, batch: ActionBatch, batch_index: int) -> Tensor:
-        """The sum of the streams' losses on a batch."""
+        """The loss of the streams' mean on a batch, or the sum of their own losses."""
         del batch_index
         assert isinstance(self.positive_weight, Tensor)
-        losses = [
-            action_loss(logits.float(), batch.actions, self.positive_weight) for logits in self(batch.crops).values()
-        ]
+        said = [logits.float() for logits in self(batch.crops).values()]
+        parts = [fused_logits(said)] if self.fused else said
+        losses = [action_loss(logits, batch.actions, self.positive_weight) for logits in parts]
         loss = torch.stack(losses).sum()
         shown = loss / len(losses)
         self.log("train/loss", shown, on_step=False, on_epoch=True, prog_bar=True, batch_size=1, sync_dist=True)

@@ -112,13 +112,13 @@ def test_the_distance_is_that_of_each_arc(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_gradient_is_that_of_finite_differences(seed: int) -> None:
-    """Of the expected perturbed minimum: the same 2 x 400 draws on both sides of every cost.
+    """Of the expected perturbed minimum: the same 2 x 150 draws on both sides of every cost.
 
     Where a draw changes its flow within the step, the difference quotient lies between the two: with steps of 0.002
     and an ε of 0.7 that is about one draw in a hundred.
     """
     arcs, costs = window(seed)
-    loss, step = FlowLoss("fenchel_young", 0.7, 400), 1e-3
+    loss, step = FlowLoss("fenchel_young", 0.7, 150), 1e-3
 
     def value(at: FloatArray) -> float:
         return float(loss(torch.tensor(at), arcs, np.random.default_rng(3)))
@@ -128,7 +128,7 @@ def test_gradient_is_that_of_finite_differences(seed: int) -> None:
     assert given.grad is not None
     some = np.eye(len(costs))[seed::4]
     around = [(value(costs + step * unit) - value(costs - step * unit)) / (2 * step) for unit in some]
-    np.testing.assert_allclose(given.grad.numpy()[seed::4], around, atol=0.02)
+    np.testing.assert_allclose(given.grad.numpy()[seed::4], around, atol=0.03)
     assert given.grad.abs().max() > 0.3
 
 

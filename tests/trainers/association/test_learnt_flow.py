@@ -29,7 +29,7 @@ def test_learnt_costs_reach_their_bars(data_folder: Path, tmp_path: Path, featur
     network = shipped("appearance_people")
     sequence = read_sequence(data_folder / "mot" / "PETS09-S2L1-first")
     video = AffinityVideo([sequence.folder], frames=(1, 300), appearance=network)
-    path = fit_affinity(video, OutputFile(out=tmp_path / "affinity.onnx"), AffinitySettings(features))
+    path = fit_affinity(video, OutputFile(out=tmp_path / "affinity.onnx"), AffinitySettings(features, trees=40))
     affinity, appearance = Affinity(path, threads=1), Appearance(network, threads=1)
     found = read_detections(sequence.detections_path, sequence.length)
     described = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 import torch
 
 from tests.trainers.association.crossing import crossing
-from tsuiseki.models.association_network import AppearanceProjection
+from tsuiseki.models.association_network import AppearanceProjection, AssociationNetwork
 from tsuiseki.tracking.association.evidence import LINK_FEATURES
 from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.errors import RequestError
@@ -108,10 +109,25 @@ def test_it_learns_which_numbers_tell_people_apart(graphs: list[Graphs]) -> None
     assert apart(after) > apart(other.features) + 0.4
 
 
-def test_a_checkpoint_and_a_file_have_it(graphs: list[Graphs], tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def learnt(graphs: list[Graphs]) -> AssociationTraining:
+    """A training that projects features to two numbers and changes costs at random."""
     module = AssociationTraining(appearance=AppearanceLearning(projection=2))
     module.standardise(graphs)
     torch.nn.init.normal_(module.network.links.linear.weight, std=0.1)
+    return module
+
+
+@pytest.fixture(scope="module")
+def exported(learnt: AssociationTraining, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of its network."""
+    path = tmp_path_factory.mktemp("projection") / "a.onnx"
+    assert export_association(learnt.network, path) <= TOLERANCE
+    return path
+
+
+def test_a_checkpoint_and_a_file_have_it(learnt: AssociationTraining, exported: Path, tmp_path: Path) -> None:
+    module = learnt
     trainer = lightning.Trainer(max_epochs=0, accelerator="cpu", logger=False, enable_progress_bar=False)
     trainer.strategy.connect(module)
     trainer.save_checkpoint(tmp_path / "last.ckpt")
@@ -119,10 +135,9 @@ def test_a_checkpoint_and_a_file_have_it(graphs: list[Graphs], tmp_path: Path) -
     assert module.network.projection is not None
     assert network.projection is not None
     assert torch.equal(network.projection.matrix, module.network.projection.matrix)
-    assert export_association(network, tmp_path / "a.onnx") <= TOLERANCE
-    exported, (found,) = CostNetwork(tmp_path / "a.onnx", threads=1), [described(9).detections[3]]
-    assert exported.card.feature_length == LENGTH
-    projected = exported.projected(found).features
+    costs, (found,) = CostNetwork(exported, threads=1), [described(9).detections[3]]
+    assert costs.card.feature_length == LENGTH
+    projected = costs.projected(found).features
     expected = NetworkChanges(network).projected(found).features
     assert projected is not None
     assert expected is not None
@@ -130,7 +145,7 @@ def test_a_checkpoint_and_a_file_have_it(graphs: list[Graphs], tmp_path: Path) -
     np.testing.assert_allclose(projected, expected, atol=TOLERANCE)
 
 
-def test_the_tracker_compares_what_was_projected(graphs: list[Graphs], tmp_path: Path) -> None:
+def test_the_tracker_compares_what_was_projected(graphs: list[Graphs]) -> None:
     """As if the features had come projected; and other tracks than from the features as they came."""
     module = AssociationTraining(appearance=AppearanceLearning(projection=1))
     module.standardise(graphs)
@@ -140,25 +155,21 @@ def test_the_tracker_compares_what_was_projected(graphs: list[Graphs], tmp_path:
         network.projection.matrix.copy_(torch.eye(1, LENGTH))
     found: dict[str, list[Detections]] = {"raw": list(video.detections)}
     found["projected"] = [NetworkChanges(network).projected(one) for one in video.detections]
-    export_association(network, tmp_path / "projects.onnx")
-    network.projection = None
-    export_association(network, tmp_path / "plain.onnx")
+    plain = copy.deepcopy(network)
+    plain.projection = None
 
-    def boxes(name: str, given: str) -> list[list[float]]:
-        tracker = FlowTracker(frame_rate=25.0, size=video.size, changes=CostNetwork(tmp_path / name, threads=1))
+    def boxes(changes: AssociationNetwork, given: str) -> list[list[float]]:
+        tracker = FlowTracker(frame_rate=25.0, size=video.size, changes=NetworkChanges(changes))
         for one in found[given]:
             tracker.update(one)
         return [track.boxes.round(6).tolist() for track in tracker.tracks()]
 
-    assert boxes("projects.onnx", "raw") == boxes("plain.onnx", "projected") != boxes("plain.onnx", "raw")
+    assert boxes(network, "raw") == boxes(plain, "projected") != boxes(plain, "raw")
 
 
 @pytest.mark.parametrize("length", [None, 4])
-def test_other_features_are_refused(graphs: list[Graphs], tmp_path: Path, length: int | None) -> None:
-    module = AssociationTraining(appearance=AppearanceLearning(projection=2))
-    module.standardise(graphs)
-    export_association(module.network, tmp_path / "a.onnx")
-    changes, (box,) = CostNetwork(tmp_path / "a.onnx", threads=1), [np.array([[0, 0, 10.0, 20]])]
+def test_other_features_are_refused(exported: Path, length: int | None) -> None:
+    changes, (box,) = CostNetwork(exported, threads=1), [np.array([[0, 0, 10.0, 20]])]
     found = Detections(box, np.ones(1), None if length is None else np.ones((1, length)))
     assert len(changes.projected(Detections.empty())) == 0
     got = "none" if length is None else "4 numbers"

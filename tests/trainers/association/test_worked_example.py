@@ -39,9 +39,9 @@ def test_hinge() -> None:
 def test_fenchel_young() -> None:
     """Four links with noise of deviation 1 each: the swap stays the cheaper with P(N(0, 2) < 0.8) = 0.655.
 
-    A share of a thousand pairs deviates by 0.015, and by less where the two of a pair differ: four of that are allowed.
+    A share of 250 pairs deviates by 0.03, and by less where the two of a pair differ: four of that are allowed.
     """
-    value, gradient = loss_and_gradient(FlowLoss("fenchel_young", pairs=1000))
-    np.testing.assert_allclose(value, 1.27, atol=0.1)
-    np.testing.assert_allclose(gradient[12:], [0.655, 0.655, -0.655, -0.655], atol=0.06)
-    assert abs(gradient[:4]).max() < 0.05
+    value, gradient = loss_and_gradient(FlowLoss("fenchel_young", pairs=250))
+    np.testing.assert_allclose(value, 1.27, atol=0.2)
+    np.testing.assert_allclose(gradient[12:], [0.655, 0.655, -0.655, -0.655], atol=0.12)
+    assert abs(gradient[:4]).max() < 0.1

@@ -5,16 +5,24 @@ from __future__ import annotations
 import csv
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import cv2
+import lightning
 import numpy as np
 import pytest
 import torch
+from torch import nn
+from torch.nn import functional
 
+from tsuiseki.datamodules.action_data import ActionBatch
+from tsuiseki.models import action_network
+from tsuiseki.models.backbones import Trunk
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action import ActionRecogniser, averaged
+from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser, averaged
 from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.onnx import OnnxModel
+from tsuiseki.trainers.exporting import export_networks
 from tsuiseki.trainers.exporting.export import ModelFiles, load_module
 from tsuiseki.trainers.exporting.export_networks import export_action
 from tsuiseki.trainers.networks.action_training import ActionTraining
@@ -127,14 +135,15 @@ def test_streams_that_do_not_belong_together_are_refused(exported: list[Path], t
 @pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
 @pytest.mark.parametrize(
     ("name", "trunk", "size"),
-    [("action_drone", 576, 64), ("action_resnet101", 2048, 224)],
+    [("action_drone", 576, 64), ("action_thesis", 2048, 224)],
 )
 def test_configurations_build_what_they_say(name: str, trunk: int, size: int, tmp_path: Path) -> None:
     config = Path(str(resources.files("tsuiseki.configs"))) / f"{name}.yaml"
-    small = ["--model.streams=[rgb_local,flow_global]"]
+    small = ["--model.streams=[rgb_local,flow_global]", "--model.fused=false"]
     words = ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu", *small]
     words += ["--model.weights", "null", "--trainer.precision", "32"]
     cli = TaskCLI(ACTION, words)
+    assert (cli.model.rare_weight == 0, cli.datamodule.rarity == 0) == 2 * (name == "action_thesis",)
     assert cli.datamodule.cutting.size == size == cli.model.inputs["rgb_local"].size
     assert cli.datamodule.streams == ("rgb_local", "flow_global")
     assert cli.model.network.streams["rgb_local"].trunk.channels[-1] == trunk
@@ -154,7 +163,7 @@ def test_request_errors(acting_clips: Path, tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
 def test_the_thesis_configuration_trains_on_okutama_s_layout(acting_clips: Path, tmp_path: Path) -> None:
     """A step of one stream at full size, TV-L1 flow included; what a GPU would do five thousand times."""
-    config = Path(str(resources.files("tsuiseki.configs"))) / "action_resnet101.yaml"
+    config = Path(str(resources.files("tsuiseki.configs"))) / "action_thesis.yaml"
     small = {
         "out": tmp_path / "out",
         "trainer.accelerator": "cpu",
@@ -163,6 +172,7 @@ def test_the_thesis_configuration_trains_on_okutama_s_layout(acting_clips: Path,
         "trainer.limit_val_batches": 1,
         "model.weights": "null",
         "model.streams": "[flow_global]",
+        "model.fused": "false",
         "data.train_folders": f"[{acting_clips / 'okutama'}]",
         "data.validation_folders": f"[{acting_clips / 'validation'}]",
         "data.cache": tmp_path / "cache",
@@ -175,3 +185,47 @@ def test_the_thesis_configuration_trains_on_okutama_s_layout(acting_clips: Path,
     module = load_module(ActionTraining, best)
     assert module.inputs["flow_global"].flow == "tv-l1"
     assert module.names == OKUTAMA_ACTIONS
+
+
+def tiny_trunk(*_: object) -> Trunk:
+    """Three convolutions in place of a classifier's."""
+    return Trunk([nn.Conv2d(c, 4, 3, 2, 1) for c in (3, 4, 4)], (4, 4, 4))
+
+
+def test_streams_that_learn_jointly_are_exported_as_one_file_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(action_network, "build_trunk", tiny_trunk)
+    torch.manual_seed(0)
+    module = ActionTraining(actions=3, size=16, dropout=0.0, fused=True)
+    crops = {n: torch.randint(0, 256, (2, 1, 16, 16, i.channels), dtype=torch.uint8) for n, i in module.inputs.items()}
+    truth = torch.tensor([[1.0, 0, 0], [0, 1, 1]])
+    monkeypatch.setattr(module, "log", lambda *_, **__: None)
+    mean = torch.stack([logits.sigmoid() for logits in module(crops).values()]).mean(dim=0)
+    expected = functional.binary_cross_entropy(mean, truth)
+    torch.testing.assert_close(module.training_step(ActionBatch(crops, truth), 0), expected)
+
+    trainer = lightning.Trainer(accelerator="cpu", logger=False, enable_progress_bar=False)
+    trainer.strategy.connect(module)
+    trainer.save_checkpoint(tmp_path / "best.ckpt")
+    real, fused = export_networks.export_onnx, tmp_path / "a_fused.onnx"
+
+    def export_fused_alone(network: nn.Module, *given: Any) -> float:
+        return real(network, *given) if isinstance(network, action_network.FusedProbability) else 0.0
+
+    monkeypatch.setattr(export_networks, "export_onnx", export_fused_alone)
+    monkeypatch.setattr(ModelFiles, "report", lambda *_: None)
+    written = export_action(ModelFiles(out=tmp_path / "a.onnx"), tmp_path / "best.ckpt")
+    assert set(written) == {fused, *(tmp_path / f"a_{name}.onnx" for name in STREAMS)}
+    one = ActionRecogniser([fused], threads=1)
+    assert one.streams == STREAMS
+    rng = np.random.default_rng(0)
+    images, boxes = list(rng.integers(0, 256, (2, 48, 64, 3), np.uint8)), np.array([[5, 4, 20, 40], [40, 2, 70, 30.0]])
+    given = {name: torch.from_numpy(c)[:, None] for name, c in crops_of(one, images, boxes).items()}
+    with torch.no_grad():
+        mean = torch.stack([logits.sigmoid() for logits in module.eval()(given).values()]).mean(dim=0)
+    np.testing.assert_allclose(one.recognise(images, boxes), mean[None], atol=1e-5)
+    with pytest.raises(RequestError, match="one file a stream, or one of all"):
+        ActionRecogniser([fused, fused])
+    with pytest.raises(RequestError, match="with `fused`, got rgb_local"):
+        ActionTraining(streams=("rgb_local",), fused=True)
