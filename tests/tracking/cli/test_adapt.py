@@ -85,9 +85,13 @@ def test_a_teacher_that_cannot_look(video: Path, tmp_path: Path, capsys: pytest.
 
 
 @pytest.mark.slow
-def test_nobody(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nobody(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     import cv2
 
+    from tsuiseki.trainers.adapt import rounds as module
+    from tsuiseki.trainers.adapt.find import FoundPeople
+
+    monkeypatch.setattr(module, "find", lambda v, *_: FoundPeople([Detections.empty()] * v.length, 0, [], 1))
     empty = street.write_video(tmp_path / "empty", frames=100)
     for path in (empty / "img1").iterdir():
         cv2.imwrite(str(path), street.view()[..., ::-1])
@@ -149,10 +153,11 @@ def test_the_teacher_is_opened_once(video: Path, tmp_path: Path, monkeypatch: py
 
     def one_round(adaptation: Adaptation) -> Iterator[object]:
         given.append(adaptation)
-        looked = look(adaptation, 0, adaptation.start)
         assert adaptation.teacher is not None
-        look(replace(adaptation, work=adaptation.work / "other"), 0, adaptation.teacher)
-        yield looked
+        for work in ("one", "other"):
+            looking = replace(adaptation, work=adaptation.work / work, teacher=None)
+            look(looking, 0, adaptation.teacher)
+        yield from made_up_rounds(adaptation, 0.7)
 
     rows = np.zeros((7, 126), np.float32)
     rows[:4] = [[40], [30], [10], [30]]

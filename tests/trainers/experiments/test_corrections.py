@@ -1,5 +1,7 @@
 """The simulated annotator: what it is asked on a street, and what its answers do."""
 
+import shutil
+
 import pytest
 
 from tsuiseki.tracking.cli import main
@@ -10,10 +12,16 @@ from tsuiseki.trainers.experiments.given_sequences import find_given
 
 
 @pytest.fixture(scope="module")
-def course(tmp_path_factory):
+def streets(tmp_path_factory):
+    """A folder with one short street."""
     home = tmp_path_factory.mktemp("data") / "streets"
     write_streets(home, 1, 60)
-    return reviewed(find_given(home.parent, STREETS)[0], 6)
+    return home
+
+
+@pytest.fixture(scope="module")
+def course(streets):
+    return reviewed(find_given(streets.parent, STREETS)[0], 6)
 
 
 def test_answers_bring_the_tracks_nearer_to_what_the_detections_allow(course):
@@ -23,16 +31,14 @@ def test_answers_bring_the_tracks_nearer_to_what_the_detections_allow(course):
     assert max(course.idf1) <= course.allowed + 0.1
 
 
-def street(home, *_):
-    """One short street instead of many."""
-    return write_streets(home, 1, 60)
+def short_street(home, *_):
+    """A street of two frames instead of many."""
+    write_streets(home, 1, 2)
 
 
-def test_the_experiment_runs_to_its_table(tmp_path, monkeypatch):
-    monkeypatch.setattr(corrections, "write_streets", street)
-    street(tmp_path / "made")
-    (tmp_path / "mot").mkdir()
-    next(path for path in tmp_path.rglob("gt") if path.is_dir()).parent.rename(tmp_path / "mot/TUD-Campus")
+def test_the_experiment_runs_to_its_table(streets, tmp_path, monkeypatch):
+    monkeypatch.setattr(corrections, "write_streets", short_street)
+    shutil.copytree(streets / "street-00", tmp_path / "mot/TUD-Campus")
     words = ["reproduce", "corrections", "--data", str(tmp_path), "--answers", "2", "--streets", "0"]
     out = tmp_path / "out"
     assert main([*words, "--out", str(out), "--cache", str(tmp_path / "cache")]) == 0

@@ -20,6 +20,8 @@ from tsuiseki.datamodules.detection_data import DetectionData
 from tsuiseki.datamodules.footage import TrainingSource
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.detector_network import detector_card
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 from tsuiseki.trainers.networks.fit import DETECTOR, EpochLines, TaskCLI, fit_detector
@@ -65,21 +67,10 @@ def config(tmp_path: Path) -> Path:
 def test_a_training_that_began_from_an_exported_file_goes_on_with_its_own_normalisations(
     config: Path, tmp_path: Path
 ) -> None:
-    exported = tmp_path / "start.onnx"
-    assert main(["train", "detector", "--config", str(config)]) == 0
-    (best,) = config.parent.rglob("best.ckpt")
-    assert main(["export", "detector", "--checkpoint", str(best), "--out", str(exported)]) == 0
-    out = tmp_path / "on"
-    words = [
-        "--config",
-        str(config),
-        "--out",
-        str(out),
-        "--model.start",
-        str(exported),
-        "--model.optimisation.learning_rate",
-        "1e-9",
-    ]
+    start = shipped("detector_street")
+    layout, out = layout_of(start), tmp_path / "on"
+    changes = {"start": start, "trunk": layout.trunk, "channels": layout.channels, "optimisation.learning_rate": "1e-9"}
+    words = ["--config", str(config), "--out", str(out), *(f"--model.{name}={v}" for name, v in changes.items())]
     fit_detector(words)
     last = out / "checkpoints" / "last.ckpt"
     before = torch.load(last, weights_only=True)["state_dict"]
@@ -243,7 +234,7 @@ def test_a_person_is_learnt(config: Path, tmp_path: Path) -> None:
         "--trainer.max_epochs",
         "4",
         "--data.examples_per_epoch",
-        "90",
+        "60",
         "--model.optimisation.learning_rate",
         "0.004",
     ]
