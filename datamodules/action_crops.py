@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import itertools
 import json
 import shutil
 import sys
@@ -26,7 +27,6 @@ from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.formats.okutama import check_frames
 from tsuiseki.tracking.types import BoolArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import ActionLabels
-from tsuiseki.tracking.video.source import open_source
 
 
 @dataclass(frozen=True)
@@ -101,15 +101,16 @@ def frame_reader(sequence: ActionSequence) -> ReadFrame:
 
 def _forward(path: Path) -> ReadFrame:
     """Frames of a video file; what lies between those that are asked for is passed over."""
-    frames = open_source(str(path)).frames()
+    capture, numbers = cv2.VideoCapture(str(path)), itertools.count()
 
     def read(number: int) -> ImageArray:
-        image = next((frame.image for frame in frames if frame.index == number), None)
-        if image is None:
+        reached = any(next(numbers) == number for _ in iter(capture.grab, False))
+        decoded, image = capture.retrieve() if reached else (False, np.empty(0))
+        if not decoded:
             raise RequestError(
                 f"{path}: expected at least {number + 1} frames, got fewer; are its labels another video's?"
             )
-        return image
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
     return read
 
