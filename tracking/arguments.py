@@ -87,7 +87,8 @@ def _checked(function: Callable[..., Any], bounded: bool = True) -> Callable[...
             known = get_type_hints(*get_args(kinds()[name])) if get_args(kinds()[name]) else {}
             for inner, each in value.items():
                 if known and inner not in known:
-                    raise RequestError(f"expected the keywords {', '.join(known)}, got {inner!r}")
+                    kind = TypeError if function.__name__ == "__init__" else RequestError
+                    raise kind(f"expected the keywords {', '.join(known)}, got {inner!r}")
                 check_argument(inner, each, known.get(inner, Any), parameter.empty)
         return function(*given, **named)
 

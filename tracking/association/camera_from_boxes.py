@@ -24,7 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
+from tsuiseki.tracking.association.nearby import near_pairs, sizes
+from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 # How far a box moves between two frames at most, heights.

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.association.detection_tables import DetectionTable, Measurements
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
 # Which covariance belongs to x, y, log width and log height.
 GROUPS = np.array([0, 0, 1, 2])
@@ -54,7 +54,7 @@ class MotionNoise:
 
 
 @dataclass(frozen=True)
-class Beliefs:
+class Beliefs(Columns):
     """What is known at N detections.
 
     Attributes:
@@ -68,24 +68,11 @@ class Beliefs:
     velocity: FloatArray
     covariance: FloatArray
 
-    def select(self, which: BoolArray | IntArray) -> Beliefs:
-        """At the detections of a mask or of indices."""
-        return Beliefs(self.place[which], self.velocity[which], self.covariance[which])
-
     def replaced(self, which: IntArray, other: Beliefs) -> Beliefs:
         """These, with others at ``(K,)`` indices."""
         both = Beliefs(self.place.copy(), self.velocity.copy(), self.covariance.copy())
         both.place[which], both.velocity[which], both.covariance[which] = other.place, other.velocity, other.covariance
         return both
-
-
-def joined_beliefs(one: Beliefs, other: Beliefs) -> Beliefs:
-    """What is known at some detections, then at others."""
-    return Beliefs(
-        np.concatenate([one.place, other.place]),
-        np.concatenate([one.velocity, other.velocity]),
-        np.concatenate([one.covariance, other.covariance]),
-    )
 
 
 def beliefs_alone(measured: Measurements, noise: MotionNoise) -> Beliefs:
@@ -186,7 +173,7 @@ def _filtered(
 
 
 @dataclass(frozen=True)
-class TrackMotion:
+class TrackMotion(Columns):
     """What is known at N detections.
 
     Attributes:
@@ -210,43 +197,10 @@ class TrackMotion:
         past, future = (beliefs_alone(table.measured, motion) for _ in range(2))
         return cls(np.full(len(table), -1), past, future, never, never)
 
-    def select(self, which: BoolArray) -> TrackMotion:
-        """Of the detections at a mask."""
-        return TrackMotion(
-            self.follower[which],
-            self.past.select(which),
-            self.future.select(which),
-            self.ending[which],
-            self.beginning[which],
-        )
-
-    def and_then(self, other: TrackMotion) -> TrackMotion:
-        """Of these and of further detections."""
-        return TrackMotion(
-            np.append(self.follower, other.follower),
-            joined_beliefs(self.past, other.past),
-            joined_beliefs(self.future, other.future),
-            np.append(self.ending, other.ending),
-            np.append(self.beginning, other.beginning),
-        )
-
-
-@dataclass(frozen=True)
-class MotionChange:
-    """Where something is known anew.
-
-    Attributes:
-        past: ``(N,)`` whether the past of its track has changed at each detection.
-        future: ``(N,)`` likewise the future.
-    """
-
-    past: BoolArray
-    future: BoolArray
-
 
 def followed(
     known: TrackMotion, table: DetectionTable, labels: IntArray, follower: IntArray, motion: MotionNoise, reach: int
-) -> tuple[TrackMotion, MotionChange]:
+) -> tuple[TrackMotion, tuple[BoolArray, BoolArray]]:
     """What is known along other tracks.
 
     Args:
@@ -256,6 +210,9 @@ def followed(
         follower: ``(N,)`` number of what follows each now, -1 for nothing.
         motion: noise of the filter.
         reach: detections of its track by which something is known of a detection; see `RUN_UP`.
+
+    Returns:
+        What is known, and ``(N,)`` whether the past, and whether the future of its track has changed at each detection.
     """
     own = np.where(labels < 0, int(labels.max(initial=-1)) + 1 + np.arange(len(table)), labels)
     order = np.argsort(own, kind="stable")
@@ -264,22 +221,22 @@ def followed(
     past = stretch.any_within((_came_from(before) != _came_from(after))[order], reach, 0)
     future = stretch.any_within((before != after)[order], 0, reach)
     needed = stretch.any_within(past, 0, RUN_UP) | stretch.any_within(future, RUN_UP, 0)
-    changed = MotionChange(np.empty(len(table), np.bool_), np.empty(len(table), np.bool_))
-    changed.past[order], changed.future[order] = past, future
+    back, ahead = np.empty(len(table), np.bool_), np.empty(len(table), np.bool_)
+    back[order], ahead[order] = past, future
     # A part of a track that lies apart from its other parts is filtered by itself.
     part = np.cumsum(np.diff(stretch.first, prepend=-1).astype(np.bool_) | (needed & ~np.roll(needed, 1)))
     label = np.empty(len(table), dtype=np.int64)
     label[order] = part
     again = np.sort(order[needed])
-    behind, ahead = beliefs_along(label[again], table.measured.select(again), motion)
+    pasts, futures = beliefs_along(label[again], table.measured.select(again), motion)
     now = TrackMotion(
         follower.copy(),
-        known.past.replaced(again[changed.past[again]], behind.select(changed.past[again])),
-        known.future.replaced(again[changed.future[again]], ahead.select(changed.future[again])),
+        known.past.replaced(again[back[again]], pasts.select(back[again])),
+        known.future.replaced(again[ahead[again]], futures.select(ahead[again])),
         known.ending,
         known.beginning,
     )
-    return now, changed
+    return now, (back, ahead)
 
 
 def _came_from(after: IntArray) -> IntArray:

@@ -24,11 +24,11 @@ import numpy as np
 
 from tsuiseki.tracking.association.nearby import gaps
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import Columns, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class PairFeatures:
+class PairFeatures(Columns):
     """How the later detection of each of P pairs differs from the earlier one.
 
     Attributes:
@@ -51,23 +51,6 @@ class PairFeatures:
     dw: FloatArray
     dh: FloatArray
     action: FloatArray | None = None
-
-    def __len__(self) -> int:
-        return len(self.gap)
-
-    def select(self, which: BoolArray | IntArray) -> PairFeatures:
-        """The pairs at a mask or at indices."""
-        action = None if self.action is None else self.action[which]
-        return PairFeatures(
-            self.gap[which],
-            self.iou[which],
-            self.appearance[which],
-            self.dx[which],
-            self.dy[which],
-            self.dw[which],
-            self.dh[which],
-            action,
-        )
 
 
 class TransitionCost(Protocol):

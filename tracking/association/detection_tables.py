@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
+from tsuiseki.tracking.types import Columns, Detections, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class DetectionRows:
+class DetectionRows(Columns):
     """Detections of several frames, as they are given.
 
     Attributes:
@@ -29,20 +30,6 @@ class DetectionRows:
     scores: FloatArray
     features: FloatArray | None
     actions: FloatArray | None = None
-
-    def __len__(self) -> int:
-        return len(self.numbers)
-
-    def select(self, which: BoolArray | IntArray) -> DetectionRows:
-        """The rows at a mask or at indices."""
-        return DetectionRows(
-            self.numbers[which],
-            self.frames[which],
-            self.boxes[which],
-            self.scores[which],
-            _chosen(self.features, which),
-            _chosen(self.actions, which),
-        )
 
 
 def rows_of(detections: Sequence[Detections], first_frame: int, first_number: int) -> DetectionRows:
@@ -88,7 +75,7 @@ def _features_of(detections: Sequence[Detections]) -> FloatArray | None:
 
 
 @dataclass(frozen=True)
-class Measurements:
+class Measurements(Columns):
     """N detections as the filter along chains takes them.
 
     Attributes:
@@ -103,13 +90,9 @@ class Measurements:
     noise: FloatArray
     wander: FloatArray
 
-    def select(self, which: BoolArray | IntArray) -> Measurements:
-        """Those at a mask or at indices."""
-        return Measurements(self.times[which], self.places[which], self.noise[which], self.wander[which])
-
 
 @dataclass(frozen=True)
-class DetectionTable:
+class DetectionTable(Columns):
     """The detections of a window of the flow, in the order of their frames.
 
     Attributes:
@@ -143,9 +126,6 @@ class DetectionTable:
         measured = Measurements(nothing, np.empty((0, 4)), nothing, nothing)
         return cls(none, none, np.empty((0, 4)), np.empty((0, 4)), measured, None, frame_rate, size)
 
-    def __len__(self) -> int:
-        return len(self.numbers)
-
     def rows(self, numbers: IntArray) -> IntArray:
         """``(K,)`` indices of the detections of ``(K,)`` numbers, -1 for those that are not here."""
         return rows_of_numbers(self.numbers, numbers)
@@ -156,39 +136,9 @@ class DetectionTable:
             return np.asarray((self.frames[j] - self.frames[i]) * (1 / self.frame_rate), dtype=np.float64)
         return np.asarray(self.measured.times[j] - self.measured.times[i])
 
-    def select(self, which: BoolArray | IntArray) -> DetectionTable:
-        """The detections at a mask or at indices."""
-        return replace(
-            self,
-            numbers=self.numbers[which],
-            frames=self.frames[which],
-            image=self.image[which],
-            boxes=self.boxes[which],
-            measured=self.measured.select(which),
-            features=_chosen(self.features, which),
-            actions=_chosen(self.actions, which),
-        )
-
-    def and_then(self, other: DetectionTable) -> DetectionTable:
+    def and_then(self, other: Self) -> Self:
         """These detections, and after them those of another table."""
-        measured = Measurements(
-            np.append(self.measured.times, other.measured.times),
-            np.concatenate([self.measured.places, other.measured.places]),
-            np.append(self.measured.noise, other.measured.noise),
-            np.append(self.measured.wander, other.measured.wander),
-        )
-        counts = len(self), len(other)
-        return replace(
-            self,
-            numbers=np.append(self.numbers, other.numbers),
-            frames=np.append(self.frames, other.frames),
-            image=np.concatenate([self.image, other.image]),
-            boxes=np.concatenate([self.boxes, other.boxes]),
-            measured=measured,
-            features=_stacked(counts, self.features, other.features),
-            actions=_stacked(counts, self.actions, other.actions),
-            even=self.even and other.even,
-        )
+        return replace(super().and_then(other), even=self.even and other.even)
 
 
 def rows_of_numbers(known: IntArray, numbers: IntArray) -> IntArray:
@@ -201,16 +151,3 @@ def rows_of_numbers(known: IntArray, numbers: IntArray) -> IntArray:
     places = np.full(last - first + 2, -1)
     places[known - first] = np.arange(len(known))
     return np.asarray(places[np.where((numbers >= first) & (numbers <= last), numbers - first, -1)])
-
-
-def _chosen(rows: FloatArray | None, which: BoolArray | IntArray) -> FloatArray | None:
-    return None if rows is None else rows[which]
-
-
-def _stacked(counts: tuple[int, int], first: FloatArray | None, second: FloatArray | None) -> FloatArray | None:
-    """Rows of two tables, one after the other, NaN where one has none; None where neither has any."""
-    width = next((rows.shape[1] for rows in (first, second) if rows is not None), None)
-    if width is None:
-        return None
-    pairs = zip(counts, (first, second), strict=True)
-    return np.concatenate([np.full((count, width), np.nan) if rows is None else rows for count, rows in pairs])

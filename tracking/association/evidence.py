@@ -11,8 +11,8 @@ import numpy as np
 from tsuiseki.tracking.association.chain_motion import Beliefs, MotionNoise
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.link_pricing import LinkParts
-from tsuiseki.tracking.association.nearby import centres, near_pairs, sizes
-from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.association.nearby import near_pairs, sizes
+from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 DETECTION_FEATURES = (
@@ -103,26 +103,6 @@ def link_evidence(table: DetectionTable, parts: LinkParts, motion: MotionNoise) 
         "action_known": acting.astype(np.float64),
     }
     return np.stack([columns[name] for name in LINK_FEATURES], axis=1)
-
-
-def join_evidence(
-    table: DetectionTable,
-    parts: LinkParts,
-    motion: MotionNoise,
-    counts: tuple[IntArray, IntArray],
-    spans: tuple[IntArray, IntArray],
-) -> FloatArray:
-    """``(P, 29)`` features of P joins of tracklets: `JOIN_FEATURES`.
-
-    Args:
-        table: the detections.
-        parts: the last detections of the earlier and the first ones of the later tracklets.
-        motion: noise of the filter.
-        counts: ``(P,)`` detections of the earlier and of the later tracklets.
-        spans: ``(P,)`` frames from their first to their last one.
-    """
-    more = [np.log(counts[0]), np.log(counts[1]), *(np.log1p(span / table.frame_rate) for span in spans)]
-    return np.concatenate([link_evidence(table, parts, motion), np.stack(more, axis=1)], axis=1)
 
 
 def _errors(parts: LinkParts, motion: MotionNoise) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

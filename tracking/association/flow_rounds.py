@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tsuiseki.tracking.association.chain_motion import MotionChange, TrackMotion
+from tsuiseki.tracking.association.chain_motion import TrackMotion
 from tsuiseki.tracking.association.costs import window_means
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.link_cost import DOUBT, MOST_WORTH, LinkCost
@@ -27,7 +27,6 @@ from tsuiseki.tracking.association.nearby import (
     BOXES_AT_ONCE,
     Pairs,
     Strips,
-    centres,
     dense_reach,
     gaps,
     joined,
@@ -35,11 +34,12 @@ from tsuiseki.tracking.association.nearby import (
     nearest,
     sizes,
 )
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.geometry import centres
+from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class Links:
+class Links(Columns):
     """Links between detections of a window.
 
     Attributes:
@@ -56,23 +56,6 @@ class Links:
     cost: FloatArray = field(default_factory=lambda: np.empty(0))
     price: FloatArray = field(default_factory=lambda: np.empty(0))
     hidden: FloatArray = field(default_factory=lambda: np.empty(0))
-
-    def select(self, which: BoolArray | IntArray) -> Links:
-        """The links at a mask or at indices."""
-        return Links(self.tail[which], self.head[which], self.cost[which], self.price[which], self.hidden[which])
-
-
-def joined_links(one: Links, other: Links) -> Links:
-    """The links of two tables, one after the other."""
-    if len(one.tail) == 0 or len(other.tail) == 0:
-        return one if len(other.tail) == 0 else other
-    return Links(
-        np.append(one.tail, other.tail),
-        np.append(one.head, other.head),
-        np.append(one.cost, other.cost),
-        np.append(one.price, other.price),
-        np.append(one.hidden, other.hidden),
-    )
 
 
 # Seconds from the end of a track that count as near it.
@@ -194,7 +177,7 @@ def repriced(
     table: DetectionTable,
     labels: IntArray,
     known: TrackMotion,
-    changed: MotionChange,
+    changed: tuple[BoolArray, BoolArray],
     settings: RoundSettings,
     free: BoolArray,
     by: Pricing,
@@ -208,7 +191,7 @@ def repriced(
         table: the detections.
         labels: ``(N,)`` track of each detection, -1 for none.
         known: what is known along the tracks.
-        changed: where that is new.
+        changed: ``(N,)`` where the past, and where the future is known anew.
         settings: which links there are.
         free: ``(N,)`` detections that are not decided yet.
         by: what links are priced by.
@@ -218,11 +201,11 @@ def repriced(
     """
     means = None if table.features is None else mean_features(table, labels, table.features, AVERAGED)
     tail, head = table.rows(links.tail), table.rows(links.head)
-    again = changed.past[tail] | changed.future[head] | np.isnan(links.price)
+    again = changed[0][tail] | changed[1][head] | np.isnan(links.price)
     if by.change is not None:
         again[:] = True
     ending, beginning = (_mask(ends, len(table)) & free for ends in near_ends(table, labels, ENDS))
-    fresh = ending & (changed.past | ~known.ending), beginning & (changed.future | ~known.beginning)
+    fresh = ending & (changed[0] | ~known.ending), beginning & (changed[1] | ~known.beginning)
     more = _fresh_candidates(table, (ending, beginning), fresh, settings, by.cost)
     more = _without(more, tail, head, len(table))
     i, j = np.append(tail[again], more[0]), np.append(head[again], more[1])
@@ -237,7 +220,7 @@ def repriced(
     before = before[kept]
     near = price + np.where(np.isnan(before), 0.0, KEEP * (before - price))
     new = Links(table.numbers[i[kept]], table.numbers[j[kept]], near, price, hidden)
-    return joined_links(old, new), replace(known, ending=ending, beginning=beginning)
+    return old.and_then(new), replace(known, ending=ending, beginning=beginning)
 
 
 def _fresh_candidates(

@@ -21,7 +21,6 @@ from tsuiseki.tracking.association.flow_rounds import (
     Links,
     RoundSettings,
     candidates,
-    joined_links,
     repriced,
     with_known_velocity,
 )
@@ -32,10 +31,10 @@ from tsuiseki.tracking.association.nearby import Pairs, gaps
 from tsuiseki.tracking.association.network_flow import FlowGraph, FlowSolution, track_labels
 from tsuiseki.tracking.association.places import (
     MEMORY,
+    NO_COUNTS,
     UNKNOWN,
     EntryCounts,
     EntryPlaces,
-    no_counts,
     place_costs,
     starts_and_ends,
 )
@@ -76,7 +75,6 @@ class FlowWindow:
         costs: of the flow.
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
-        most_undecided: most frames that may stay undecided; None never cuts.
         transition: learnt costs of pairs, taken beside the motion; None for none.
         changes: by how much costs learnt on whole tracks differ from these; None for not at all.
 
@@ -90,7 +88,6 @@ class FlowWindow:
         costs: FlowCosts,
         frame_rate: float,
         size: tuple[int, int] | None,
-        most_undecided: int | None = None,
         transition: TransitionCost | None = None,
         changes: CostChanges | None = None,
     ) -> None:
@@ -98,7 +95,7 @@ class FlowWindow:
         self.overlap = gaps(costs.rounds.window, frame_rate) + 1
         most = costs.entry + MOST_WORTH + (0.0 if changes is None else LARGEST)
         most += 0.0 if costs.places is None else costs.places.most
-        self._flow = SlidingFlow(self.overlap, most, most_undecided)
+        self._flow = SlidingFlow(self.overlap, most)
         self._transition = transition
         self.changes = changes
         self._table = DetectionTable.empty(frame_rate, size)
@@ -107,11 +104,11 @@ class FlowWindow:
         # Of decided detections: what follows them. Of undecided ones: what followed them in the last round.
         self._follower = np.empty(0, dtype=np.int64)
         # Where decided tracks begin and end.
-        self._counts = no_counts()
+        self._counts = NO_COUNTS
 
     @property
     def exact(self) -> bool:
-        """False once a window was cut before its time."""
+        """False once something was settled that frames to come might have changed."""
         return self._flow.exact
 
     @property
@@ -155,7 +152,7 @@ class FlowWindow:
         )
         tail, head = table.numbers[i[kept]], table.numbers[j[kept]]
         found = Links(tail, head, cost, np.full(len(kept), np.nan), hidden)
-        self._links = joined_links(self._links, found)
+        self._links = self._links.and_then(found)
 
     def solve(
         self,
@@ -226,11 +223,11 @@ class FlowWindow:
         known = (margin, float(table.frames.max(initial=0)) - margin)
         return EntryCounts(table.image, *starts_and_ends(self.labels(), table.frames, known))
 
-    def decide(self, last_frame: int, before: int, *, whatever: bool = False) -> Decision:
-        """Decide what lies before a frame and no frame after ``last_frame`` can change, or ``whatever`` those say."""
+    def decide(self, last_frame: int, before: int) -> Decision:
+        """Decide what lies before a frame and no frame after ``last_frame`` can change."""
         flow = self._flow
         counts = None if self.costs.places is None else self._starts_and_ends()
-        decision = flow.decide_before(before) if whatever else flow.decide(last_frame, before)
+        decision = flow.decide(last_frame, before)
         if counts is not None:
             counts = counts.select(np.isin(self._table.numbers, decision.numbers[decision.used]))
             self._counts = self._counts.and_then(counts).select(slice(-MEMORY, None))

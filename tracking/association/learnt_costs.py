@@ -207,15 +207,15 @@ class CostNetwork:
 
     def links(self, rows: FloatArray) -> FloatArray:
         """``(P,)`` changes of the costs of links."""
-        return self._run(links=rows)[0]
+        return self._run("links", rows)
 
     def detections(self, rows: FloatArray) -> FloatArray:
         """``(N, 3)`` changes of the costs of detections, of a track's start and of its end there."""
-        return self._run(detections=rows)[1]
+        return self._run("detections", rows)
 
     def joins(self, rows: FloatArray) -> FloatArray:
         """``(P,)`` changes of the costs of joins."""
-        return self._run(joins=rows)[2]
+        return self._run("joins", rows)
 
     def projected(self, found: Detections) -> Detections:
         """The detections of a frame with features ``(N, d)`` of unit length; as they are where nothing is projected.
@@ -236,21 +236,15 @@ class CostNetwork:
 
     def project(self, features: FloatArray) -> FloatArray:
         """``(N, D)`` features to ``(N, d)``, NaN where not known; only of a file that projects."""
-        return self._run(appearance=features)[3]
+        return self._run("appearance", features)
 
-    def _run(
-        self,
-        links: FloatArray | None = None,
-        detections: FloatArray | None = None,
-        joins: FloatArray | None = None,
-        appearance: FloatArray | None = None,
-    ) -> list[FloatArray]:
-        rows = []
-        for part, given in (("links", links), ("detections", detections), ("joins", joins)):
-            columns = self._columns[part]
-            chosen = np.zeros((0, len(columns))) if given is None else given[:, columns]
-            rows.append(np.ascontiguousarray(chosen, dtype=np.float32))
+    def _run(self, part: str, given: FloatArray) -> FloatArray:
+        """The output of one part for its rows; the others get none."""
+        rows = {
+            name: given[:, columns] if name == part else np.zeros((0, len(columns)))
+            for name, columns in self._columns.items()
+        }
         if self.card.feature_length:
-            looks = np.zeros((0, self.card.feature_length)) if appearance is None else appearance
-            rows.append(np.ascontiguousarray(looks, dtype=np.float32))
-        return [np.asarray(out, dtype=np.float64) for out in self.model.run(*rows)]
+            rows["appearance"] = given if part == "appearance" else np.zeros((0, self.card.feature_length))
+        found = self.model.run(*(np.ascontiguousarray(one, dtype=np.float32) for one in rows.values()))
+        return np.asarray(found[[*rows].index(part)], dtype=np.float64)

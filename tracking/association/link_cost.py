@@ -159,26 +159,6 @@ class ChainMismatch:
         return np.maximum(_student_cost(fit, volume), -MOST_WORTH)
 
 
-class MismatchOrTurn:
-    """`Mismatch` along chains, or of strangers for `TURN` more, whichever is less; see `LinkCost.mismatch_along`.
-
-    Args:
-        along: along chains.
-        alone: of strangers, which is asked for only where chains go together worse than for `TURN`.
-    """
-
-    def __init__(self, along: ChainMismatch, alone: SingleMismatch) -> None:
-        self._along, self._alone = along, alone
-
-    def __call__(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
-        """See `Mismatch`."""
-        cost = self._along(i, j, seconds, wander)
-        dear = np.flatnonzero(cost > TURN)
-        alone = self._alone(i[dear], j[dear], seconds[dear], wander[dear])
-        cost[dear] = np.minimum(cost[dear], alone + TURN)
-        return cost
-
-
 class _Columns:
     """Beliefs at N detections, a column at a time; ``a``, ``b``, ``c`` are ``(3, N)``, the others ``(4, N)``."""
 
@@ -287,7 +267,7 @@ class LinkCost:
         """
         return ChainMismatch(self.motion, past, future)(i, j, seconds, wander)
 
-    def mismatch_along(self, seen: Measurements, past: Beliefs, future: Beliefs, one_frame: float) -> MismatchOrTurn:
+    def mismatch_along(self, seen: Measurements, past: Beliefs, future: Beliefs, one_frame: float) -> Mismatch:
         """`mismatch` of the past of one and the future of the other, or of a sudden change of motion in between.
 
         Constant velocity with small changes fits those who walk, not those whom the camera suddenly swings past. The
@@ -301,7 +281,15 @@ class LinkCost:
             future: likewise of the future.
             one_frame: seconds.
         """
-        return MismatchOrTurn(ChainMismatch(self.motion, past, future), self.mismatch_alone(seen, one_frame))
+        along, alone = ChainMismatch(self.motion, past, future), self.mismatch_alone(seen, one_frame)
+
+        def cheaper(i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
+            cost = along(i, j, seconds, wander)
+            dear = np.flatnonzero(cost > TURN)
+            cost[dear] = np.minimum(cost[dear], alone(i[dear], j[dear], seconds[dear], wander[dear]) + TURN)
+            return cost
+
+        return cheaper
 
     def mismatch_alone(self, seen: Measurements, one_frame: float) -> SingleMismatch:
         """`mismatch` of detections of which each is all that is known of its chain: with P = diag(r², v²).

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 Pairs = tuple[IntArray, IntArray]
@@ -159,11 +160,6 @@ def near_places(
     return tails[tail[kept]], head[kept]
 
 
-def centres(boxes: FloatArray) -> FloatArray:
-    """``(N, 2)`` centres of ``(N, 4)`` boxes."""
-    return np.asarray((boxes[:, :2] + boxes[:, 2:]) / 2)
-
-
 def sizes(boxes: FloatArray) -> FloatArray:
     """``(N, 2)`` widths and heights of ``(N, 4)`` boxes."""
     return np.asarray(boxes[:, 2:] - boxes[:, :2])
@@ -236,21 +232,6 @@ def hidden_parts(frames: IntArray, boxes: FloatArray) -> FloatArray:
     return np.asarray(np.minimum(_overlaps(boxes, i, boxes, j) / size.prod(axis=1), 1))
 
 
-def hidden_between(
-    tails: IntArray, heads: IntArray, frames: IntArray, boxes: FloatArray, size: tuple[int, int] | None
-) -> FloatArray:
-    """``(P,)`` share of a person hidden or outside the image in the middle of the gap between two detections.
-
-    Args:
-        tails: ``(P,)`` indices of the earlier detections.
-        heads: ``(P,)`` of the later ones.
-        frames: ``(N,)`` increasing.
-        boxes: ``(N, 4)`` pixels, where the image shows them.
-        size: width and height of the image; None where it is not known.
-    """
-    return Hiding.of(frames, boxes, size).between(tails, heads)
-
-
 @dataclass(frozen=True)
 class Hiding:
     """What hides people: the boxes of all frames, and the borders of the image.
@@ -277,7 +258,12 @@ class Hiding:
         return cls(frames, columns, strips, float((columns[2] - columns[0]).max(initial=0.0)), size)
 
     def between(self, tails: IntArray, heads: IntArray) -> FloatArray:
-        """``(P,)`` share of a person hidden in the middle of the gap between two boxes, see `hidden_between`."""
+        """``(P,)`` share of a person hidden or outside the image in the middle of the gap between two detections.
+
+        Args:
+            tails: ``(P,)`` indices of the earlier detections.
+            heads: ``(P,)`` of the later ones.
+        """
         hidden = np.zeros(len(tails))
         asked = np.flatnonzero(self.frames[heads] - self.frames[tails] > 1)
         for start in range(0, len(asked), PAIRS_AT_ONCE):

@@ -13,7 +13,9 @@ import numpy as np
 
 from tsuiseki.tracking.association.costs import ObservationCost, PairFeatures, TransitionCost, pair_features
 from tsuiseki.tracking.association.detection_tables import DetectionRows
+from tsuiseki.tracking.association.nearby import near_pairs, sizes
 from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
+from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 
@@ -86,35 +88,14 @@ def pairs_by_gap(
     if len(frames) == 0:
         return
     frames = np.asarray(frames, dtype=np.int64)
-    x, y = (boxes[:, 0] + boxes[:, 2]) / 2, (boxes[:, 1] + boxes[:, 3]) / 2
-    height = boxes[:, 3] - boxes[:, 1]
-    order = np.lexsort((x, frames))
-    frames, x, y, height = frames[order] - frames.min(), x[order], y[order], height[order]
-    # One sorted key holds frame and x, so that a range of it is the strip of one frame within reach; the key of a
-    # frame is wider than the strip, and no strip runs into the next frame.
-    furthest = height.max() * (settings.reach + settings.speed * (settings.window - 1))
-    x = x - x.min()
-    width = x.max() + 2 * furthest + 1.0
-    key = frames * width + x
-    for gap in range(1, min(settings.window, int(frames[-1])) + 1):
-        i, j = _pairs_at_gap(gap, key, width, x, y, height, settings)
-        yield order[i], order[j], gap
-
-
-def _pairs_at_gap(
-    gap: int, key: FloatArray, width: float, x: FloatArray, y: FloatArray, height: FloatArray, settings: GateSettings
-) -> tuple[IntArray, IntArray]:
-    """Pairs within the gate at one gap, as positions in the order of the key."""
-    reach = height * (settings.reach + settings.speed * (gap - 1))
-    target = key + gap * width
-    first = np.searchsorted(key, target - reach)
-    count = np.searchsorted(key, target + reach, side="right") - first
-    i = np.repeat(np.arange(len(key)), count)
-    j = np.arange(len(i)) - np.repeat(np.cumsum(count) - count - first, count)
-    ratio = height[j] / height[i]
-    near = (x[j] - x[i]) ** 2 + (y[j] - y[i]) ** 2 <= reach[i] ** 2
-    kept = near & (ratio <= settings.size_ratio) & (ratio >= 1 / settings.size_ratio)
-    return i[kept], j[kept]
+    every, centre, height = np.arange(len(frames)), centres(boxes), sizes(boxes)[:, 1]
+    for gap in range(1, min(settings.window, int(np.ptp(frames))) + 1):
+        reach = height * (settings.reach + settings.speed * (gap - 1))
+        i, j = near_pairs(frames, centre, np.column_stack([reach, reach]), gap, every, every)
+        ratio = height[j] / height[i]
+        near = np.square(centre[j] - centre[i]).sum(axis=1) <= reach[i] ** 2
+        kept = near & (ratio <= settings.size_ratio) & (ratio >= 1 / settings.size_ratio)
+        yield i[kept], j[kept], gap
 
 
 def priced_pairs(

@@ -1,10 +1,10 @@
-"""Entry and exit costs that know the image's border and the places where tracks of this video begin and end.
+"""Entry and exit costs that know the places where tracks of this video begin and end.
 
 A track may begin anywhere, but most begin at the border, at a door or behind a pillar. With K a Gaussian kernel of so
 many heights, of detections d and of those s among them with which tracks found so far begin, the share that begins at a
 place z is
 
-    ρ(z) = (Σ_s K(z − z_s) + κ ρ̄ e^{β [z near the border]}) / (Σ_d K(z − z_d) + κ),        ρ̄ = |s| / |d|,
+    ρ(z) = (Σ_s K(z − z_s) + κ ρ̄) / (Σ_d K(z − z_d) + κ),        ρ̄ = |s| / |d|,
 
 and the entry cost there becomes c_entr − w log(ρ(z) / ρ̄), within bounds: the negative logarithm of the probability of a
 start, as far as it differs from the average over the video. Ends likewise. Who is there when the video begins, or still
@@ -20,13 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from tsuiseki.tracking.association.nearby import centres, sizes
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.association.nearby import sizes
+from tsuiseki.tracking.geometry import centres
+from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
 # Cells along the longer side of what the boxes cover, and detections that are remembered, the latest.
 CELLS, MEMORY = 64, 30_000
-# Heights from the border that count as near it.
-NEAR = 0.25
 # Seconds at the beginning and at the end of the video in which starts and ends tell nothing.
 UNKNOWN = 0.5
 # Detections of the tracks that tell.
@@ -42,22 +41,20 @@ class EntryPlaces:
         most: largest change of a cost.
         width: of the kernel, mean heights of boxes.
         prior: κ, detections.
-        border: β, how much likelier starts and ends near the border are taken to be at first, as a logarithm.
     """
 
     weight: float = 1.0
     most: float = 2.0
     width: float = 1.0
     prior: float = 1000.0
-    border: float = 0.0
 
     def __post_init__(self) -> None:
-        if min(self.weight, self.most, self.border) < 0 or min(self.width, self.prior) <= 0:
+        if min(self.weight, self.most) < 0 or min(self.width, self.prior) <= 0:
             raise ValueError("expected width and prior above 0, and the others from 0")
 
 
 @dataclass(frozen=True)
-class EntryCounts:
+class EntryCounts(Columns):
     """What tracks found so far say of N detections of them.
 
     Attributes:
@@ -70,22 +67,8 @@ class EntryCounts:
     starts: BoolArray
     ends: BoolArray
 
-    def and_then(self, other: EntryCounts) -> EntryCounts:
-        """These and others."""
-        return EntryCounts(
-            np.concatenate([self.boxes, other.boxes]),
-            np.append(self.starts, other.starts),
-            np.append(self.ends, other.ends),
-        )
 
-    def select(self, which: BoolArray | slice) -> EntryCounts:
-        """Those at a mask or in a range."""
-        return EntryCounts(self.boxes[which], self.starts[which], self.ends[which])
-
-
-def no_counts() -> EntryCounts:
-    """Of nothing."""
-    return EntryCounts(np.empty((0, 4)), np.empty(0, dtype=np.bool_), np.empty(0, dtype=np.bool_))
+NO_COUNTS = EntryCounts(np.empty((0, 4)), np.empty(0, dtype=np.bool_), np.empty(0, dtype=np.bool_))
 
 
 def starts_and_ends(
@@ -118,7 +101,7 @@ def place_costs(
     Args:
         counts: what the tracks found so far say.
         boxes: pixels.
-        size: width and height of the image; None takes the part that boxes cover, and no border.
+        size: width and height of the image; None takes the part that boxes cover.
         settings: see there.
     """
     nothing = np.zeros(len(boxes))
@@ -137,12 +120,11 @@ def place_costs(
         return np.asarray(scipy.ndimage.gaussian_filter(table, sigma, mode="constant") * max(2 * np.pi * sigma**2, 1.0))
 
     every, at = density(counts.boxes), _cells(boxes, low, cell, shape)
-    edge = np.exp(settings.border * _near_border(boxes, size))
     changes = []
     for told in (counts.starts, counts.ends):
         mean = max(float(told.mean()), 1 / len(told))
         found, around = density(counts.boxes[told]).ravel()[at], every.ravel()[at]
-        ratio = (found / mean + settings.prior * edge) / (around + settings.prior)
+        ratio = (found / mean + settings.prior) / (around + settings.prior)
         changes.append(np.clip(-settings.weight * np.log(ratio), -settings.most, settings.most))
     return changes[0], changes[1]
 
@@ -156,12 +138,3 @@ def _cells(boxes: FloatArray, low: FloatArray, cell: float, shape: IntArray) -> 
     """``(N,)`` number of the cell of each box; those outside count to the nearest one."""
     column, row = np.clip(((centres(boxes) - low) / cell).astype(np.int64), 0, shape - 1).T
     return np.asarray(row * shape[0] + column)
-
-
-def _near_border(boxes: FloatArray, size: tuple[int, int] | None) -> BoolArray:
-    """``(N,)`` whether a box comes near the left, right or lower border; people do not come from above."""
-    if size is None:
-        return np.zeros(len(boxes), dtype=np.bool_)
-    reach = NEAR * sizes(boxes)[:, 1]
-    x1, _, x2, y2 = boxes.T
-    return np.asarray((x1 < reach) | (x2 > size[0] - reach) | (y2 > size[1] - reach))

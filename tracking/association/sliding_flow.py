@@ -5,19 +5,36 @@ the frontier: only from them can a transition lead into frames that have not com
 detections that no future can change any more are decided and forgotten; all others, at least the frontier, overlap
 into the next window.
 
-**What is guaranteed.** As long as no window had to be cut (``exact``), the decided tracks are those of a cheapest flow
-of the whole video among the flows without a gap of ``overlap`` frames or more. If every gap of the whole video's
+**What is guaranteed.** As long as nothing was settled early (``exact``), the decided tracks are those of a cheapest
+flow of the whole video among the flows without a gap of ``overlap`` frames or more. If every gap of the whole video's
 optimum is shorter than the overlap, they have its cost, and they are its tracks where it is the only one. A fixed
 overlap alone would not do: a choice between two matchings can hang in the balance over any number of frames.
 
-How it is known that no future can change a detection: `flow_safety`.
-
 **Memory.** What is kept is the undecided part. Usually that is little more than the frontier, whatever the length of
-the video; people who stay inseparable for long can make it grow. ``most_undecided`` bounds it: a window of more
-frames is cut, with ``exact`` turned off, by deciding all that lies before the frontier as if the video ended there.
+the video; people who stay inseparable for long can make it grow.
 
 **Settling.** Where answers may not wait, detections that were answered are settled as the window has them. What follows
 the last one of a track stays open, for as long as a transition can reach the frames to come.
+
+**Safety.** Which detections no future frame can change is told by dual solutions of the residual network. Merge source
+and sink into a hub. Let ``y`` be the length of the shortest path from the hub to each node of the residual network.
+This is an optimal dual solution.
+
+Future frames can only pay for units of flow that arrive at frontier nodes v_i. The least they pay is nothing. The most
+is what continuing a track saves: the track's entry cost, less the cheapest transition if its cost is negative. Let
+``y'`` be the dual solution of the window in which every frontier node is paid the most.
+
+The dual problem maximises a supermodular function under lower bounds on the frontier. So its solutions grow with those
+bounds, and the final dual solution lies between ``y`` and ``y'``.
+
+The optimum of the whole video differs from that of the window only along residual paths from the hub to the frontier
+that are tight under the final dual solution. Each node of such a path has at least one of these properties:
+
+* ``y < y'``;
+* it is a frontier node;
+* it has a residual arc to a node of the path, and the arc is tight for some dual solution between ``y`` and ``y'``.
+
+Nodes with none of them are safe. Costs are integers, so the comparisons are exact.
 """
 
 from __future__ import annotations
@@ -26,8 +43,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.association.flow_safety import safe_detections
-from tsuiseki.tracking.association.network_flow import FlowGraph, FlowSolution, solution_of, solve
+from tsuiseki.tracking.association.network_flow import FlowGraph, FlowSolution, scaled, solution_of, solve
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # A network of up to so many windows is solved at once.
@@ -61,20 +77,16 @@ class SlidingFlow:
         overlap: transitions span fewer frames than this; at least 2.
         most_saving: the most that it can save to continue a track: the highest entry cost of any detection to come
             minus the lowest cost of a transition, if that is negative.
-        most_undecided: most frames that may stay undecided; None never cuts.
 
     Raises:
-        ValueError: the overlap is too short, or longer than ``most_undecided``.
+        ValueError: the overlap is too short.
     """
 
-    def __init__(self, overlap: int, most_saving: float, most_undecided: int | None = None) -> None:
+    def __init__(self, overlap: int, most_saving: float) -> None:
         if overlap < 2:
             raise ValueError(f"expected an overlap of at least 2 frames, got {overlap}")
-        if most_undecided is not None and most_undecided < overlap:
-            raise ValueError(f"expected most_undecided from the overlap of {overlap} frames, got {most_undecided}")
         self.overlap = overlap
         self.most_saving = most_saving
-        self.most_undecided = most_undecided
         self.exact = True
         self._count = 0
         self._numbers = np.empty(0, dtype=np.int64)
@@ -147,14 +159,6 @@ class SlidingFlow:
             self._solution = solve_in_windows(self._graph, self._inflow)
         return self._solution
 
-    def decide_before(self, frame: int) -> Decision:
-        """Decide and forget all detections before a frame, whether the future could change them or not."""
-        solution = self.solution()
-        done = self._frames < frame
-        decision = self._decision(done, solution)
-        self._forget(done, solution)
-        return decision
-
     def decide(self, last_frame: int, before: int | None = None) -> Decision:
         """Decide and forget what no frame after ``last_frame`` can change.
 
@@ -168,10 +172,6 @@ class SlidingFlow:
         solution = self.solution()
         done = safe_detections(self._graph, solution, self._inflow, frontier, self.most_saving)
         done = _with_predecessors(done, solution)
-        most = self.most_undecided
-        if most is not None and len(self._frames) and self._undecided_span(done, last_frame) > most:
-            self.exact = False
-            done = ~frontier
         decision = self._decision(done, solution)
         self._forget(done, solution)
         return decision
@@ -208,9 +208,6 @@ class SlidingFlow:
         saving = graph.entry.max(initial=0.0) - min(graph.transition.min(initial=0.0), 0.0)
         if saving > self.most_saving:
             raise ValueError(f"expected that continuing a track saves at most {self.most_saving:g}, got {saving:g}")
-
-    def _undecided_span(self, done: BoolArray, last_frame: int) -> int:
-        return 0 if done.all() else last_frame + 1 - int(self._frames[~done].min())
 
     def _decision(self, done: BoolArray, solution: FlowSolution) -> Decision:
         used, follower = solution.used[done], solution.follower[done]
@@ -289,3 +286,82 @@ def _with_predecessors(done: BoolArray, solution: FlowSolution) -> BoolArray:
         broken = broken[done[broken]]
         done[broken] = False
     return done
+
+
+FAR = np.int64(2**60)
+
+
+def safe_detections(
+    graph: FlowGraph, solution: FlowSolution, inflow: BoolArray, frontier: BoolArray, most_saving: float
+) -> BoolArray:
+    """``(N,)`` the detections that no future can change.
+
+    Args:
+        graph: the network of the window.
+        solution: its cheapest flow.
+        inflow: ``(N,)`` detections that continue a track from before.
+        frontier: ``(N,)`` detections from which transitions can lead into frames to come.
+        most_saving: the most that it can save to continue a track.
+    """
+    least = _Residual(graph, solution, inflow)
+    offered = np.where(frontier, np.minimum(graph.exit, -most_saving), graph.exit)
+    generous = FlowGraph(graph.observation, graph.entry, offered, graph.tail, graph.head, graph.transition)
+    most = _Residual(generous, solve(generous, inflow), inflow)
+    low, high = least.distances(), most.distances()
+    unsafe = low != high
+    unsafe[1::2] |= frontier
+    least.spread_to_tails(unsafe, low, np.maximum(low, high))
+    return np.asarray(~(unsafe[0::2] | unsafe[1::2]))
+
+
+class _Residual:
+    """The residual network of a solution, without the arcs into the hub; node 2i is u_i, node 2i + 1 is v_i.
+
+    Transitions need no capacity of their own, since the observation arcs have one.
+    """
+
+    def __init__(self, graph: FlowGraph, solution: FlowSolution, inflow: BoolArray) -> None:
+        self._nodes = 2 * len(graph)
+        observation, transition = scaled(graph.observation), scaled(graph.transition)
+        u = np.arange(0, self._nodes, 2)
+        linked = solution.follower[graph.tail] == graph.head
+        self._tails = np.concatenate(
+            [np.where(solution.used, u + 1, u), 2 * graph.tail + 1, 2 * graph.head[linked]], dtype=np.int64
+        )
+        self._heads = np.concatenate(
+            [np.where(solution.used, u, u + 1), 2 * graph.head, 2 * graph.tail[linked] + 1], dtype=np.int64
+        )
+        self._costs = np.concatenate(
+            [np.where(solution.used, -observation, observation), transition, -transition[linked]]
+        )
+        self._start = np.full(self._nodes, FAR)
+        self._start[0::2] = np.where(inflow, FAR, scaled(graph.entry))
+        ends = solution.used & (solution.follower < 0)
+        self._start[1::2] = np.where(ends, -scaled(graph.exit), FAR)
+
+    def distances(self) -> IntArray:
+        """``(2N,)`` lengths of the shortest paths from the hub (Bellman-Ford, all active nodes at a time)."""
+        order = np.argsort(self._tails, kind="stable")
+        heads, costs = self._heads[order], self._costs[order]
+        first = np.searchsorted(self._tails[order], np.arange(self._nodes + 1))
+        distance = self._start.copy()
+        active = np.flatnonzero(distance < FAR)
+        while len(active):
+            counts = first[active + 1] - first[active]
+            arcs = np.arange(counts.sum()) + np.repeat(first[active] - np.cumsum(counts) + counts, counts)
+            reached, length = heads[arcs], np.repeat(distance[active], counts) + costs[arcs]
+            shorter = length < distance[reached]
+            reached = reached[shorter]
+            np.minimum.at(distance, reached, length[shorter])
+            active = np.unique(reached)
+        return distance
+
+    def spread_to_tails(self, marked: BoolArray, low: IntArray, high: IntArray) -> None:
+        """Mark all nodes with a path to a marked one along arcs that some dual from ``low`` to ``high`` has tight."""
+        tight = low[self._tails] + self._costs <= high[self._heads]
+        tails, heads = self._tails[tight], self._heads[tight]
+        while True:
+            found = tails[marked[heads] & ~marked[tails]]
+            if not len(found):
+                return
+            marked[found] = True

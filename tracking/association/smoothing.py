@@ -1,8 +1,4 @@
-"""Filling the gaps of tracks where evidence supports it, and smoothing their boxes by as much as suits the video.
-
-A filled gap adds one box for every missed frame. It is right where the person was there undetected, and a false
-positive where the track or the link across the gap is wrong. So a gap is filled only as far as the detections around
-it and their motion support it.
+"""Filling the gaps of tracks, and smoothing their boxes by as much as suits the video.
 
 The strength of the smoothing (`smooth`) is learnt from the tracks without labels: it is the one that predicts left-
 out boxes best. Runs of boxes are taken out, curves through the rest are laid across the gaps, and their mean distance
@@ -19,29 +15,6 @@ import numpy as np
 import scipy
 
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
-
-SIDE = 15
-
-
-@dataclass(frozen=True)
-class GapSettings:
-    """How much evidence a filled gap needs.
-
-    Attributes:
-        longest_gap: most frames that are filled between two detections.
-        support: frames that may be filled for every detection within 15 frames of the gap, on the side that has
-            fewer; 0 fills nothing.
-        mismatch: largest distance between where the motion before the gap and the motion after it put the person in
-            the middle of the gap, in heights.
-    """
-
-    longest_gap: int = 22
-    support: float = 2.0
-    mismatch: float = 1.0
-
-    def __post_init__(self) -> None:
-        if self.longest_gap < 0 or self.support < 0 or self.mismatch < 0:
-            raise ValueError("expected longest_gap, support and mismatch of 0 or more")
 
 
 @dataclass(frozen=True)
@@ -61,22 +34,20 @@ class SmoothingSettings:
             raise ValueError("expected finite strengths of smoothing, 0 or more")
 
 
-def fill_gaps(track: Track, settings: GapSettings, clock: Callable[[IntArray], IntArray] = np.asarray) -> Track:
-    """``track`` with the gaps filled that have the evidence: boxes and scores on straight lines, not observed.
+def fill_gaps(track: Track, longest: int, clock: Callable[[IntArray], IntArray] = np.asarray) -> Track:
+    """``track`` with its gaps filled: boxes and scores on straight lines, not observed.
 
     Args:
         track: of at least one box.
-        settings: which gaps are filled.
+        longest: most frames of a gap that is filled.
         clock: times of frames; by default they are as far apart as their numbers.
 
     >>> track = Track(1, np.array([0, 1, 3]), np.array([[t, 0, t + 9, 9.0] for t in (0, 1, 3)]), np.ones(3))
-    >>> fill_gaps(track, GapSettings()).boxes[2].tolist()
+    >>> fill_gaps(track, 1).boxes[2].tolist()
     [2.0, 0.0, 11.0, 9.0]
     """
     missing = np.diff(track.frames) - 1
-    wanted = np.flatnonzero((missing > 0) & (missing <= settings.longest_gap))
-    if len(wanted) and min(settings.support, settings.mismatch) < np.inf:
-        wanted = wanted[[_is_supported(track, int(gap), settings) for gap in wanted]]
+    wanted = np.flatnonzero((missing > 0) & (missing <= longest))
     if len(wanted) == 0:
         return track
     added = np.concatenate([np.arange(track.frames[gap] + 1, track.frames[gap + 1]) for gap in wanted])
@@ -88,29 +59,6 @@ def fill_gaps(track: Track, settings: GapSettings, clock: Callable[[IntArray], I
     order = np.argsort(frames, kind="stable")
     origin = np.concatenate([track.origin, np.full((len(added), 2), -1)])
     return Track(track.id, frames[order], boxes[order], scores[order], observed[order], origin[order], track.names)
-
-
-def _is_supported(track: Track, gap: int, settings: GapSettings) -> bool:
-    """Whether the gap after the detection ``gap`` has enough evidence on both sides."""
-    first, last = track.frames[gap], track.frames[gap + 1]
-    missing = last - first - 1
-    before = (track.frames > first - SIDE) & (track.frames <= first)
-    after = (track.frames >= last) & (track.frames < last + SIDE)
-    if missing > min(settings.longest_gap, settings.support * min(before.sum(), after.sum())):
-        return False
-    middle = (first + last) / 2
-    forward, backward = (_extrapolated(track, side, middle) for side in (before, after))
-    heights = track.boxes[gap : gap + 2, 3] - track.boxes[gap : gap + 2, 1]
-    return bool(np.hypot(*(forward - backward)) <= settings.mismatch * heights.mean())
-
-
-def _extrapolated(track: Track, side: BoolArray, frame: float) -> FloatArray:
-    """``(2,)`` where the straight motion of some detections puts the centre at a frame; one detection stands still."""
-    frames = track.frames[side].astype(np.float64)
-    centre = (track.boxes[side, :2] + track.boxes[side, 2:]) / 2
-    offset = frames - frames.mean()
-    slope = offset @ centre / (offset @ offset) if len(frames) > 1 else np.zeros(2)
-    return np.asarray(centre.mean(axis=0) + slope * (frame - frames.mean()))
 
 
 def _on_lines(frames: IntArray, boxes: FloatArray, wanted: IntArray) -> FloatArray:

@@ -22,32 +22,14 @@ import scipy
 from tsuiseki.tracking.association.chain_motion import beliefs_along
 from tsuiseki.tracking.association.costs import cosine_distances
 from tsuiseki.tracking.association.detection_tables import DetectionTable
-from tsuiseki.tracking.association.evidence import join_evidence
+from tsuiseki.tracking.association.evidence import link_evidence
 from tsuiseki.tracking.association.learnt_costs import CostChanges
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.link_pricing import LinkParts
-from tsuiseki.tracking.association.nearby import Pairs, hidden_between
+from tsuiseki.tracking.association.nearby import Hiding, Pairs
 from tsuiseki.tracking.association.network_flow import FlowSolution, track_labels
 from tsuiseki.tracking.geometry import shared_with_all
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
-
-
-@dataclass(frozen=True)
-class Chained:
-    """Detections of chains and what follows each.
-
-    Attributes:
-        numbers: ``(K,)`` increasing, counted over the whole video.
-        follower: ``(K,)`` number of the next detection of the chain, -1 where there is none.
-        features: ``(K, D)`` of unit length, NaN where not known; None where nothing was described.
-    """
-
-    numbers: IntArray
-    follower: IntArray
-    features: FloatArray | None
-
-    def __len__(self) -> int:
-        return len(self.numbers)
 
 
 class Tracklets:
@@ -64,9 +46,14 @@ class Tracklets:
         other._labels, other._count, other._sums = self._labels.copy(), self._count, self._sums.copy()
         return other
 
-    def add(self, chained: Chained) -> None:
-        """Take further detections: those that no earlier one has named as its follower start tracklets."""
-        numbers, follower = chained.numbers, chained.follower
+    def add(self, numbers: IntArray, follower: IntArray, features: FloatArray | None) -> None:
+        """Take further detections: those that no earlier one has named as its follower start tracklets.
+
+        Args:
+            numbers: ``(K,)`` increasing, counted over the whole video.
+            follower: ``(K,)`` number of the next detection of the chain, -1 where there is none.
+            features: ``(K, D)`` of unit length, NaN where not known; None where nothing was described.
+        """
         if len(numbers) == 0:
             return
         self._grow(int(max(numbers[-1], follower.max())) + 1)
@@ -82,8 +69,8 @@ class Tracklets:
         self._labels[numbers] = label[chain]
         leaving = (follower >= 0) & ~within
         self._labels[follower[leaving]] = label[chain[leaving]]
-        if chained.features is not None:
-            self._add_features(self._labels[numbers], chained.features)
+        if features is not None:
+            self._add_features(self._labels[numbers], features)
 
     def merge(self, numbers: IntArray, joined: IntArray) -> None:
         """Take detections of ``numbers`` ``(K,)`` for those of one tracklet where they have one number in ``joined``.
@@ -233,7 +220,7 @@ def join_parts(
     seconds = np.asarray((table.frames[heads] - table.frames[tails]) * one_frame, dtype=np.float64)
     wander = table.measured.wander[heads] - table.measured.wander[tails]
     mismatch = link.mismatch(past, future, tails, heads, table.seconds(tails, heads), wander)
-    hidden = hidden_between(tails, heads, table.frames, table.image, table.size)
+    hidden = Hiding.of(table.frames, table.image, table.size).between(tails, heads)
     cost = mismatch + link.waiting(seconds, one_frame, hidden)
     action = np.full(len(i), np.nan)
     if link.action is not None and table.actions is not None:
@@ -258,12 +245,13 @@ def join_parts(
 def evidence_of_joins(
     table: DetectionTable, labels: IntArray, ends: Ends, parts: LinkParts, link: LinkCost
 ) -> FloatArray:
-    """``(P, 29)`` features of joins, see `evidence`."""
+    """``(P, 29)`` features of joins of tracklets: `JOIN_FEATURES`."""
     counts = np.bincount(labels[labels >= 0], minlength=int(labels.max(initial=-1)) + 1)
     spans = np.zeros(len(counts), dtype=np.int64)
     spans[ends.track] = table.frames[ends.last] - table.frames[ends.first]
-    before, after = labels[parts.i], labels[parts.j]
-    return join_evidence(table, parts, link.motion, (counts[before], counts[after]), (spans[before], spans[after]))
+    sides = labels[parts.i], labels[parts.j]
+    more = [*(np.log(counts[side]) for side in sides), *(np.log1p(spans[side] / table.frame_rate) for side in sides)]
+    return np.concatenate([link_evidence(table, parts, link.motion), np.stack(more, axis=1)], axis=1)
 
 
 def _in_time(table: DetectionTable, ends: Ends, window: float) -> Pairs:

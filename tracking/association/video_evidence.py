@@ -21,14 +21,14 @@ The same tells what a detector's scores are worth in this video. The share of de
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
 
-from tsuiseki.tracking.association.nearby import centres, dense_reach, near_pairs, nearest, sizes
-from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.association.nearby import dense_reach, near_pairs, nearest, sizes
+from tsuiseki.tracking.geometry import centres, iou_pairs
+from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
 # Probability of a detection before the video tells, and how many detections that counts as much as.
 EXPECTED, IN_ADVANCE = 0.9, 20
@@ -231,28 +231,17 @@ class ScoreCalibration:
         for known in (True, False):
             ours, asked = np.isnan(self._scores) != known, np.isnan(scores) != known
             if ours.any() and asked.any():
-                probability[asked] = self._fit(np.nan_to_num(self._scores[ours]), self._found[ours])(scores[asked])
+                probability[asked] = self._fit(np.nan_to_num(self._scores[ours]), self._found[ours], scores[asked])
         count = len(self._scores)
         probability = (count * probability + IN_ADVANCE * EXPECTED) / (count + IN_ADVANCE)
         return np.asarray(np.clip(probability, self.settings.least, 1 - self.settings.least))
 
-    def _fit(self, scores: FloatArray, found: FloatArray) -> Interpolation:
+    def _fit(self, scores: FloatArray, found: FloatArray, asked: FloatArray) -> FloatArray:
+        """``(N,)`` the isotonic fit at the scores that are asked for, on straight lines between those that came."""
         level, which = np.unique(scores, return_inverse=True)
         weight = np.bincount(which).astype(np.float64)
         fit = scipy.optimize.isotonic_regression(np.bincount(which, found) / weight, weights=weight)
-        return Interpolation(level, np.asarray(fit.x))
-
-
-@dataclass(frozen=True)
-class Interpolation:
-    """Straight lines between points, constant beyond; a value that is not known counts as the lowest."""
-
-    x: FloatArray
-    y: FloatArray
-
-    def __call__(self, values: FloatArray) -> FloatArray:
-        """``(N,)`` at ``(N,)`` values."""
-        return np.asarray(np.interp(np.nan_to_num(values, nan=self.x[0]), self.x, self.y))
+        return np.asarray(np.interp(np.nan_to_num(asked, nan=level[0]), level, np.asarray(fit.x)))
 
 
 class VideoEvidence:
@@ -298,7 +287,8 @@ class VideoEvidence:
         self._stride.add(frames)
         stride = self._stride(self._frame_rate)
         gap = interval_frames(self._frame_rate, stride)
-        recent = self._recent.joined(frames, boxes, scores, frames / self._frame_rate if times is None else times)
+        new = _RecentDetections(frames, boxes, scores, frames / self._frame_rate if times is None else times)
+        recent = self._recent.and_then(new)
         uneven = None if times is None else recent.times
         triples = found_again(recent.frames, recent.boxes, self._frame_rate, stride, uneven)
         told = (recent.frames >= max(self._recent.told, gap)) & (recent.frames <= last - gap)
@@ -306,11 +296,12 @@ class VideoEvidence:
         self.speed.add(triples.speed[told])
         # What those on a line have before them; of the first of the video nobody knows.
         self.rate_of_right.add(triples.found[triples.before[told & triples.found & (recent.frames >= 2 * gap)]])
-        self._recent = recent.since(last - 3 * gap + 1, max(self._recent.told, last - gap + 1))
+        told_from = max(self._recent.told, last - gap + 1)
+        self._recent = replace(recent.select(recent.frames >= last - 3 * gap + 1), told=told_from)
 
 
 @dataclass(frozen=True)
-class _RecentDetections:
+class _RecentDetections(Columns):
     """The detections of the last frames.
 
     Attributes:
@@ -326,18 +317,3 @@ class _RecentDetections:
     scores: FloatArray = field(default_factory=lambda: np.empty(0))
     times: FloatArray = field(default_factory=lambda: np.empty(0))
     told: int = 0
-
-    def joined(self, frames: IntArray, boxes: FloatArray, scores: FloatArray, times: FloatArray) -> _RecentDetections:
-        """With the detections of the next frames."""
-        return _RecentDetections(
-            np.append(self.frames, frames),
-            np.concatenate([self.boxes, boxes]),
-            np.append(self.scores, scores),
-            np.append(self.times, times),
-            self.told,
-        )
-
-    def since(self, frame: int, told: int) -> _RecentDetections:
-        """Those from a frame on."""
-        kept = self.frames >= frame
-        return _RecentDetections(self.frames[kept], self.boxes[kept], self.scores[kept], self.times[kept], told)

@@ -156,21 +156,25 @@ class CameraTrajectory:
             return boxes
         chosen, which = np.unique(frames, return_inverse=True)
         matrices = np.stack([self._to_now[t - self._first] for t in chosen.tolist()])
-        # Boxes of a camera that never moved stay as they are, to the last bit.
-        if (matrices == STILL).all():
-            return boxes
         return move_boxes(boxes, (np.linalg.inv(matrices) if inverse else matrices)[which, :2])
 
 
 def move_boxes(boxes: FloatArray, similarities: FloatArray) -> FloatArray:
-    """``(N, 4)`` boxes with their centres taken through ``(N, 2, 3)`` similarities and their sizes scaled, not turned.
+    """``(N, 4)`` boxes with their centres taken through similarities and their sizes scaled, not turned.
 
-    >>> move_boxes(np.array([[0.0, 0, 2, 4]]), np.array([[[2.0, 0, 10], [0, 2, 0]]])).tolist()
+    Args:
+        boxes: pixels.
+        similarities: ``(N, 2, 3)``, or ``(2, 3)`` for all; what all of them leave in place stays to the last bit.
+
+    >>> move_boxes(np.array([[0.0, 0, 2, 4]]), np.array([[2.0, 0, 10], [0, 2, 0]])).tolist()
     [[10.0, 0.0, 14.0, 8.0]]
     """
+    if (similarities == STANDS_STILL).all():
+        return boxes
+    each = np.broadcast_to(similarities, (len(boxes), 2, 3))
     centre = (boxes[:, :2] + boxes[:, 2:]) / 2
-    moved = np.einsum("nij,nj->ni", similarities[:, :, :2], centre) + similarities[:, :, 2]
-    half = (boxes[:, 2:] - boxes[:, :2]) / 2 * np.linalg.norm(similarities[:, :, 0], axis=1)[:, None]
+    moved = np.einsum("nij,nj->ni", each[:, :, :2], centre) + each[:, :, 2]
+    half = (boxes[:, 2:] - boxes[:, :2]) / 2 * np.linalg.norm(each[:, :, 0], axis=1)[:, None]
     return np.concatenate([moved - half, moved + half], axis=1)
 
 
@@ -291,12 +295,3 @@ def _moved_on(transform: FloatArray, step: CameraStep) -> FloatArray:
         return transform
     whole = np.vstack([transform, [0, 0, 1]]) @ np.linalg.inv(np.vstack([step.similarity, [0, 0, 1]]))
     return np.asarray(whole[:2])
-
-
-def moved_boxes(boxes: FloatArray, transform: FloatArray) -> FloatArray:
-    """``boxes`` ``(N, 4)`` after a similarity ``(2, 3)``: the middle goes along, the sides are scaled, not turned."""
-    if (transform == np.eye(3)[:2]).all():
-        return boxes
-    middle = (boxes[:, :2] + boxes[:, 2:]) / 2 @ transform[:, :2].T + transform[:, 2]
-    half = (boxes[:, 2:] - boxes[:, :2]) / 2 * np.hypot(*transform[:, 0])
-    return np.concatenate([middle - half, middle + half], axis=1)

@@ -13,20 +13,21 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.devices import Device, device_of
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.features.box_check import BoxCheck
-from tsuiseki.tracking.features.coco_names import COCO, coco_names
 from tsuiseki.tracking.features.detector_layouts import LAYOUTS, TENSORFLOW, TURNED, Size, paired, with_probabilities
 from tsuiseki.tracking.features.foreign_options import DetectorOptions, ImageInput, LayoutName, ScoreKind
 from tsuiseki.tracking.features.layout_recognition import (
+    COCO,
     background_first,
     class_names,
     class_of_people,
+    coco_names,
     of_so_many_classes,
     plain_name,
     possible_kinds,
     possible_layouts,
     useful_outputs,
 )
+from tsuiseki.tracking.formats.label_checks import BoxCheck
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, as_detections, half_turned
 from tsuiseki.tracking.geometry import about_rotated, clip_boxes, set_apart, suppress, suppress_rotated
 from tsuiseki.tracking.onnx import byte_image_input, image_input, open_session, run_session

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.coco_names import COCO
 from tsuiseki.tracking.features.detector_layouts import (
     LAYOUTS,
     MORE_STRIDES,
@@ -53,7 +52,7 @@ _TOLD_BY_COUNT = {"yolox", "yolox-decoded", "yolov8-rows", "nanodet", "nanodet-g
 # Outputs whose names tell what they are, boxes first; others beside them, such as masks, are left aside.
 _PAIRS = (("dets", "labels"), ("pred_boxes", "logits"), ("pred_boxes", "pred_logits"))
 _DETR_NAMES = [set(pair) for pair in _PAIRS]
-# What four outputs are, in the order in which `read_counted` takes them.
+# What four outputs are, in the order in which `_counted` takes them.
 _COUNTED_BY_NAME: Sequence[Callable[[str, NDArray[Any]], bool]] = (
     lambda name, _: "box" in name.lower(),
     lambda name, _: "class" in name.lower() or "label" in name.lower(),
@@ -66,6 +65,32 @@ _COUNTED_BY_SHAPE: Sequence[Callable[[str, NDArray[Any]], bool]] = (
     lambda _, x: x.size > 1 and x.ndim == 1 and np.issubdtype(x.dtype, np.floating),
     lambda _, x: x.size == 1,
 )
+
+
+_NAMES = """person, bicycle, car, motorcycle, airplane, bus, train, truck, boat, traffic light, fire hydrant, stop sign,
+parking meter, bench, bird, cat, dog, horse, sheep, cow, elephant, bear, zebra, giraffe, backpack, umbrella, handbag,
+tie, suitcase, frisbee, skis, snowboard, sports ball, kite, baseball bat, baseball glove, skateboard, surfboard,
+tennis racket, bottle, wine glass, cup, fork, knife, spoon, bowl, banana, apple, sandwich, orange, broccoli, carrot,
+hot dog, pizza, donut, cake, chair, couch, potted plant, bed, dining table, toilet, tv, laptop, mouse, remote,
+keyboard, cell phone, microwave, oven, toaster, sink, refrigerator, book, clock, vase, scissors, teddy bear,
+hair drier, toothbrush"""
+# Numbers that COCO itself, which counts from 1, leaves out.
+_GAPS = {12, 26, 29, 30, 45, 66, 68, 69, 71, 83}
+# Where people stand, by how many classes a network tells: 80 without gaps, 90 or 91 with COCO's own numbers.
+COCO = {80: 0, 90: 1, 91: 1}
+
+
+def coco_names(count: int | None) -> Mapping[int, str]:
+    """Names by number for a network of so many classes; none where that is not a number of COCO's.
+
+    >>> coco_names(80)[2], coco_names(91)[3], coco_names(91)[90]
+    ('car', 'car', 'toothbrush')
+    """
+    if count not in COCO:
+        return {}
+    names = [name.strip() for name in _NAMES.split(",")]
+    own = [number for number in range(1, 91) if number not in _GAPS]
+    return dict(zip(range(80) if count == 80 else own, names, strict=True))
 
 
 def useful_outputs(outputs: Mapping[str, NDArray[Any]]) -> list[str]:

@@ -30,8 +30,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.geometry import clip_boxes
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import ImageArray
 
 Float32 = NDArray[np.float32]
 Grey = NDArray[np.uint8]
@@ -235,8 +234,6 @@ DisPreset = Literal["ultrafast", "fast", "medium"]
 
 # Smallest side that DIS and Farneback take at their coarsest level.
 _SMALLEST = 16
-# Pixels about a region that its flow is computed with, in sides of the region.
-_CONTEXT = 0.25
 
 
 def dis_flow(first: Grey, second: Grey, preset: DisPreset = "medium") -> FlowField:
@@ -270,43 +267,20 @@ FLOW_METHODS: Mapping[FlowName, FlowMethod] = {
 }
 
 
-def optical_flow(
-    first: ImageArray, second: ImageArray, method: FlowMethod = dis_flow, region: FloatArray | None = None
-) -> FlowField:
-    """The flow from ``first`` to ``second``, of the whole image or of a region.
+def optical_flow(first: ImageArray, second: ImageArray, method: FlowMethod = dis_flow) -> FlowField:
+    """The flow from ``first`` to ``second``.
 
     Args:
         first: ``(H, W, 3)`` uint8 RGB, or ``(H, W)`` uint8 grey.
         second: of the same shape.
         method: one of ``FLOW_METHODS``, or another function of two grey images.
-        region: ``(4,)`` pixels; the flow of `region_pixels`, computed with some of its surroundings.
 
     Raises:
-        ValueError: the images differ in shape, or the region has no pixel in them.
+        ValueError: the images differ in shape.
     """
     if first.shape != second.shape:
         raise ValueError(f"expected two images of one shape, got {first.shape} and {second.shape}")
-    if region is None:
-        return _padded(method, _grey(first), _grey(second))
-    height, width = first.shape[:2]
-    x1, y1, x2, y2 = region_pixels(region, width, height)
-    margin = int(np.ceil(_CONTEXT * max(x2 - x1, y2 - y1)))
-    left, top = max(x1 - margin, 0), max(y1 - margin, 0)
-    around = (slice(top, min(y2 + margin, height)), slice(left, min(x2 + margin, width)))
-    flow = _padded(method, _grey(first[around]), _grey(second[around]))
-    return flow[y1 - top : y2 - top, x1 - left : x2 - left]
-
-
-def region_pixels(region: FloatArray, width: int, height: int) -> tuple[int, int, int, int]:
-    """Columns and rows x1, y1, x2, y2 of all pixels that ``region`` ``(4,)`` touches in an image.
-
-    Raises:
-        ValueError: there is none.
-    """
-    x1, y1, x2, y2 = clip_boxes(np.asarray(region, dtype=np.float64), width, height)
-    if not (x2 > x1 and y2 > y1):
-        raise ValueError(f"expected a region in an image of {width}x{height}, got {np.asarray(region).tolist()}")
-    return int(np.floor(x1)), int(np.floor(y1)), int(np.ceil(x2)), int(np.ceil(y2))
+    return _padded(method, _grey(first), _grey(second))
 
 
 def _grey(image: ImageArray) -> Grey:

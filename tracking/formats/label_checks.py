@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -116,3 +116,42 @@ def _like_corners(boxes: FloatArray, size: tuple[int, int]) -> bool:
     second = boxes[:, 2:] - boxes[:, :2]
     fits = (second > boxes[:, :2]).all(axis=1) & (second <= 1.05 * np.array(size)).all(axis=1)
     return bool(fits.mean() > 0.99)
+
+
+# Boxes that tell.
+ENOUGH = 20
+
+
+@dataclass
+class BoxCheck:
+    """Takes the boxes of a video until there are enough, and says once what does not fit.
+
+    Attributes:
+        what: where they come from, for people to read.
+        size: width and height of the pictures; None where not known.
+    """
+
+    what: str
+    size: tuple[int, int] | None = None
+    _boxes: list[FloatArray] | None = field(default_factory=list)
+
+    def add(self, boxes: FloatArray) -> None:
+        """Take the ``(N, 4)`` boxes of the next frame.
+
+        Raises:
+            RequestError: see `tell`.
+        """
+        if self._boxes is None:
+            return
+        self._boxes.append(boxes)
+        if sum(map(len, self._boxes)) >= ENOUGH:
+            self.tell()
+
+    def tell(self) -> None:
+        """Compare them, where that was not done before.
+
+        Raises:
+            RequestError: see `compare_with_picture`.
+        """
+        boxes, self._boxes = np.concatenate([np.empty((0, 4)), *(self._boxes or [])]), None
+        compare_with_picture(self.what, boxes, self.size)

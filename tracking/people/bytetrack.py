@@ -14,6 +14,7 @@ The paper leaves these points open; here, as in its experiments:
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Unpack
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, ReportedBox, adjusted
+from tsuiseki.tracking.people.lifecycle import LifecycleKeywords, LifecycleSettings, LifecycleTracker, adjusted
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Targets
 
 
@@ -56,6 +57,22 @@ class ByteTrackSettings:
             raise RequestError(f"expected low_score up to high_score, got {self.low_score} and {self.high_score}")
 
 
+class ByteTrackKeywords(LifecycleKeywords, total=False):
+    """What `ByteTrack` takes by name; by default ``max_age`` is 30, ``min_hits`` 2 and ``start_score`` τ + 0.1.
+
+    Attributes:
+        high_score: score from which on a detection takes part in the first matching, 0.6 by default.
+        low_score: detections below this take part in nothing, 0.1 by default.
+        min_iou: least overlap of a match in the first matching, 0.2 by default.
+        min_iou_low: least overlap of a match with a detection of low score, 0.5 by default.
+    """
+
+    high_score: float | None
+    low_score: float | None
+    min_iou: float | None
+    min_iou_low: float | None
+
+
 class ByteTrack(LifecycleTracker):
     """Each frame: predict every track, match the sure detections, then the unsure ones to the tracks left over.
 
@@ -63,16 +80,9 @@ class ByteTrack(LifecycleTracker):
     random numbers.
 
     Args:
-        high_score: score from which on a detection takes part in the first matching, 0.6 by default.
-        low_score: detections below this take part in nothing, 0.1 by default.
-        min_iou: least overlap of a match in the first matching, 0.2 by default.
-        min_iou_low: least overlap of a match with a detection of low score, 0.5 by default.
-        max_age: frames that a person is kept without a detection, 30 by default.
-        min_hits: detections in a row from which on a person is shown, 2 by default; 1 shows everyone at once.
-        start_score: lowest score of a detection that may start a track, ``high_score`` + 0.1 by default.
-        boxes: ``filtered`` boxes of the Kalman filter, or those ``detected``; the former by default.
-        settings: everything else; what is given by name goes before.
+        settings: all of them; what is given by name goes before.
         seed: taken as by all trackers; nothing is drawn.
+        given: see `ByteTrackKeywords`.
 
     Somebody who is detected with a low score for two frames stays one track:
 
@@ -86,33 +96,13 @@ class ByteTrack(LifecycleTracker):
     """
 
     def __init__(
-        self,
-        settings: ByteTrackSettings | None = None,
-        seed: int = 0,
-        *,
-        high_score: float | None = None,
-        low_score: float | None = None,
-        min_iou: float | None = None,
-        min_iou_low: float | None = None,
-        max_age: int | None = None,
-        min_hits: int | None = None,
-        start_score: float | None = None,
-        boxes: ReportedBox | None = None,
+        self, settings: ByteTrackSettings | None = None, seed: int = 0, **given: Unpack[ByteTrackKeywords]
     ) -> None:
-        if high_score is not None and settings is None and start_score is None:
-            start_score = high_score + 0.1
-        life = {"max_age": max_age, "min_hits": min_hits, "start_score": start_score, "boxes": boxes}
-        self.settings = adjusted(
-            settings,
-            ByteTrackSettings,
-            high_score=high_score,
-            low_score=low_score,
-            min_iou=min_iou,
-            min_iou_low=min_iou_low,
-            **life,
-        )
-        self.seed = seed
-        super().__init__(self.settings.lifecycle, self.settings.motion)
+        high = given.get("high_score")
+        if high is not None and settings is None and given.get("start_score") is None:
+            given["start_score"] = high + 0.1
+        self.settings = adjusted(settings, ByteTrackSettings, given)
+        super().__init__(self.settings, seed)
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score counts as sure."""

@@ -19,6 +19,7 @@ The thesis leaves these points open; here:
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Unpack
 
 import numpy as np
 
@@ -27,7 +28,13 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, ReportedBox, Survivors, adjusted
+from tsuiseki.tracking.people.lifecycle import (
+    LifecycleKeywords,
+    LifecycleSettings,
+    LifecycleTracker,
+    Survivors,
+    adjusted,
+)
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets
 
 
@@ -58,48 +65,36 @@ class DeepSortSettings:
             raise RequestError("expected feature_gate in [0, 2], position_gate in [0, 1) and memory in [0, 1)")
 
 
-class DeepSort(LifecycleTracker):
-    """Appearance first, then position, each with its own gate. It draws no random numbers.
+class DeepSortKeywords(LifecycleKeywords, total=False):
+    """What `DeepSort` takes by name; by default ``max_age`` is 30, ``min_hits`` 3 and ``start_score`` 0.5.
 
-    Args:
+    Attributes:
         feature_gate: largest cosine distance of a match by appearance, 0.3 by default.
         position_gate: largest 1 - IoU of a match by position, 0.7 by default.
         memory: weight of the past in a track's mean appearance, 0.9 by default.
         reach: distance within which appearance may match, 1 height of the person by default.
-        max_age: frames that a person is kept without a detection, 30 by default.
-        min_hits: detections in a row from which on a person is shown, 3 by default; 1 shows everyone at once.
-        start_score: lowest score of a detection that may start a track, 0.5 by default.
-        boxes: ``filtered`` boxes of the Kalman filter, or those ``detected``; the former by default.
-        settings: everything else; what is given by name goes before.
+    """
+
+    feature_gate: float | None
+    position_gate: float | None
+    memory: float | None
+    reach: float | None
+
+
+class DeepSort(LifecycleTracker):
+    """Appearance first, then position, each with its own gate. It draws no random numbers.
+
+    Args:
+        settings: all of them; what is given by name goes before.
         seed: taken as by all trackers; nothing is drawn.
+        given: see `DeepSortKeywords`.
     """
 
     def __init__(
-        self,
-        settings: DeepSortSettings | None = None,
-        seed: int = 0,
-        *,
-        feature_gate: float | None = None,
-        position_gate: float | None = None,
-        memory: float | None = None,
-        reach: float | None = None,
-        max_age: int | None = None,
-        min_hits: int | None = None,
-        start_score: float | None = None,
-        boxes: ReportedBox | None = None,
+        self, settings: DeepSortSettings | None = None, seed: int = 0, **given: Unpack[DeepSortKeywords]
     ) -> None:
-        life = {"max_age": max_age, "min_hits": min_hits, "start_score": start_score, "boxes": boxes}
-        self.settings = adjusted(
-            settings,
-            DeepSortSettings,
-            feature_gate=feature_gate,
-            position_gate=position_gate,
-            memory=memory,
-            reach=reach,
-            **life,
-        )
-        self.seed = seed
-        super().__init__(self.settings.lifecycle, self.settings.motion)
+        self.settings = adjusted(settings, DeepSortSettings, given)
+        super().__init__(self.settings, seed)
         self._appearance = np.empty((0, 0))
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:

@@ -15,8 +15,7 @@ along tracks are those of the frames that have come. What is kept is the undecid
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 
@@ -28,7 +27,7 @@ from tsuiseki.tracking.association.smoothing import SmoothingSettings
 from tsuiseki.tracking.association.tracklets import APPEARANCE_WINDOW, JOIN_WINDOW, join
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, solve_window
 from tsuiseki.tracking.people.whole_flow import long_tracks, reported
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Targets, Track
+from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray, Targets, Track
 
 # Decisions in one delay: the more, the later in its delay a frame is settled, and the more is computed.
 DECISIONS = 4
@@ -52,23 +51,42 @@ class People:
 
 
 @dataclass(frozen=True)
-class Answer:
-    """The people of a frame, as a row each: id, box, score, whether a detection supports it and which, the class."""
+class Answers(Columns):
+    """The people of frames, by frame and id: boxes, scores, whether and which detection supports each, classes."""
 
-    frame: int
-    ids: IntArray
-    boxes: FloatArray
-    scores: FloatArray
-    observed: BoolArray
-    origin: IntArray
-    votes: IntArray
+    frames: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    ids: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    boxes: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    scores: FloatArray = field(default_factory=lambda: np.empty(0))
+    observed: BoolArray = field(default_factory=lambda: np.empty(0, np.bool_))
+    origin: IntArray = field(default_factory=lambda: np.empty((0, 2), np.int64))
+    votes: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
 
-    def targets(self, names: Mapping[int, str]) -> Targets:
-        """As a tracker answers it."""
-        status = np.where(self.observed, "tracking", "searching")
-        origin = np.column_stack([self.origin[:, 0], self.votes])
-        scores = np.where(self.observed, self.scores, 0.0)
-        return Targets(self.frame, self.ids, self.boxes, scores, status, origin, names)
+    @classmethod
+    def of(cls, tracks: Sequence[Track], votes: Sequence[int], before: int) -> Answers:
+        """Tracks up to a frame; ``votes`` are their classes."""
+        every = cls()
+        for track, vote in zip(tracks, votes, strict=True):
+            ids, classes = (np.full(len(track), number) for number in (track.id, vote))
+            columns = track.boxes, track.scores, track.observed, track.origin
+            every = every.and_then(cls(track.frames, ids, *columns, classes))
+        every = every.select(every.frames < before)
+        return every.select(np.lexsort((every.ids, every.frames)))
+
+    def targets(self, frame: int, names: Mapping[int, str]) -> Targets:
+        """A frame as a tracker answers it."""
+        here = self.select(slice(*np.searchsorted(self.frames, [frame, frame + 1]).tolist()))
+        status = np.where(here.observed, "tracking", "searching")
+        scores = np.where(here.observed, here.scores, 0.0)
+        origin = np.column_stack([here.origin[:, 0], here.votes])
+        return Targets(frame, here.ids, here.boxes, scores, status, origin, names)
+
+    def tracks(self, names: Mapping[int, str]) -> list[Track]:
+        """The tracks, by id."""
+        order = np.argsort(self.ids, kind="stable")
+        pieces = np.split(order, np.flatnonzero(np.diff(self.ids[order])) + 1) if len(order) else []
+        every = [self.select(piece) for piece in pieces]
+        return [Track(int(e.ids[0]), e.frames, e.boxes, e.scores, e.observed, e.origin, names) for e in every]
 
 
 class DelayedFlow:
@@ -92,7 +110,7 @@ class DelayedFlow:
         self._origin = np.empty((0, 2), dtype=np.int64)
         self._people = People()
         self._ids = self.clutter = 0
-        self._answers: list[Answer] = []
+        self._answers = Answers()
         self._smoothing: SmoothingSettings | None = None
         self._fitted = 0
 
@@ -106,7 +124,7 @@ class DelayedFlow:
         if asked == self._answered:
             self._decide(asked + max(1, (self.delay + 1) // DECISIONS))
         self._reported = asked + 1
-        return self._answers[asked - self._answers[0].frame].targets(self.input.names)
+        return self._answers.targets(asked, self.input.names)
 
     @property
     def finished_early(self) -> int:
@@ -123,11 +141,11 @@ class DelayedFlow:
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames that are answered and not forgotten."""
-        return tracks_of(self._answers, self.input.names)
+        return self._answers.tracks(self.input.names)
 
     def forget(self) -> None:
         """Drop the answers that were given from `tracks`."""
-        self._answers = [answer for answer in self._answers if answer.frame >= self._reported]
+        self._answers = self._answers.select(self._answers.frames >= self._reported)
 
     def _decide(self, before: int) -> None:
         """Solve the window, and answer the frames before one."""
@@ -235,7 +253,7 @@ class DelayedFlow:
             for track, image in zip(found, images, strict=True)
         ]
         votes = [track.class_id for track in found]
-        self._answers = [*self._answers, *answers_of(parts, votes, self._answered, before)]
+        self._answers = self._answers.and_then(Answers.of(parts, votes, before))
 
     def _strength(self, tracks: list[Track]) -> SmoothingSettings | None:
         """How far these tracks are smoothed: chosen anew every few seconds."""
@@ -262,35 +280,3 @@ def mean_of(sums: FloatArray) -> FloatArray:
     """``(M, D)`` sums of features scaled to unit length, NaN where there are none."""
     length = np.linalg.norm(sums, axis=1, keepdims=True)
     return np.asarray(np.divide(sums, length, out=np.full_like(sums, np.nan), where=length > 0))
-
-
-def answers_of(tracks: list[Track], votes: list[int], first: int, before: int) -> list[Answer]:
-    """The answers to the frames from ``first`` on and before another; ``votes`` are the classes of the tracks."""
-    lengths = [len(track) for track in tracks]
-    ids, classes = (np.repeat(one, lengths).astype(np.int64) for one in ([track.id for track in tracks], votes))
-    origin = np.concatenate([np.empty((0, 2), np.int64), *(track.origin for track in tracks)])
-    frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
-    boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
-    scores = np.concatenate([np.empty(0), *(track.scores for track in tracks)])
-    observed = np.concatenate([np.empty(0, np.bool_), *(track.observed for track in tracks)])
-    order = np.lexsort((ids, frames))
-    cuts = np.searchsorted(frames[order], np.arange(first, before + 1))
-    rows = [order[a:b] for a, b in itertools.pairwise(cuts.tolist())]
-    return [
-        Answer(first + k, ids[row], boxes[row], scores[row], observed[row], origin[row], classes[row])
-        for k, row in enumerate(rows)
-    ]
-
-
-def tracks_of(answers: list[Answer], names: Mapping[int, str]) -> list[Track]:
-    """The tracks in answers, by id."""
-    if not answers:
-        return []
-    frames = np.repeat([answer.frame for answer in answers], [len(answer.ids) for answer in answers])
-    ids, boxes, scores, observed, origin = (
-        np.concatenate([getattr(answer, name) for answer in answers])
-        for name in ("ids", "boxes", "scores", "observed", "origin")
-    )
-    order = np.lexsort((frames, ids))
-    pieces = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1) if len(order) else []
-    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p], observed[p], origin[p], names) for p in pieces]

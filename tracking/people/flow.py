@@ -11,7 +11,7 @@ from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.learnt_costs import CostChanges, ProjectsAppearance
 from tsuiseki.tracking.association.looks import Looks
-from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
+from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
@@ -88,13 +88,8 @@ class FlowTracker:
             raise RequestError(f"expected a frame rate above 0 and a stride from 1, got {frame_rate} and {stride}")
         if delay is not None and not 0 <= delay < np.inf:
             raise RequestError(f"expected a delay of 0 seconds or more, got {delay}")
-        settings = adjusted(
-            settings,
-            FlowSettings,
-            min_time=min_time,
-            fill=fill,
-            smoothing=smoothing,
-        )
+        given_by_name = {"min_time": min_time, "fill": fill, "smoothing": smoothing}
+        settings = adjusted(settings, FlowSettings, given_by_name)
         if delay is not None or changes is not None:
             settings = settings.alike()
         self.settings = settings
@@ -103,8 +98,7 @@ class FlowTracker:
         path = camera if isinstance(camera, CameraPath) else None
         given = FlowInput(settings.input, Looks(frame_rate, stride), size, path, standing, observation)
         frame_rate = given.frame_rate
-        most_undecided = None if settings.most_undecided is None else round(settings.most_undecided * frame_rate)
-        window = FlowWindow(settings.costs, frame_rate, size, most_undecided, transition, changes)
+        window = FlowWindow(settings.costs, frame_rate, size, transition, changes)
         self._changes = changes
         self._flow: WholeFlow | DelayedFlow
         if delay is None:
@@ -211,7 +205,7 @@ class FlowTracker:
             return track
         found = replace(track, frames=looks.frames(track.frames))
         steps = np.diff(found.frames)[np.diff(track.frames) == 1]
-        return fill_gaps(found, GapSettings(int(steps.max(initial=1)) - 1, np.inf, np.inf))
+        return fill_gaps(found, int(steps.max(initial=1)) - 1)
 
     def network(self) -> SolvedNetwork | None:
         """What the tracks were chosen from when they were last asked for; None where it is forgotten on the way."""

@@ -15,14 +15,14 @@ from tsuiseki.tracking.association.detection_tables import DetectionRows, Detect
 from tsuiseki.tracking.association.flow_rounds import FirstPrices
 from tsuiseki.tracking.association.flow_window import FlowCosts, FlowWindow
 from tsuiseki.tracking.association.looks import Looks
-from tsuiseki.tracking.association.nearby import DENSE, centres, hidden_parts, near_pairs, sizes
+from tsuiseki.tracking.association.nearby import DENSE, hidden_parts, near_pairs, sizes
 from tsuiseki.tracking.association.smoothing import SmoothingSettings, fit_smoothing
 from tsuiseki.tracking.association.video_evidence import DetectionCost, VideoEvidence
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory
 from tsuiseki.tracking.features.standing_camera import StandingCamera
-from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 
 # Deviation of the place of a box where the camera stands still and nothing says otherwise, heights.
@@ -354,7 +354,6 @@ class FlowSettings:
         fill: longest gap that is filled, on a straight line.
         smoothing: smooth boxes by as much as suits the video; otherwise they are reported as detected.
         decide_every: least time between two decisions; None solves all frames at once in the end.
-        most_undecided: most time that may stay undecided; None lets it grow until every decision is exact.
     """
 
     input: InputSettings = field(default_factory=InputSettings)
@@ -365,15 +364,12 @@ class FlowSettings:
     fill: float = 2.0
     smoothing: bool = True
     decide_every: float | None = 20.0
-    most_undecided: float | None = None
 
     def __post_init__(self) -> None:
         if self.decide_every is not None and self.decide_every <= 0:
             raise RequestError(f"expected decide_every above 0 seconds, got {self.decide_every}")
         if min(self.min_detections, self.min_time, self.fill) < 0:
             raise RequestError("expected min_detections, min_time and fill from 0")
-        if self.most_undecided is not None and self.most_undecided <= self.costs.rounds.window + SETTLE:
-            raise RequestError(f"expected most_undecided above window + {SETTLE:g} s, got {self.most_undecided}")
 
     def alike(self) -> FlowSettings:
         """These settings with entry and exit costs that take all places alike."""

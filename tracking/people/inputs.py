@@ -13,10 +13,10 @@ from typing import TypeAlias, get_args
 
 import numpy as np
 
+from tsuiseki.tracking.association.clutter import ScoreChoice
 from tsuiseki.tracking.association.looks import given_looks, looked_at, stride_of
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.features.box_check import BoxCheck
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import (
     Appearance,
@@ -24,10 +24,10 @@ from tsuiseki.tracking.features.exported import (
     Describe,
     Detect,
     Detector,
+    ForeignAppearance,
     as_describer,
     as_detector,
 )
-from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions
 from tsuiseki.tracking.features.ground_plane import GroundPlane
@@ -35,11 +35,10 @@ from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detector
 from tsuiseki.tracking.features.views import parse_view
-from tsuiseki.tracking.formats.label_checks import compare_with_picture
+from tsuiseki.tracking.formats.label_checks import BoxCheck, compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import cores_of
-from tsuiseki.tracking.people.score_choice import ScoreChoice
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, TypedDict, TypeVar, get_args
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from tsuiseki.tracking.filters.kalman import (
     update_boxes,
 )
 from tsuiseki.tracking.interchange import BadBoxes
-from tsuiseki.tracking.people.votes import Votes
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
 
 S = TypeVar("S")
@@ -51,16 +51,35 @@ class LifecycleSettings:
             raise RequestError(f"expected the boxes {' or '.join(get_args(ReportedBox))}, got {self.boxes!r}")
 
 
-def adjusted(settings: S | None, kind: type[S], **given: Any) -> S:
+class LifecycleKeywords(TypedDict, total=False):
+    """What all online trackers take by name, before their settings; each says its defaults.
+
+    Attributes:
+        max_age: frames that a person is kept without a detection.
+        min_hits: detections in a row from which on a person is shown; 1 shows everyone at once.
+        start_score: lowest score of a detection that may start a track.
+        boxes: ``filtered`` boxes of the Kalman filter, as by default, or those ``detected``.
+    """
+
+    max_age: int | None
+    min_hits: int | None
+    start_score: float | None
+    boxes: ReportedBox | None
+
+
+def adjusted(settings: S | None, kind: type[S], given: Mapping[str, Any]) -> S:
     """Settings, in which those that are given and not None are others; names of `LifecycleSettings` go there.
 
     Raises:
+        TypeError: there is no setting of a name.
         RequestError: ``settings`` are of no such ``kind``, or a value cannot be used.
     """
     old: Any = kind() if settings is None else settings
     own = {one.name for one in fields(old)}
     known = {name: value for name, value in given.items() if value is not None}
     life = {name: known.pop(name) for name in [*known] if name not in own}
+    if unknown := life.keys() - LifecycleKeywords.__annotations__.keys():
+        raise TypeError(f"expected settings of {kind.__name__}, got {', '.join(sorted(unknown))}")
     try:
         if life:
             known["lifecycle"] = replace(old.lifecycle, **life)
@@ -270,16 +289,16 @@ class LifecycleTracker:
     """What online trackers share: a `Lifecycle` that keeps their tracks.
 
     Args:
-        settings: when tracks are confirmed and deleted.
-        motion: noise of the Kalman filter.
+        settings: of the method, with ``lifecycle`` and ``motion``.
+        seed: taken as by all trackers; nothing is drawn.
 
     Attributes:
         bad: boxes that are none, and left out.
     """
 
-    def __init__(self, settings: LifecycleSettings, motion: BoxMotion) -> None:
-        self._lifecycle = Lifecycle(settings, motion)
-        self.bad = BadBoxes()
+    def __init__(self, settings: Any, seed: int) -> None:
+        self._lifecycle = Lifecycle(settings.lifecycle, settings.motion)
+        self.seed, self.bad = seed, BadBoxes()
 
     def tracks(self) -> list[Track]:
         """The confirmed tracks of all frames so far, by id."""
@@ -379,3 +398,43 @@ class Record:
         boxes, scores = np.concatenate(self._boxes), np.concatenate(self._scores)
         tracks = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
         return [(int(ids[rows[0]]), frames[rows], boxes[rows], scores[rows]) for rows in tracks]
+
+
+class Votes:
+    """How many detections of each class the live tracks have had.
+
+    Attributes:
+        names: of the classes so far.
+    """
+
+    def __init__(self) -> None:
+        self.names: Mapping[int, str] = {}
+        self._numbers = np.empty(0, dtype=np.int64)
+        self._counts = np.zeros((0, 0), dtype=np.int64)
+
+    def follow(self, old: IntArray, started: int, rows: IntArray, detected: IntArray, found: Detections) -> None:
+        """Take the next frame.
+
+        Args:
+            old: rows of the earlier tracks that live on, in their order.
+            started: number of tracks that start, after them.
+            rows: ``(D,)`` the tracks, as they are now, with a detection.
+            detected: ``(D,)`` the detection of each.
+            found: all of the frame.
+        """
+        classes = np.empty(0, np.int64) if found.classes is None else found.classes
+        numbers = np.union1d(self._numbers, classes[classes >= 0]) if len(classes) else self._numbers
+        counts = np.zeros((len(old) + started, len(numbers)), dtype=np.int64)
+        if len(numbers):
+            counts[: len(old), np.searchsorted(numbers, self._numbers)] = self._counts[old]
+        if len(classes):
+            self.names = {**self.names, **found.names}
+            voting = classes[detected] >= 0
+            counts[rows[voting], np.searchsorted(numbers, classes[detected][voting])] += 1
+        self._numbers, self._counts = numbers, counts
+
+    def classes(self) -> IntArray:
+        """``(N,)`` the class that most detections of each track had, the smaller one of two; -1 where none is known."""
+        if not len(self._numbers):
+            return np.full(len(self._counts), -1)
+        return np.where(self._counts.any(axis=1), self._numbers[self._counts.argmax(axis=1)], -1)

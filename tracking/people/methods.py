@@ -13,7 +13,7 @@ from tsuiseki.tracking.association.costs import ProbabilityCost, ScoreCost
 from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import undone
-from tsuiseki.tracking.features.camera_path import CameraPath, moved_boxes
+from tsuiseki.tracking.features.camera_path import CameraPath, move_boxes
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import inner_detector, scores_are_probabilities
@@ -25,9 +25,8 @@ from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.settings import METHODS, NONE, MethodSettings, PeopleMethod
 from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.people.tracker import PeopleTracker, skipped, updated
-from tsuiseki.tracking.people.unused import FirstDetections
-from tsuiseki.tracking.types import FloatArray, Targets, Track
+from tsuiseki.tracking.people.tracker import FirstDetections, PeopleTracker, skipped, updated
+from tsuiseki.tracking.types import Targets, Track
 from tsuiseki.tracking.types.class_choice import called
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE
 from tsuiseki.tracking.video.source import Source, image_size
@@ -179,7 +178,7 @@ class MotionCompensated:
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
         """Take the detections of the next frame; what the tracker answers, in pixels of the frame it is about."""
         found = as_detections(detections)
-        boxes = moved_boxes(found.boxes, self.path.transforms[self._frame])
+        boxes = move_boxes(found.boxes, self.path.transforms[self._frame])
         self._frame += 1
         return self._returned(updated(self.tracker, replace(found, boxes=boxes), time))
 
@@ -191,16 +190,13 @@ class MotionCompensated:
     def _returned(self, targets: Targets | None) -> Targets | None:
         if targets is None:
             return None
-        return replace(targets, boxes=moved_boxes(targets.boxes, undone(self.path.transforms[targets.frame])))
+        return replace(targets, boxes=move_boxes(targets.boxes, undone(self.path.transforms[targets.frame])))
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames so far, in pixels of their own frames."""
-        return [replace(track, boxes=self._back(track)) for track in self.tracker.tracks()]
-
-    def _back(self, track: Track) -> FloatArray:
-        pairs = zip(track.frames.tolist(), track.boxes, strict=True)
-        back = [moved_boxes(box[None], undone(self.path.transforms[frame])) for frame, box in pairs]
-        return np.concatenate(back)
+        back = [undone(transform) for transform in self.path.transforms]
+        tracks = self.tracker.tracks()
+        return [replace(t, boxes=move_boxes(t.boxes, np.stack([back[n] for n in t.frames.tolist()]))) for t in tracks]
 
 
 def inner_tracker(tracker: PeopleTracker) -> PeopleTracker:

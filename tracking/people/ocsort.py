@@ -23,6 +23,7 @@ The paper leaves these points open; here:
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Unpack
 
 import numpy as np
 
@@ -40,7 +41,13 @@ from tsuiseki.tracking.filters.kalman import (
 )
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, ReportedBox, Survivors, adjusted
+from tsuiseki.tracking.people.lifecycle import (
+    LifecycleKeywords,
+    LifecycleSettings,
+    LifecycleTracker,
+    Survivors,
+    adjusted,
+)
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets
 
 
@@ -74,6 +81,22 @@ class OcSortSettings:
             )
 
 
+class OcSortKeywords(LifecycleKeywords, total=False):
+    """What `OcSort` takes by name; by default ``max_age`` is 30, ``min_hits`` 3 and ``start_score`` ``min_score``.
+
+    Attributes:
+        min_score: detections below this take part in nothing, 0.6 by default.
+        min_iou: least overlap of a match, 0.3 by default.
+        direction_weight: how much the direction of a track counts beside the overlap, 0.2 by default.
+        direction_span: frames between the two observations that give it, 3 by default.
+    """
+
+    min_score: float | None
+    min_iou: float | None
+    direction_weight: float | None
+    direction_span: int | None
+
+
 class OcSort(LifecycleTracker):
     """Each frame: predict, match by overlap and direction (OCM), recover what is left over (OCR), update (ORU).
 
@@ -81,16 +104,9 @@ class OcSort(LifecycleTracker):
     random numbers.
 
     Args:
-        min_score: detections below this take part in nothing, 0.6 by default.
-        min_iou: least overlap of a match, 0.3 by default.
-        direction_weight: how much the direction of a track counts beside the overlap, 0.2 by default.
-        direction_span: frames between the two observations that give it, 3 by default.
-        max_age: frames that a person is kept without a detection, 30 by default.
-        min_hits: detections in a row from which on a person is shown, 3 by default; 1 shows everyone at once.
-        start_score: lowest score of a detection that may start a track, ``min_score`` by default.
-        boxes: ``filtered`` boxes of the Kalman filter, or those ``detected``; the former by default.
-        settings: everything else; what is given by name goes before.
+        settings: all of them; what is given by name goes before.
         seed: taken as by all trackers; nothing is drawn.
+        given: see `OcSortKeywords`.
 
     Somebody hidden for ten frames who then walks on is one track:
 
@@ -103,34 +119,11 @@ class OcSort(LifecycleTracker):
     [20]
     """
 
-    def __init__(
-        self,
-        settings: OcSortSettings | None = None,
-        seed: int = 0,
-        *,
-        min_score: float | None = None,
-        min_iou: float | None = None,
-        direction_weight: float | None = None,
-        direction_span: int | None = None,
-        max_age: int | None = None,
-        min_hits: int | None = None,
-        start_score: float | None = None,
-        boxes: ReportedBox | None = None,
-    ) -> None:
-        if settings is None and start_score is None:
-            start_score = min_score
-        life = {"max_age": max_age, "min_hits": min_hits, "start_score": start_score, "boxes": boxes}
-        self.settings = adjusted(
-            settings,
-            OcSortSettings,
-            min_score=min_score,
-            min_iou=min_iou,
-            direction_weight=direction_weight,
-            direction_span=direction_span,
-            **life,
-        )
-        self.seed = seed
-        super().__init__(self.settings.lifecycle, self.settings.motion)
+    def __init__(self, settings: OcSortSettings | None = None, seed: int = 0, **given: Unpack[OcSortKeywords]) -> None:
+        if settings is None and given.get("start_score") is None:
+            given["start_score"] = given.get("min_score")
+        self.settings = adjusted(settings, OcSortSettings, given)
+        super().__init__(self.settings, seed)
         self._history = _no_history(self.settings)
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:

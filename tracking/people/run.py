@@ -12,8 +12,7 @@ from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
-    from tsuiseki.tracking.people.hidden_places import Wanted
-    from tsuiseki.tracking.people.hiding import Hiding
+    from tsuiseki.tracking.people.hiding import Hiding, Wanted
     from tsuiseki.tracking.people.tracking import OpenedPeople
     from tsuiseki.tracking.result import Result
     from tsuiseki.tracking.types import Detections, Track
@@ -58,7 +57,7 @@ def track(
     from tsuiseki.tracking.answers.page import counted, with_page
     from tsuiseki.tracking.cli.run import count, frames_expected, tell_blank, tell_models
     from tsuiseki.tracking.formats.mot import detection_lines
-    from tsuiseki.tracking.people.hidden_places import Wanted
+    from tsuiseki.tracking.people.hiding import Wanted
     from tsuiseki.tracking.people.tracking import open_people, people_result
 
     wanted = None if hide is None else Wanted.parse(hide)

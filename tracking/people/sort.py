@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Unpack
 
 from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, ReportedBox, adjusted
+from tsuiseki.tracking.people.lifecycle import LifecycleKeywords, LifecycleSettings, LifecycleTracker, adjusted
 from tsuiseki.tracking.types import Targets
 
 
@@ -32,6 +33,16 @@ class SortSettings:
             raise RequestError(f"expected min_iou in (0, 1], got {self.min_iou}")
 
 
+class SortKeywords(LifecycleKeywords, total=False):
+    """What `Sort` takes by name; by default ``max_age`` is 10, ``min_hits`` 3 and ``start_score`` 0.5.
+
+    Attributes:
+        min_iou: least overlap of a prediction and a detection that may be the same person, 0.3 by default.
+    """
+
+    min_iou: float | None
+
+
 class Sort(LifecycleTracker):
     """Each frame: predict every track, match predictions to detections by overlap, update what matched.
 
@@ -39,13 +50,9 @@ class Sort(LifecycleTracker):
     before it was confirmed are in ``tracks()`` too once it is. It draws no random numbers.
 
     Args:
-        min_iou: least overlap of a prediction and a detection that may be the same person, 0.3 by default.
-        max_age: frames that a person is kept without a detection, 10 by default.
-        min_hits: detections in a row from which on a person is shown, 3 by default; 1 shows everyone at once.
-        start_score: lowest score of a detection that may start a track, 0.5 by default.
-        boxes: ``filtered`` boxes of the Kalman filter, or those ``detected``; the former by default.
-        settings: everything else; what is given by name goes before.
+        settings: all of them; what is given by name goes before.
         seed: taken as by all trackers; nothing is drawn.
+        given: see `SortKeywords`.
 
     >>> tracker = Sort()
     >>> for t in range(5):
@@ -56,21 +63,9 @@ class Sort(LifecycleTracker):
     [[0, 1, 2, 3, 4]]
     """
 
-    def __init__(
-        self,
-        settings: SortSettings | None = None,
-        seed: int = 0,
-        *,
-        min_iou: float | None = None,
-        max_age: int | None = None,
-        min_hits: int | None = None,
-        start_score: float | None = None,
-        boxes: ReportedBox | None = None,
-    ) -> None:
-        life = {"max_age": max_age, "min_hits": min_hits, "start_score": start_score, "boxes": boxes}
-        self.settings = adjusted(settings, SortSettings, min_iou=min_iou, **life)
-        self.seed = seed
-        super().__init__(self.settings.lifecycle, self.settings.motion)
+    def __init__(self, settings: SortSettings | None = None, seed: int = 0, **given: Unpack[SortKeywords]) -> None:
+        self.settings = adjusted(settings, SortSettings, given)
+        super().__init__(self.settings, seed)
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people."""

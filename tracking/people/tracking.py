@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
@@ -14,8 +15,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
+import numpy as np
+
+from tsuiseki.tracking.association.clutter import above_floor, score_choice
 from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.association.looks import stride_of
+from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.cli.run import frames_expected
 from tsuiseki.tracking.devices import Device
@@ -26,9 +31,7 @@ from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of, i
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.interchange import BadBoxes
 from tsuiseki.tracking.options import Seed
-from tsuiseki.tracking.people.corrected import check_corrections, correction_files, network_at
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.following import answers_while_it_runs, followed
 from tsuiseki.tracking.people.inputs import (
     GivenDetections,
     PeopleInputs,
@@ -51,55 +54,40 @@ from tsuiseki.tracking.people.methods import (
     straddles,
 )
 from tsuiseki.tracking.people.printed_flow import PrintedFlow
-from tsuiseki.tracking.people.score_choice import above_floor, score_choice
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod, PeoplePreset
-from tsuiseki.tracking.people.tracker import PeopleTracker, run_trackers
-from tsuiseki.tracking.people.unused import FirstDetections
-from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.people.tracker import FirstDetections, PeopleTracker, run_trackers, skipped
+from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.types.class_choice import called
 from tsuiseki.tracking.types.frame_range import parse_frames
-from tsuiseki.tracking.video.source import Source, SourceLike, endless, named, open_source
+from tsuiseki.tracking.types.tracks import targets_at
+from tsuiseki.tracking.video.source import Source, SourceLike, endless, image_size, named, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 
 class PeopleKeywords(TypedDict, total=False):
     """What `track_people` and `follow_people` take beside the source and the method.
 
+    Where the command takes a file, networks, functions and arrays do as well. What is not said here is as in
+    `PeopleFinding` and `Linking`, the options of the command.
+
     Attributes:
-        detections: use these instead of a detector: a file (MOTChallenge ``det.txt``), or one entry a frame of
-            whatever `as_detections` understands.
-        detector: an exported detector's file, a `Detector`, or a function from an image to detections; by default the
-            shipped one.
-        appearance: an exported network's file, an `Appearance`, or a function from crops to rows, for ``flow`` and
-            ``deepsort``; by default the shipped one; ``"none"`` does without.
-        affinity: exported link costs for ``flow``; by default the shipped ones after an exported detector, hand-set
-            costs otherwise; ``"none"`` takes hand-set costs always.
-        score_threshold: the detector keeps what scores at least this, from 0 to 1; by default 0.3, or what the
-            beginning of the video tells of another project's detector.
-        view: in how many tiles the detector looks at a frame: ``"auto"``, ``"1"``, ``"3x2"`` or ``"tiles"``.
+        detections: use these instead of a detector: a file, or one entry a frame of whatever `as_detections` takes.
+        detector: an exported detector's file, a `Detector`, or a function from an image to detections.
+        appearance: an exported network's file, an `Appearance`, or a function from crops to rows; ``"none"`` for none.
+        affinity: exported link costs for ``flow``, or the costs themselves; ``"none"`` takes hand-set costs.
         frames: only these frames, such as ``"301-400"``, counted from 1 with both ends as on the command line; all
             other numbers of frames in Python count from 0.
         frame_rate: frames a second, where the source does not say it, as images do not, or is wrong.
         progress: show on the terminal how far the run is.
         frames_looked_at: numbers, counted from 0, of the frames that ``detections`` were looked for in, such as
             ``range(0, 300, 10)``; by default the detections tell a stride. Nobody is missed in other frames.
-        moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
-            ``flow`` sees in them where the camera stands still, and takes the motion of the boxes elsewhere.
-        threads: CPU threads of the networks; 0 takes all.
-        device: what networks that are given as files run on: ``cpu``, ``cuda``, or by default ``auto``, see
-            `opened_on`.
         seed: of the tracker's random numbers.
-        delay: seconds after which ``flow`` decides on a frame for good; by default it decides at the end. With
-            `follow_people` each frame comes so much later.
-        preset: ``printed`` makes of ``flow`` the MCF that the thesis prints, see `PrintedFlow`.
-        ground: ``auto`` lowers the scores of a network's boxes that are not as high as people on one ground are in
-            their row, see `GroundPlane`; ``off`` leaves them as they are, like those of ``detections`` and functions.
-        classes: track these, numbers or names, such as ``["person", "car"]``; by default people, and all that
-            ``detections`` and functions give. Each track has its ``class_id``, and each target its ``detection``.
-        across_classes: one track may go through several of them; by default each class is tracked apart.
-        corrections: file of what ``tsuiseki review`` was told of an earlier result, which is done again.
+        delay: seconds after which ``flow`` decides on a frame for good; with `follow_people` each frame comes so much
+            later.
+        classes: numbers or names, such as ``["person", "car"]``. Each track has its ``class_id``, and each target its
+            ``detection``.
     """
 
     detections: GivenDetections | None
@@ -421,3 +409,113 @@ def _lines_on_unused(opened: OpenedPeople, first: FirstDetections, tracks: Seque
         line = given.line(sum(int(t.observed.sum()) for t in ours), len(ours), getattr(one, "settings", None))
         lines += [] if line is None else [line if number == -1 else f"class {number}: {line}"]
     return lines
+
+
+def answers_while_it_runs(tracker: PeopleTracker) -> bool:
+    """One that may have a delay has one, or else it can forget; see `people.tracker`."""
+    inner = inner_tracker(tracker)
+    if isinstance(inner, ByClass):
+        return all(map(answers_while_it_runs, inner.trackers.values()))
+    return inner.delay is not None if hasattr(inner, "delay") else hasattr(inner, "forget")
+
+
+def followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Frame, Targets]]:
+    """Each frame with the people in it, as late as the tracker answers."""
+    forget = getattr(inner_tracker(tracker), "forget", None)
+    waiting: deque[Frame] = deque()
+    first, looked = 0, inputs.looked
+    last = Targets.empty(0)
+    for number, (frame, found) in enumerate(inputs.with_frames()):
+        first = frame.index - number
+        waiting.append(frame)
+        seen = looked is None or looked[frame.index : frame.index + 1].any()
+        targets = tracker.update(found) if seen else skipped(tracker)
+        if targets is not None:
+            while waiting[0].index - first < targets.frame:
+                # With a delay, frames that nobody looked at are not answered by themselves.
+                yield waiting[0], expected(last, waiting.popleft().index)
+            last = replace(targets, frame=waiting[0].index)
+            yield waiting.popleft(), last
+        if forget is not None:
+            forget()
+    if waiting:
+        tracks = tracker.tracks()
+        yield from ((frame, targets_at(tracks, frame.index - first, frame.index)) for frame in waiting)
+
+
+def expected(targets: Targets, frame: int) -> Targets:
+    """The same people in a frame that nothing is known of."""
+    here = targets.select(targets.status != "lost")
+    nothing = np.column_stack([np.full(len(here), -1), here.classes])
+    status = np.full(len(here), "searching")
+    return replace(here, frame=frame, scores=np.zeros(len(here)), status=status, origin=nothing)
+
+
+def network_at(tracker: object, first: int) -> SolvedNetwork | None:
+    """The network of a flow that was solved whole, once it was asked for its tracks; None of others.
+
+    Args:
+        tracker: of people.
+        first: number of its first frame.
+    """
+    network = tracker.network() if isinstance(tracker, FlowTracker) else None
+    return None if network is None else replace(network, frames=network.frames + first)
+
+
+def check_corrections(path: Path, source: Source) -> None:
+    """Refuse corrections of another video before one is tracked, as far as it tells its size and length.
+
+    Raises:
+        RequestError: they are, or cannot be read.
+    """
+    from tsuiseki.tracking.review.corrections import Video, read_corrections
+
+    wanted = source.frames_wanted
+    length = source.length or getattr(source, "promised", 0)
+    frames = wanted.last + 1 if wanted.last is not None else int(length or 0)
+    video = Video(Path(source.name).name, image_size(source), frames)
+    read_corrections(path, video, getattr(source, "slack", 0.0) if wanted.last is None else 0.0)
+
+
+def correction_files(
+    tracks: list[Track],
+    network: SolvedNetwork | None,
+    corrections: Path | None,
+    source: Source,
+    frames: Sequence[int],
+) -> tuple[list[Track], dict[str, Writer], dict[str, Any], list[str]]:
+    """Tracks under the corrections of an earlier result, and what keeps them open to more.
+
+    Args:
+        tracks: of a run.
+        network: that they were chosen from; None where the method has none.
+        corrections: file; None for none.
+        source: the video.
+        frames: numbers of those that were tracked in.
+
+    Returns:
+        The tracks, files of the result, its facts, and lines for the user.
+
+    Raises:
+        RequestError: the corrections cannot be read, or speak of another video.
+    """
+    files: dict[str, Writer] = {} if network is None else {NETWORK_FILE: lambda path, _: network.write(path)}
+    if corrections is None:
+        return tracks, files, {}, []
+    from tsuiseki.tracking.review.corrections import CORRECTIONS_FILE, Video
+    from tsuiseki.tracking.review.session import FILL, SOLVED_FILE
+    from tsuiseki.tracking.review.tracks import replayed
+
+    last = max([*frames, *(int(track.frames[-1]) for track in tracks)], default=-1)
+    video = Video(Path(source.name).name, image_size(source), last + 1)
+    rate = source.frame_rate
+    known = network_of_tracks(tracks, round(FILL * rate), rate) if network is None else network
+    found = replayed(tracks, known, corrections, video)
+    files |= {
+        SOLVED_FILE: lambda path, _: write_tracks(path, tracks),
+        CORRECTIONS_FILE: lambda path, _: found.write(path),
+    }
+    facts: Mapping[str, Any] = {"corrections": len(found.done), "track_names": found.names}
+    every, lost = found.said, len(found.left_out)
+    lines = [f"corrections: {every - lost} of {every} done again"]
+    return list(found.tracks), files, dict(facts), [*lines, *(f"left out: {line}" for line in found.left_out)]

@@ -19,12 +19,11 @@ from tsuiseki.tracking.association.clutter import standing_clutter
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.sliding_flow import Decision
-from tsuiseki.tracking.association.smoothing import GapSettings, SmoothingSettings, fill_gaps, smooth
+from tsuiseki.tracking.association.smoothing import SmoothingSettings, fill_gaps, smooth
 from tsuiseki.tracking.association.solved_network import NetworkRecord, SolvedNetwork
 from tsuiseki.tracking.association.tracklets import (
     APPEARANCE_WINDOW,
     JOIN_WINDOW,
-    Chained,
     Tracklets,
     join,
     straddling_tracks,
@@ -90,11 +89,11 @@ class WholeFlow:
     def tracks(self) -> list[Track]:
         """Decide all that is left; the tracks."""
         self._absorb()
-        window, tracklets = self.window, self._tracklets
+        window = self.window
         solve_window(window, self.input, self._scores[window.table.numbers])
         rest = window.remainder()
         self._record.add(rest, window.undecided(), window.solved())
-        tracklets.add(self._chained(rest, window.table))
+        self._chain(rest, window.table)
         every = self._table()
         found = self._finished(every, self._joined(every))
         if not self._released:
@@ -145,7 +144,7 @@ class WholeFlow:
         margin = round((settings.costs.rounds.window + SETTLE) * self.input.frame_rate)
         decision = window.decide(self._frame - 1, self._frame - margin)
         self._record.add(decision, numbers, solved)
-        self._tracklets.add(self._chained(decision, table))
+        self._chain(decision, table)
         if self._frame >= self._release_at and table.actions is None and self.input.looks.even:
             self._release()
 
@@ -185,12 +184,11 @@ class WholeFlow:
         self._parts.append(replace(table, features=None))
         self._scores, self._origin = np.append(self._scores, scores), np.concatenate([self._origin, origin])
 
-    @staticmethod
-    def _chained(decision: Decision, table: DetectionTable) -> Chained:
+    def _chain(self, decision: Decision, table: DetectionTable) -> None:
         used = decision.used
         place = np.searchsorted(table.numbers, decision.numbers[used])
         features = None if table.features is None else table.features[place]
-        return Chained(decision.numbers[used], decision.follower[used], features)
+        self._tracklets.add(decision.numbers[used], decision.follower[used], features)
 
     def _table(self) -> DetectionTable:
         """The rows of all detections."""
@@ -260,7 +258,7 @@ def reported(
         smoothing: of the boxes; None reports them as detected.
         first: frame before which nothing is reported.
     """
-    filled = fill_gaps(track, GapSettings(longest, support=np.inf, mismatch=np.inf), given.looks.ticks)
+    filled = fill_gaps(track, longest, given.looks.ticks)
     smoothed = filled if smoothing is None else smooth(given.on_grid(filled), smoothing)
     asked = slice(int(np.searchsorted(filled.frames, first)), None)
     frames, observed = filled.frames[asked], filled.observed[asked]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
+from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.review.corrections import Correction, Video, append, read_corrections
@@ -78,7 +78,7 @@ class Reporter:
             boxes[rows == n] = box
         scores, origin = np.nan_to_num(network.scores[rows]), network.origin[rows]
         track = Track(number, frames, boxes, scores, origin=origin, names=self._names)
-        return fill_gaps(track, GapSettings(network.fill, np.inf, np.inf))
+        return fill_gaps(track, network.fill)
 
 
 def acting(tracks: Sequence[Track], solved: Sequence[ActingTrack]) -> list[ActingTrack]:

@@ -7,8 +7,8 @@ exactly the first pixel of an image is ``0, 0, 1, 1``. Frame numbers are 0-based
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Literal, TypeAlias
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,6 +44,36 @@ def _same(one: object, other: object) -> bool:
     return bool(one == other)
 
 
+class Columns:
+    """A frozen dataclass whose arrays have a row an entry, as tables among its fields do; None stands for not known."""
+
+    def __len__(self) -> int:
+        return next(len(value) for value in vars(self).values() if isinstance(value, np.ndarray))
+
+    def _rows(self, which: BoolArray | IntArray | slice) -> dict[str, Any]:
+        """The columns by name at a mask, at indices or in a range."""
+        every = {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
+        rows = {name: value[which] for name, value in every.items() if isinstance(value, np.ndarray)}
+        return rows | {name: value.select(which) for name, value in every.items() if isinstance(value, Columns)}
+
+    def select(self, which: BoolArray | IntArray | slice) -> Self:
+        """The rows at a mask, at indices or in a range."""
+        return replace(self, **self._rows(which))  # type: ignore[type-var]
+
+    def and_then(self, other: Self) -> Self:
+        """These rows, and after them those of another table; NaN where only one of the two knows a column."""
+        joined: dict[str, Any] = {}
+        for name in [one.name for one in fields(self)]:  # type: ignore[arg-type]
+            parts = [getattr(table, name) for table in (self, other)]
+            known = next((part for part in parts if part is not None), None)
+            if isinstance(known, Columns):
+                joined[name] = known.and_then(parts[1])
+            elif isinstance(known, np.ndarray):
+                nothing = [np.full((len(table), *known.shape[1:]), np.nan) for table in (self, other)]
+                joined[name] = np.concatenate([n if p is None else p for n, p in zip(nothing, parts, strict=True)])
+        return replace(self, **joined)  # type: ignore[type-var]
+
+
 @dataclass(frozen=True, eq=False)
 class Frame(ComparedByValue):
     """One image of a video.
@@ -66,7 +96,7 @@ class Frame(ComparedByValue):
 
 
 @dataclass(frozen=True, eq=False)
-class Detections(ComparedByValue):
+class Detections(Columns, ComparedByValue):
     """What a detector found in one frame.
 
     Attributes:
@@ -117,22 +147,14 @@ class Detections(ComparedByValue):
             raise ValueError(f"expected {name} of shape ({len(self.boxes)}, D), got {rows.shape}")
         object.__setattr__(self, name, rows)
 
-    def __len__(self) -> int:
-        return len(self.boxes)
-
     @classmethod
     def empty(cls) -> Detections:
         """No detection at all."""
         return cls(np.empty((0, 4)), np.empty(0))
 
-    def select(self, which: BoolArray | IntArray) -> Detections:
-        """The detections at a mask or at indices."""
-        features = None if self.features is None else self.features[which]
-        actions = None if self.actions is None else self.actions[which]
-        angles = None if self.angles is None else self.angles[which]
-        classes = None if self.classes is None else self.classes[which]
-        boxes, scores, sources = self.boxes[which], self.scores[which], self.origin[which, 0]
-        return Detections(boxes, scores, features, actions, angles, classes, sources, self.names)
+    def select(self, which: BoolArray | IntArray | slice) -> Self:
+        """The detections at a mask, at indices or in a range."""
+        return replace(self, **self._rows(which) | {"sources": self.origin[which, 0]})
 
     @property
     def origin(self) -> IntArray:
@@ -170,7 +192,7 @@ class Target(ComparedByValue):
 
 
 @dataclass(frozen=True, eq=False)
-class Targets(ComparedByValue):
+class Targets(Columns, ComparedByValue):
     """The targets of one frame; going through them gives one `Target` after the other.
 
     Attributes:
@@ -197,9 +219,6 @@ class Targets(ComparedByValue):
         if lengths.count(lengths[0]) != 5:
             raise ValueError(f"expected ids, boxes, scores, status and origin of one length, got {lengths}")
 
-    def __len__(self) -> int:
-        return len(self.ids)
-
     def __iter__(self) -> Iterator[Target]:
         columns = self.ids.tolist(), self.boxes, self.scores.tolist(), self.status.tolist(), self.origin.tolist()
         for number, box, score, status, (row, kind) in zip(*columns, strict=True):
@@ -219,11 +238,6 @@ class Targets(ComparedByValue):
     def empty(cls, frame: int) -> Targets:
         """Nobody in ``frame``."""
         return cls(frame, np.empty(0, np.int64), np.empty((0, 4)), np.empty(0), np.empty(0, dtype="U9"))
-
-    def select(self, which: BoolArray | IntArray) -> Targets:
-        """The targets at a mask or at indices."""
-        ids, boxes, scores, status = self.ids[which], self.boxes[which], self.scores[which], self.status[which]
-        return Targets(self.frame, ids, boxes, scores, status, self.origin[which], self.names)
 
 
 @dataclass(frozen=True, eq=False)

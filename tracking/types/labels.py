@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class GroundTruth:
+class GroundTruth(Columns):
     """Labelled boxes of a sequence, ordered by frame.
 
     Attributes:
@@ -35,20 +35,13 @@ class GroundTruth:
         everyone = np.ones(len(frames), dtype=np.bool_)
         return cls(frames, ids, boxes, everyone, ~everyone, np.ones(len(frames)))
 
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def select(self, which: BoolArray | IntArray) -> GroundTruth:
-        """The rows at a mask or at indices."""
-        return GroundTruth(*(column[which] for column in vars(self).values()))
-
     def between(self, first: int, last: int) -> GroundTruth:
         """The rows of the 0-based frames ``first`` to ``last``, both included; frames keep their numbers."""
         return self.select((self.frames >= first) & (self.frames <= last))
 
 
 @dataclass(frozen=True)
-class ActionLabels:
+class ActionLabels(Columns):
     """The rows of a label file, in its order.
 
     Attributes:
@@ -70,11 +63,3 @@ class ActionLabels:
     generated: BoolArray
     actions: BoolArray
     class_names: tuple[str, ...]
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def select(self, which: BoolArray | IntArray) -> ActionLabels:
-        """The rows at a mask or at indices."""
-        columns = {name: column[which] for name, column in vars(self).items() if name != "class_names"}
-        return replace(self, **columns)

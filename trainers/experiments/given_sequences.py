@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.association.smoothing import GapSettings, fill_gaps
+from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import owners_of
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
@@ -174,8 +174,7 @@ def as_written(tracks: Sequence[Track]) -> list[Track]:
 
 def filled(tracks: Sequence[Track], longest: int) -> list[Track]:
     """Tracks with their gaps of up to so many frames filled on straight lines."""
-    every = GapSettings(longest, support=np.inf, mismatch=np.inf)
-    return [fill_gaps(track, every) for track in tracks]
+    return [fill_gaps(track, longest) for track in tracks]
 
 
 def track_sums(given: GivenSequence, tracks: Sequence[Track]) -> FloatArray:

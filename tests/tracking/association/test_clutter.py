@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.clutter import score_floor, standing_clutter
-from tsuiseki.tracking.people.score_choice import above_floor, floor_of
+from tsuiseki.tracking.association.clutter import above_floor, floor_of, score_floor, standing_clutter
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 
 RATE = 10.0

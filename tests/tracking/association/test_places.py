@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.places import EntryCounts, EntryPlaces, no_counts, place_costs, starts_and_ends
+from tsuiseki.tracking.association.places import NO_COUNTS, EntryCounts, EntryPlaces, place_costs, starts_and_ends
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.types import FloatArray
@@ -32,7 +32,7 @@ def through_the_door(people: int = 20) -> EntryCounts:
 
 def test_starts_are_cheap_where_tracks_began_and_dear_elsewhere() -> None:
     asked = boxes_at(np.array([DOOR, 300.0, 30.0]))
-    settings = EntryPlaces(border=0.0)
+    settings = EntryPlaces()
     entry, exit = place_costs(through_the_door(), asked, SIZE, settings)
     assert entry[0] < 0 < min(entry[1], entry[2])
     assert exit[2] < 0 < min(exit[0], exit[1])
@@ -44,7 +44,7 @@ def test_costs_are_the_logarithm_of_the_share_that_begins() -> None:
     x = np.repeat([105.0, 505.0], 50)
     starts = np.zeros(100, dtype=np.bool_)
     starts[[0, 1, 2, 60]] = True
-    settings = EntryPlaces(width=0.001, prior=10.0, border=0.0, most=9.0)
+    settings = EntryPlaces(width=0.001, prior=10.0, most=9.0)
     entry, _ = place_costs(
         EntryCounts(boxes_at(x), starts, starts), boxes_at(np.array([105.0, 505.0, 905.0])), SIZE, settings
     )
@@ -53,20 +53,10 @@ def test_costs_are_the_logarithm_of_the_share_that_begins() -> None:
     np.testing.assert_allclose(entry, expected, atol=1e-9)
 
 
-def test_before_anything_is_known_the_border_is_likelier() -> None:
-    nowhere = EntryCounts(boxes_at(np.array([500.0])), np.zeros(1, np.bool_), np.zeros(1, np.bool_))
-    asked = boxes_at(np.array([25.0, 250.0, 975.0]))
-    entry, exit = place_costs(nowhere, asked, SIZE, EntryPlaces(border=1.0))
-    np.testing.assert_allclose(entry, [-1, 0, -1], atol=0.05)
-    np.testing.assert_allclose(exit, entry)
-    entry, _ = place_costs(nowhere, asked, None, EntryPlaces(border=1.0))
-    np.testing.assert_allclose(entry, 0, atol=0.05)
-
-
 @pytest.mark.parametrize("weight", [0.0, 1.0])
 def test_nothing_is_said_of_nothing(weight: float) -> None:
     settings = EntryPlaces(weight=weight)
-    for counts, asked in ((no_counts(), boxes_at(np.array([5.0]))), (through_the_door(), np.empty((0, 4)))):
+    for counts, asked in ((NO_COUNTS, boxes_at(np.array([5.0]))), (through_the_door(), np.empty((0, 4)))):
         entry, exit = place_costs(counts, asked, SIZE, settings)
         assert entry.tolist() == exit.tolist() == [0.0] * len(asked)
 

@@ -164,14 +164,6 @@ def test_memory_does_not_grow_with_the_video() -> None:
     assert max(kept[30:]) <= 2 * max(kept[:30])
 
 
-def test_a_bound_on_the_window_is_kept_and_reported() -> None:
-    frames, graph, length, longest = _instance(21)
-    flow = SlidingFlow(longest + 1, 3.0, most_undecided=longest + 1)
-    pieced, _ = _windowed(frames, graph, length, flow, chunk=1)
-    assert not flow.exact
-    assert pieced.cost >= solve(graph).cost - 2 * len(graph) / SCALE
-
-
 def test_each_part_of_the_overlap_rule_is_needed(monkeypatch: pytest.MonkeyPatch) -> None:
     """A plain overlap, with everything before the frontier decided, misses the optimum."""
     monkeypatch.setattr(
@@ -196,8 +188,6 @@ def test_broken_order_and_settings_are_refused() -> None:
         SlidingFlow(3, 0.5).extend(np.array([0]), one)
     with pytest.raises(ValueError, match="overlap"):
         SlidingFlow(1, 1.0)
-    with pytest.raises(ValueError, match="most_undecided"):
-        SlidingFlow(5, 1.0, most_undecided=4)
 
 
 def test_empty_windows_pass() -> None:

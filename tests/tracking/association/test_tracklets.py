@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.tracking.association.tracklets import Chained, Tracklets, cheapest_matching
-
-
-def _chained(numbers: list[int], follower: list[int], features: np.ndarray | None = None) -> Chained:
-    return Chained(np.array(numbers), np.array(follower), features)
+from tsuiseki.tracking.association.tracklets import Tracklets, cheapest_matching
 
 
 def test_chains_in_parts_are_the_chains_at_once() -> None:
     looks = np.eye(8)[[0, 1, 0, 2, 1, 3, 0, 4]]
     numbers, follower = [0, 1, 2, 4, 5, 6, 7], [2, 4, 6, 7, -1, -1, -1]
     whole, parts = Tracklets(), Tracklets()
-    whole.add(_chained(numbers, follower, looks[numbers]))
+    whole.add(np.array(numbers), np.array(follower), looks[numbers])
     for part in ([0, 1], [2], [4, 5, 6], [7]):
-        parts.add(_chained(part, [follower[numbers.index(n)] for n in part], looks[part]))
+        parts.add(np.array(part), np.array([follower[numbers.index(n)] for n in part]), looks[part])
     assert whole.labels(8).tolist() == [0, 1, 0, -1, 1, 2, 0, 1]
     assert parts.labels(8).tolist() == whole.labels(8).tolist()
     a, b = parts.appearance(), whole.appearance()

@@ -12,7 +12,7 @@ from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_dron
 from tsuiseki.datamodules.scenes.flow_pairs import random_flow_pair
 from tsuiseki.datamodules.scenes.render.ground import ground_homography
 from tsuiseki.tracking.features.camera_motion import camera_flow, camera_motion, undone
-from tsuiseki.tracking.features.camera_path import CameraPath, moved_boxes
+from tsuiseki.tracking.features.camera_path import CameraPath, move_boxes
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.methods import MotionCompensated
 from tsuiseki.tracking.people.sort import Sort
@@ -130,7 +130,7 @@ def test_frames_of_two_shapes_are_refused():
 def test_a_similarity_is_undone_exactly():
     turn = np.array([[0.9, -0.3, 12.0], [0.3, 0.9, -5.0]])
     boxes = np.array([[10.0, 20, 30, 60], [100, 50, 140, 60]])
-    np.testing.assert_allclose(moved_boxes(moved_boxes(boxes, turn), undone(turn)), boxes, atol=1e-9)
+    np.testing.assert_allclose(move_boxes(move_boxes(boxes, turn), undone(turn)), boxes, atol=1e-9)
 
 
 def jumping(path):

@@ -9,8 +9,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from tests.tracking.features.tiny_onnx import save_constant
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.features.exported import open_appearance
-from tsuiseki.tracking.features.foreign_appearance import ForeignAppearance
+from tsuiseki.tracking.features.exported import ForeignAppearance, open_appearance
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions
 
 BOXES = np.array([[i, i, i + 10.0, i + 20] for i in range(5)])

@@ -288,7 +288,7 @@ def test_flow_believes_scores_that_are_probabilities() -> None:
     assert sorted(float(track.scores[0]) for track in believed) == [0.9, 0.95]
 
 
-@pytest.mark.parametrize("wrong", [{"decide_every": 0}, {"fill": -1.0}, {"most_undecided": 1.0}])
+@pytest.mark.parametrize("wrong", [{"decide_every": 0}, {"fill": -1.0}])
 def test_flow_settings_must_make_sense(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match="expected"):
         FlowSettings(**wrong)  # type: ignore[arg-type]

@@ -10,9 +10,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from tsuiseki.tracking.association.clutter import LOWEST, ScoreChoice, score_choice
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.people.inputs import PeopleInputs
-from tsuiseki.tracking.people.score_choice import LOWEST, ScoreChoice, score_choice
 from tsuiseki.tracking.types import Detections, ImageArray
 from tsuiseki.tracking.video.source import open_source
 

@@ -113,6 +113,6 @@ def test_the_tracker_decides_while_it_goes_with_it(exported: dict[str, Path]) ->
     from tsuiseki.tracking.people.flow_input import FlowSettings
 
     changes = CostNetwork(exported["large"], threads=1)
-    tracker = FlowTracker(FlowSettings(decide_every=0.5, most_undecided=3.0), frame_rate=25.0, changes=changes)
+    tracker = FlowTracker(FlowSettings(decide_every=0.5), frame_rate=25.0, changes=changes)
     assert run_tracker(crossing() * 4, tracker)
     assert FlowTracker(changes=changes, frame_rate=25.0).tracks() == []
