@@ -9,7 +9,8 @@ ends of the tracks found.
 
 First prices may be too high. Where targets move fast, frames are few or boxes inexact, the cost of the unknown velocity
 of two detections exceeds what they are worth. Then no track forms, no track tells the velocity, and no round mends it.
-`FirstPrices` recognises this: most detections are right, and most of those are left out all the same.
+`FirstPrices` recognises this: many detections are right, and most of those are left out all the same. Among many false
+positives nearly all of the right ones must be.
 """
 
 from __future__ import annotations
@@ -252,9 +253,9 @@ def _mask(which: IntArray, count: int) -> BoolArray:
     return mask
 
 
-# A detection counts as right from this probability on; most are if these many and this share of all are; they are left
-# out if no more than that share of them is in tracks.
-RIGHT, FEWEST, MOST, USED = 0.7, 10, 2 / 3, 0.6
+# A detection counts as right from this probability on, and fewer right ones tell nothing. They are left out if no more
+# than a share of them is in tracks: the first share where this part of all is right, the second where less is.
+RIGHT, FEWEST, MOST, USED, USED_OF_FEW = 0.7, 10, 2 / 3, 0.6, 0.2
 
 
 @dataclass(frozen=True)
@@ -270,9 +271,10 @@ class FirstPrices:
     change: FloatArray
 
     def left_out(self, used: BoolArray) -> bool:
-        """Whether most are right, and most of those are left out, of which ``(U,)`` are in tracks."""
+        """Whether those that are right are left out, of which ``(U,)`` are in tracks: most of many, or nearly all."""
         right = self.probability >= RIGHT
-        return bool(right.sum() >= FEWEST and right.mean() >= MOST and used[right].mean() <= USED)
+        most = USED if right.mean() >= MOST else USED_OF_FEW
+        return bool(right.sum() >= FEWEST and used[right].mean() <= most)
 
 
 def with_known_velocity(links: Links, cost: LinkCost, frame_rate: float) -> Links:

@@ -73,7 +73,7 @@ def test_what_is_found_again_is_what_all_tracks_say(seed: int) -> None:
     labels[rng.choice(len(labels), 2)] = rng.integers(-1, 6, 2)
     follower = linked(seen, labels)
     known, second = followed(known, seen, labels, follower, MOTION, RUN_UP)
-    assert first.past.sum() > 3 * second.past.sum() > 0
+    assert first[0].sum() > 3 * second[0].sum() > 0
     past, future = beliefs_along(labels, seen.measured, MOTION)
     for ours, whole in ((known.past, past), (known.future, future)):
         # What RUN_UP detections leave of a jump by hundreds of pixels: a fiftieth of the deviation of 0.03 * 80 pixels.

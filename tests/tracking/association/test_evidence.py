@@ -15,13 +15,12 @@ from tsuiseki.tracking.association.evidence import (
     JOIN_FEATURES,
     LINK_FEATURES,
     detection_evidence,
-    join_evidence,
     link_evidence,
 )
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
 from tsuiseki.tracking.association.looks import Looks
-from tsuiseki.tracking.association.tracklets import Ends, join_parts
+from tsuiseki.tracking.association.tracklets import Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.people.flow_input import FlowInput, InputSettings
 from tsuiseki.tracking.types import Detections, FloatArray
 
@@ -135,9 +134,9 @@ def test_joins_see_what_people_do() -> None:
 
 
 def test_features_of_joins() -> None:
-    seen = seen_of([[[100, 100, 140, 200]], [[102, 100, 142, 200]]])
-    counts, spans = (np.array([4]), np.array([1])), (np.array([30]), np.array([0]))
-    rows = join_evidence(seen, parts_of(seen, [0], [1]), COST.motion, counts, spans)
+    seen = seen_of([[[100, 100, 140, 200]] if k % 10 == 0 or k == 31 else [] for k in range(32)])
+    labels = np.array([0, 0, 0, 0, 1])
+    rows = evidence_of_joins(seen, labels, Ends.of(labels), parts_of(seen, [3], [4]), COST)
     np.testing.assert_allclose(rows[0, -4:], [np.log(4), 0, np.log(2), 0])
 
 
@@ -149,6 +148,6 @@ def test_nothing_to_link(boxes: list[list[list[float]]]) -> None:
     none: list[int] = []
     if count:
         parts = parts_of(seen, none, none)
-        empty = (np.empty(0, np.int64), np.empty(0, np.int64))
+        alone = np.full(count, -1)
         assert link_evidence(seen, parts, COST.motion).shape == (0, len(LINK_FEATURES))
-        assert join_evidence(seen, parts, COST.motion, empty, empty).shape == (0, len(JOIN_FEATURES))
+        assert evidence_of_joins(seen, alone, Ends.of(alone), parts, COST).shape == (0, len(JOIN_FEATURES))

@@ -16,8 +16,10 @@ from tsuiseki.tracking.association.link_cost import LinkCost
         (20, 12, True),
         # Most of the right ones are in tracks.
         (20, 13, False),
-        # A third and more of all are not likely to be right.
-        (13, 0, False),
+        # Where a third and more of all are not likely to be right, hardly any is in tracks.
+        (13, 0, True),
+        (13, 2, True),
+        (13, 3, False),
     ],
 )
 def test_first_prices_are_too_high_where_most_are_right_and_left_out(right: int, used: int, too_high: bool) -> None:

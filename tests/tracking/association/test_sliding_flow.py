@@ -149,7 +149,8 @@ def test_a_crowd_comes_by_as_many_as_a_transition_reaches_over(monkeypatch: pyte
     monkeypatch.setattr("tsuiseki.tracking.association.sliding_flow.solve", counted)
     monkeypatch.setattr("tsuiseki.tracking.association.sliding_flow.AT_ONCE", 1)
     ours = solve_in_windows(graph, None, detections=50)
-    assert len(solved) <= 10
+    # Each window once, and once more for what no future can change.
+    assert len(solved) <= 20
     assert max(solved) <= 4 * 3 * people
     np.testing.assert_array_equal(ours.follower, solve(graph).follower)
 
