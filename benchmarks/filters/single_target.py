@@ -26,9 +26,8 @@ import numpy as np
 from tsuiseki.tracking.formats.single import SingleSequence, find_single_sequences
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.single import kcf
-from tsuiseki.tracking.single.constants import PRINTED, ROBUST
 from tsuiseki.tracking.single.kcf import KcfTracker
-from tsuiseki.tracking.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.single.kcf_particle import PRINTED, ROBUST, KcfParticle
 from tsuiseki.tracking.single.settings import make_tracker
 from tsuiseki.tracking.single.tracker import SingleTracker
 from tsuiseki.tracking.types import ImageArray

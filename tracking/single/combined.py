@@ -17,8 +17,8 @@ recovers by itself. So here
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections import deque
+from dataclasses import dataclass, field, replace
 from statistics import median
 
 import numpy as np
@@ -28,45 +28,68 @@ from tsuiseki.tracking.filters.kernelised_correlation import ComplexArray
 from tsuiseki.tracking.filters.motion.points import PlaneWalk
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.resampling import normalise
-from tsuiseki.tracking.single import regularised
-from tsuiseki.tracking.single.constants import DOUBTFUL_RATE, CombinedSettings
-from tsuiseki.tracking.single.particles import heaviest_apart
-from tsuiseki.tracking.single.regularised import Model, RegularisedTarget
+from tsuiseki.tracking.single import regularised, seen_before
+from tsuiseki.tracking.single.regularised import Model, RegularisedSettings, RegularisedTarget
 from tsuiseki.tracking.single.response import ResponseMaps, maxima_of_each, peak
 from tsuiseki.tracking.single.seen_before import SeenBefore
 from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
+COLOUR_DOUBT, SURE = 0.95, 0.75
+"""Shares of running medians: doubt begins where the colours, too, are below the first, and ends with a response from
+the second on."""
+MEMORY = 50
+"""Frames of the running medians."""
+CERTAIN, HIDDEN, DOUBTFUL_RATE = 0.8, 0.4, 0.25
+"""Shares of the median response from which on a frame is learnt at full speed, and under which the target is hidden and
+nothing is learnt; speed of learning at the beginning of a doubt."""
+LOST_AFTER = 5
+"""Frames of doubt after which the target counts as lost."""
+STORED, STORE_INTERVAL = 3, 25
+"""Filters kept from frames without doubt, beside the first frame's, and frames between them."""
+PARTICLES, RENEWED, SPREAD, SHARPNESS = 200, 0.25, 0.25, 20.0
+"""N; share of them drawn anew in every frame, at the maxima of all filters; deviation of their step, as a share of the
+target's sides; factor on the response in the log-likelihood."""
+MARGIN, WINS = 0.1, 3
+"""How much more than the filter's a challenger's response must be, and for how many frames in a row."""
+
 
 @dataclass(frozen=True)
+class CombinedSettings:
+    """Constants.
+
+    Attributes:
+        filter: of the filter that goes on alone.
+        doubt: share of its running median under which a response is low.
+        reach: windows searched to each side of the one about the target; 1 gives 3 x 3.
+        certain: share of the median response from which on a frame is learnt at full speed.
+    """
+
+    filter: RegularisedSettings = field(default_factory=RegularisedSettings)
+    doubt: float = 0.6
+    reach: int = 1
+    certain: float = CERTAIN
+
+
 class Evidence:
-    """Responses and colour scores of frames without doubt, newest last, at most ``memory`` of them."""
+    """Responses and colour scores of the last frames without doubt."""
 
-    peaks: tuple[float, ...] = ()
-    colours: tuple[float, ...] = ()
+    def __init__(self) -> None:
+        self.peaks: deque[float] = deque(maxlen=MEMORY)
+        self.colours: deque[float] = deque(maxlen=MEMORY)
+        self._usual = 1.0, 1.0
 
-    def add(self, target: RegularisedTarget, memory: int) -> Evidence:
-        """With one more frame."""
-        return Evidence((*self.peaks, target.peak)[-memory:], (*self.colours, target.colour_score)[-memory:])
+    def add(self, target: RegularisedTarget) -> None:
+        """One more frame."""
+        self.peaks.append(target.peak)
+        self.colours.append(target.colour_score)
+        self._usual = max(median(self.peaks), 1e-6), max(median(self.colours), 1e-6)
 
     def shares(self, target: RegularisedTarget) -> tuple[float, float]:
         """Response and colour score of ``target`` over their medians; 1 until five frames are known."""
         if len(self.peaks) < 5:
             return 1.0, 1.0
-        peak, colour = self._usual
-        return target.peak / peak, target.colour_score / colour
-
-    @cached_property
-    def _usual(self) -> tuple[float, float]:
-        return max(median(self.peaks), 1e-6), max(median(self.colours), 1e-6)
-
-
-@dataclass(frozen=True)
-class Challenge:
-    """The particles of a doubt, and for how many frames in a row their place has been better."""
-
-    state: ParticleState
-    wins: int = 0
+        return target.peak / self._usual[0], target.colour_score / self._usual[1]
 
 
 class Combined:
@@ -89,11 +112,11 @@ class Combined:
         self._model = Model.of(self.settings.filter, width, height)
         self.target = regularised.start(self._model, image, box_centre(np.asarray(box)))
         self._first = self.target.filters
-        self._stored: list[ComplexArray] = []
+        self._stored: deque[ComplexArray] = deque(maxlen=STORED)
         self._evidence = Evidence()
-        self._challenge: Challenge | None = None
-        self._frame = self.doubted = self.searched_frames = 0
-        self._seen_before = SeenBefore(self.settings.seen_before)
+        self._particles: ParticleState | None = None
+        self._wins = self._frame = self.doubted = self.searched_frames = 0
+        self._seen_before = SeenBefore()
         self._seen_before.look(image, np.asarray(box, dtype=np.float64))
         self._on_background = False
 
@@ -105,7 +128,7 @@ class Combined:
             self._go_on_in_doubt(image, found)
         else:
             self._go_on(image, found)
-        if self._frame % self.settings.seen_before.every == 0:
+        if self._frame % seen_before.EVERY == 0:
             self._on_background = self._seen_before.look(image, self.box(self.target))
         return self.state()
 
@@ -129,34 +152,36 @@ class Combined:
         self.searched_frames += 1
         bank = self._bank()
         maps = self._maps(image, bank)
-        particle_filter = self._particle_filter()
-        state, _ = particle_filter.step(particle_filter.init(self._draw(maps)), maps, self._rng)
+        state = self._weighed(self._drawn(maps), maps)
         apart = self._model.target * self.target.size / 2
-        chosen = heaviest_apart(state.particles, state.log_weights, apart, count)
-        return [self._climbed(image, self._at(particle, bank)) for particle in chosen]
+        chosen: list[FloatArray] = []
+        for particle in state.particles[np.argsort(-state.log_weights, kind="stable")]:
+            if all((np.abs(particle[:2] - other[:2]) > apart).any() for other in chosen[:count]):
+                chosen.append(particle)
+        return [self._climbed(image, self._at(particle, bank)) for particle in chosen[:count]]
 
     def go_on_at(self, there: RegularisedTarget) -> None:
         """Take the target to be where one of `heaviest_places` is; the doubt ends."""
         self.target = there
-        self.doubted, self._challenge, self._on_background = 0, None, False
+        self.doubted, self._particles, self._on_background = 0, None, False
         self._seen_before.forget()
 
     def _doubts(self, found: RegularisedTarget) -> bool:
         response, colours = self._evidence.shares(found)
         if self.doubted:
-            return response < self.settings.sure
-        return response < self.settings.doubt and colours < self.settings.colour_doubt
+            return response < SURE
+        return response < self.settings.doubt and colours < COLOUR_DOUBT
 
     def _go_on(self, image: ImageArray, found: RegularisedTarget) -> None:
         self.target = self._learn(found, image, self._certainty(found, self.settings.certain))
-        self._evidence = self._evidence.add(found, self.settings.memory)
-        self.doubted, self._challenge = 0, None
-        if self._frame % self.settings.store_interval == 0:
-            self._store()
+        self._evidence.add(found)
+        self.doubted, self._particles = 0, None
+        if self._frame % STORE_INTERVAL == 0:
+            self._stored.append(self.target.filters)
 
     def _go_on_in_doubt(self, image: ImageArray, found: RegularisedTarget) -> None:
         if not self.doubted:
-            self._store()  # the last filter from before the doubt
+            self._stored.append(self.target.filters)  # the last filter from before the doubt
         self.doubted += 1
         self.searched_frames += 1
         rate = DOUBTFUL_RATE * self._certainty(found, self.settings.doubt)
@@ -165,41 +190,35 @@ class Combined:
 
     def _certainty(self, found: RegularisedTarget, full: float) -> float:
         """In [0, 1]: 1 where the response is from ``full`` of its running median, 0 where it says `hidden`."""
-        share, hidden = self._evidence.shares(found)[0], self.settings.hidden
-        return float(np.clip((share - hidden) / max(full - hidden, 1e-6), 0, 1))
+        share = self._evidence.shares(found)[0]
+        return float(np.clip((share - HIDDEN) / max(full - HIDDEN, 1e-6), 0, 1))
 
     def _learn(self, found: RegularisedTarget, image: ImageArray, rate: float) -> RegularisedTarget:
         return regularised.update(self._model, found, image, rate) if rate > 0 else found
 
-    def _store(self) -> None:
-        self._stored = [*self._stored, self.target.filters][-self.settings.stored :]
-
     def _search(self, image: ImageArray) -> None:
         """One frame of the particles; where they have won often enough, the target is theirs."""
-        settings, target = self.settings, self.target
-        bank = self._bank()
+        target, bank = self.target, self._bank()
         maps = self._maps(image, bank)
-        particle_filter = self._particle_filter()
-        before = self._challenge or Challenge(particle_filter.init(self._draw(maps)))
-        state, _ = particle_filter.step(self._renewed(before.state, maps), maps, self._rng)
+        if self._particles is None:
+            self._particles, self._wins = self._drawn(maps), 0
+        state = self._particles = self._weighed(self._renewed(self._particles, maps), maps)
         heaviest = state.particles[int(np.argmax(state.log_weights))]
         there = self._climbed(image, self._at(heaviest, bank))
         moved = bool((np.abs(there.centre - target.centre) > 0.5 * self._model.target * target.size).any())
         elsewhere = moved or int(heaviest[2]) > 0
-        plausible = self._evidence.shares(there)[0] >= settings.hidden
-        won = elsewhere and plausible and there.peak > target.peak + settings.margin
-        self._challenge = Challenge(state, before.wins + 1 if won else 0)
-        if self._challenge.wins >= settings.wins:
+        plausible = self._evidence.shares(there)[0] >= HIDDEN
+        won = elsewhere and plausible and there.peak > target.peak + MARGIN
+        self._wins = self._wins + 1 if won else 0
+        if self._wins >= WINS:
             self.go_on_at(there)
 
     def _renewed(self, state: ParticleState, maps: ResponseMaps) -> ParticleState:
         """``state`` with a share of its particles at the present maxima: a target may come back where none are left."""
-        count = round(self.settings.renewed * len(state))
-        if not count:
-            return state
+        count = round(RENEWED * len(state))
         chosen = self._rng.choice(len(state), count, replace=False)
         particles, log_weights = state.particles.copy(), state.log_weights.copy()
-        particles[chosen] = self._draw(maps)[:count]
+        particles[chosen] = self._drawn(maps).particles[:count]
         log_weights[chosen] = -np.log(len(state))
         return ParticleState(particles, normalise(log_weights))
 
@@ -207,9 +226,10 @@ class Combined:
         """``(K, D, rows, columns // 2 + 1)`` the present filter, the first one, and those stored."""
         return np.stack([self.target.filters, self._first, *self._stored])
 
-    def _particle_filter(self) -> ParticleFilter[ResponseMaps]:
-        deviation = self._model.target * self.target.size * self.settings.spread
-        return ParticleFilter(bootstrap(PlaneWalk(deviation)), self._log_likelihood, threshold=1.0)
+    def _weighed(self, state: ParticleState, maps: ResponseMaps) -> ParticleState:
+        """One step of the particle filter."""
+        motion = PlaneWalk(self._model.target * self.target.size * SPREAD)
+        return ParticleFilter(bootstrap(motion), _log_likelihood, threshold=1.0).step(state, maps, self._rng)[0]
 
     def _at(self, particle: FloatArray, bank: ComplexArray) -> RegularisedTarget:
         """The target at a particle, with its filter."""
@@ -235,25 +255,26 @@ class Combined:
         maps = regularised.responses_at(model, target, image, centres, bank)
         return ResponseMaps(maps, centres, model.cell_pixels(target.size))
 
-    def _draw(self, maps: ResponseMaps) -> FloatArray:
-        """``(N, 3)`` particles x, y and filter number, at the highest maxima of all filters by their likelihood."""
-        count, settings = self.settings.particles, self.settings
+    def _drawn(self, maps: ResponseMaps) -> ParticleState:
+        """Particles x, y and filter number, at the highest maxima of all filters by their likelihood."""
         filters = maps.maps.shape[1]
         which, shifts, height = maxima_of_each(maps.maps.reshape(-1, *maps.maps.shape[2:]), 3)
         if not len(which):  # a flat response has no maximum
-            return np.tile([*self.target.centre, 0.0], (count, 1))
+            which, shifts, height = np.zeros(1, dtype=np.int64), np.zeros((1, 2)), np.zeros(1)
         everywhere = np.column_stack([maps.centres[which // filters] + shifts * maps.cell, which % filters])
-        weights = np.exp(settings.sharpness * (height - height.max()))
-        return np.asarray(everywhere[self._rng.choice(len(everywhere), count, p=weights / weights.sum())])
-
-    def _log_likelihood(self, particles: FloatArray, maps: ResponseMaps) -> FloatArray:
-        """Equation (3.4), its response joined with the colours and in the exponent."""
-        numbers = np.minimum(particles[:, 2].astype(np.int64), maps.maps.shape[1] - 1)
-        return self.settings.sharpness * maps.at(particles[:, :2], numbers)
+        weights = np.exp(SHARPNESS * (height - height.max()))
+        drawn = everywhere[self._rng.choice(len(everywhere), PARTICLES, p=weights / weights.sum())]
+        return ParticleState(drawn, np.full(PARTICLES, -np.log(PARTICLES)))
 
     def _status(self) -> Status:
         if self._on_background:
             return "lost"
         if self.doubted == 0:
             return "tracking"
-        return "searching" if self.doubted <= self.settings.lost_after else "lost"
+        return "searching" if self.doubted <= LOST_AFTER else "lost"
+
+
+def _log_likelihood(particles: FloatArray, maps: ResponseMaps) -> FloatArray:
+    """Equation (3.4), its response joined with the colours and in the exponent."""
+    numbers = np.minimum(particles[:, 2].astype(np.int64), maps.maps.shape[1] - 1)
+    return SHARPNESS * maps.at(particles[:, :2], numbers)

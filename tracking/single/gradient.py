@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.single.tracker import TargetState
-from tsuiseki.tracking.types import FloatArray, ImageArray, Status
+from tsuiseki.tracking.types import FloatArray, ImageArray
 
 HUES = 30
 LEAST_SATURATION, LEAST_VALUE = 40, 32
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.5)
+SAME_COLOURS = 0.5  # Bhattacharyya coefficient under which mean shift has lost the target
+SIDE, LEAST_LEFT = 10, 0.1  # median flow: points to a side, and share of them under which the target is lost
 MOST_FORWARD_BACKWARD = 2.0  # pixels
 
 
@@ -28,10 +30,8 @@ class MeanShift:
     box grows and shrinks with the mass under it: CamShift, Bradski, 1998.
     """
 
-    def __init__(self, adapts_size: bool = False, lost_below: float = 0.5, seed: int = 0) -> None:
-        del seed
+    def __init__(self, adapts_size: bool = False) -> None:
         self.adapts_size = adapts_size
-        self.lost_below = lost_below
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""
@@ -55,8 +55,7 @@ class MeanShift:
             self._box = self._box + np.tile(np.subtract(window[:2], self._window[:2]), 2)
             self._window = _four(window)
         score = float(np.sqrt(self._hues(image, self._window) * self._histogram).sum())
-        status: Status = "tracking" if score >= self.lost_below else "lost"
-        return TargetState(self._box, score, status)
+        return TargetState(self._box, score, "tracking" if score >= SAME_COLOURS else "lost")
 
     def _hues(self, image: ImageArray, window: tuple[int, ...]) -> NDArray[np.float32]:
         """``(30, 1)`` histogram of the clearly coloured pixels, that sums to one; grey windows have their values."""
@@ -103,11 +102,6 @@ class MedianFlow:
     share of points that are left.
     """
 
-    def __init__(self, side: int = 10, lost_below: float = 0.1, seed: int = 0) -> None:
-        del seed
-        self.side = side
-        self.lost_below = lost_below
-
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""
         self._box = np.asarray(box, dtype=np.float64)
@@ -126,13 +120,13 @@ class MedianFlow:
         self._grey = grey
         score = 2 * float(good.mean())
         reliable = good.any() and float(np.median(error[good])) <= MOST_FORWARD_BACKWARD
-        if not reliable or score < self.lost_below:
+        if not reliable or score < LEAST_LEFT:
             return TargetState(self._box, 0.0 if not reliable else score, "lost")
         self._move(before[good, 0].astype(np.float64), after[good, 0].astype(np.float64))
         return TargetState(self._box, min(score, 1.0), "tracking")
 
     def _points(self) -> NDArray[np.float32]:
-        share = (np.arange(self.side) + 0.5) / self.side
+        share = (np.arange(SIDE) + 0.5) / SIDE
         x, y = np.meshgrid(share, share)
         size = self._box[2:] - self._box[:2]
         points = self._box[:2] + np.column_stack([x.ravel(), y.ravel()]) * size

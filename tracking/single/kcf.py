@@ -8,26 +8,39 @@ The score is the greatest response.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
 
+import cv2
 import numpy as np
 
+from tsuiseki.tracking.features.hog import hog
 from tsuiseki.tracking.filters.kernelised_correlation import (
     ComplexArray,
     FilterBank,
+    Float32Array,
     GaussianKernel,
+    Samples,
     blend,
+    cosine_window,
     gaussian_labels,
     respond,
     train,
+    transform,
 )
 from tsuiseki.tracking.single.response import peak
-from tsuiseki.tracking.single.search_windows import Features, WindowShape, window_shape
-from tsuiseki.tracking.single.tracker import TargetState, box_centre
+from tsuiseki.tracking.single.search_windows import cut
+from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 SCALE_WEIGHT = 0.95
 """Factor on the peak of a changed size, at most 1, so that the size does not wander. A background that stands still
 around a standing target then holds the size for longer."""
+Features = Literal["hog", "grey"]
+LEAST_CELLS = 4
+"""Of a window along each side; fewer leave no room for a shift."""
+LOST_BELOW = 0.2
+"""Response at which the target counts as lost; the filter goes on all the same."""
 
 
 @dataclass(frozen=True)
@@ -71,23 +84,88 @@ CSK = KcfSettings(
 
 @dataclass(frozen=True)
 class Kcf:
-    """What is fixed for one target: constants, window and wanted response."""
+    """What is fixed for one target, and how its surroundings map to a grid of cells.
+
+    Attributes:
+        settings: constants.
+        target: ``(2,)`` first width and height, pixels.
+        shape: rows and columns of the window.
+        scale: image pixels per template pixel when the target has its first size.
+        labels: spectrum of the wanted response.
+    """
 
     settings: KcfSettings
-    window: WindowShape
-    labels: ComplexArray
     target: FloatArray
+    shape: tuple[int, int]
+    scale: float
+    labels: ComplexArray
 
     @classmethod
     def of(cls, settings: KcfSettings, width: float, height: float) -> Kcf:
-        """For a target of ``width`` x ``height`` pixels in its first frame."""
-        window = window_shape(width, height, settings.padding, settings.template, settings.cell, settings.features)
-        sigma = np.sqrt(window.rows * window.columns) / settings.padding * settings.label_sigma
-        return cls(settings, window, gaussian_labels(window.shape, sigma), np.array([width, height]))
+        """For a target of ``width`` x ``height`` pixels in its first frame.
+
+        The window is ``padding`` times the target. Its longer side is ``template`` pixels for every target, which keeps
+        the cost constant. Both sides are an even number of cells.
+        """
+        padding = settings.padding
+        scale = padding * max(width, height) / settings.template
+        rows, columns = (
+            max(LEAST_CELLS, 2 * round(padding * side / (2 * settings.cell * scale))) for side in (height, width)
+        )
+        sigma = np.sqrt(rows * columns) / padding * settings.label_sigma
+        labels = gaussian_labels((rows, columns), sigma)
+        return cls(settings, np.array([width, height]), (rows, columns), scale, labels)
+
+    @cached_property
+    def taper(self) -> Float32Array:
+        """The cosine window."""
+        return cosine_window(self.shape)
+
+    def cell_pixels(self, size: float) -> float:
+        """Side of a cell in image pixels for a target of relative ``size``."""
+        return self.settings.cell * self.scale * size
+
+    def features_at(
+        self, image: ImageArray, centres: FloatArray, sizes: FloatArray, shape: tuple[int, int]
+    ) -> Float32Array:
+        """``(B, C, *shape)`` features of windows of ``shape`` cells, without the cosine window."""
+        cell, hogs = self.settings.cell, self.settings.features == "hog"
+        border = 2 if hogs else 0  # the outermost cells only normalise
+        height, width = ((count + border) * cell for count in shape)
+        patches = cut(image, centres, self.scale * np.asarray(sizes), width, height)
+        return hog(patches, cell) if hogs else _grey(patches, cell)
+
+    def describe(self, image: ImageArray, centres: FloatArray, sizes: FloatArray) -> Samples:
+        """Samples of the windows around ``centres`` ``(B, 2)`` for targets of relative ``sizes`` ``(B,)``."""
+        return transform(self.features_at(image, centres, sizes, self.shape) * self.taper)
+
+    def describe_around(
+        self, image: ImageArray, centre: FloatArray, size: float, reach: int
+    ) -> tuple[Samples, FloatArray]:
+        """Samples of overlapping windows on a grid about ``centre``, described once where they overlap.
+
+        Args:
+            image: ``(H, W, C)`` uint8.
+            centre: ``(2,)`` of the middle window, pixels.
+            size: relative size of the target.
+            reach: windows to each side; 1 gives 3 x 3. They stand a target's side apart.
+
+        Returns:
+            The windows, the middle one first, and their centres ``((2 reach + 1)^2, 2)``.
+        """
+        rows, columns = self.shape
+        step = np.maximum(np.round(np.array([columns, rows]) * (1 / self.settings.padding)).astype(int), 1)
+        wide, high = (np.array([columns, rows]) + 2 * reach * step).tolist()
+        everything = self.features_at(image, centre[None], np.array([size]), (high, wide))[0]
+        offsets = np.arange(-reach, reach + 1)
+        grid = np.array([(x, y) for y in offsets for x in offsets])
+        grid = grid[np.argsort((grid**2).sum(axis=1), kind="stable")]
+        windows = np.stack([everything[:, y : y + rows, x : x + columns] for x, y in (grid + reach) * step])
+        return transform(windows * self.taper), centre + grid * step * self.cell_pixels(size)
 
     def learn(self, image: ImageArray, centres: FloatArray, sizes: FloatArray) -> FilterBank:
         """One new filter a place: centres ``(B, 2)`` pixels and relative sizes ``(B,)``."""
-        samples = self.window.describe(image, centres, sizes)
+        samples = self.describe(image, centres, sizes)
         return train(samples, self.labels, self.settings.kernel, self.settings.regularisation)
 
     def update(self, bank: FilterBank, image: ImageArray, centres: FloatArray, sizes: FloatArray) -> FilterBank:
@@ -96,8 +174,16 @@ class Kcf:
 
     def box(self, centre: FloatArray, size: float) -> FloatArray:
         """``(4,)`` corners."""
-        half = self.target * size / 2
-        return np.concatenate([centre - half, centre + half])
+        return box_about(centre, self.target * size)
+
+
+def _grey(patches: ImageArray, cell: int) -> Float32Array:
+    """``(B, 1, H/cell, W/cell)`` brightness in [-0.5, 0.5]."""
+    planes = [cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY) if patch.ndim == 3 else patch for patch in patches]
+    grey = np.stack(planes).astype(np.float32) / 255 - 0.5
+    count, height, width = grey.shape
+    means = grey.reshape(count, 1, height // cell, cell, width // cell, cell).mean(axis=(3, 5), dtype=np.float32)
+    return np.asarray(means)
 
 
 @dataclass(frozen=True)
@@ -124,12 +210,12 @@ def locate(model: Kcf, state: KcfState, image: ImageArray) -> KcfState:
     step = settings.scale_step
     sizes = state.size * np.array([1.0, 1 / step, step] if step > 1 else [1.0])
     weights = np.array([1.0, SCALE_WEIGHT, SCALE_WEIGHT])
-    windows = model.window.describe(image, np.repeat(state.centre[None], len(sizes), 0), sizes)
+    windows = model.describe(image, np.repeat(state.centre[None], len(sizes), 0), sizes)
     responses = respond(state.bank, windows, settings.kernel)
     best = int(np.argmax(responses.max(axis=(1, 2)) * weights[: len(sizes)]))
     shift, value = peak(responses[best])
     size = float(np.clip(sizes[best], settings.smallest, settings.largest))
-    centre = state.centre + shift * model.window.cell_pixels(float(sizes[best]))
+    centre = state.centre + shift * model.cell_pixels(float(sizes[best]))
     return replace(state, centre=centre, size=size, peak=value)
 
 
@@ -143,13 +229,10 @@ class KcfTracker:
 
     Attributes:
         settings: constants.
-        lost_below: response at which the target counts as lost; the filter goes on all the same.
     """
 
-    def __init__(self, settings: KcfSettings, lost_below: float = 0.2, seed: int = 0) -> None:
-        del seed
+    def __init__(self, settings: KcfSettings) -> None:
         self.settings = settings
-        self.lost_below = lost_below
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""
@@ -160,5 +243,5 @@ class KcfTracker:
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         self.state = step(self._model, self.state, image)
-        status = "tracking" if self.state.peak > self.lost_below else "lost"
-        return TargetState(self._model.box(self.state.centre, self.state.size), self.state.peak, status)  # type: ignore[arg-type]
+        box = self._model.box(self.state.centre, self.state.size)
+        return TargetState(box, self.state.peak, "tracking" if self.state.peak > LOST_BELOW else "lost")

@@ -16,28 +16,36 @@ The text leaves points open. That of (3.5) is settled in `particles`; of the res
 * (3.7): see `particles.dispersion` for the matrix C and the filter numbers.
 * In every frame of the search the particles are resampled systematically.
 
-The preset `ROBUST` adds to this; each addition answers a failure seen on videos. They stand second in
-`KcfParticleSettings`.
+The preset `ROBUST` adds to this; each addition answers a failure seen on videos:
+
+* the colours weigh particles too, and the windows about the target's are searched (`particles`);
+* the search also starts when response or colours fall below their usual (`particles.Confidence`), and goes on while
+  there is such a reason, up to `LONGEST_SEARCH` frames: the target may look different for good. What follows counts as
+  tracked only once there is no doubt;
+* particles move further, since 2.7 pixels for a target of 25 is less than people move, and maxima near the last place
+  are drawn more often (`particles.jump_prior`) instead of P_J = 1/M;
+* no filter learns before it is known who is right, and the filter of the first frame, the only one that is surely
+  right, stays in the store;
+* the output is the maximum uphill from where particles are dense (`particles.densest`), not the heaviest particle.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tsuiseki.tracking.features.objectness import ObjectnessModel, shipped_objectness
-from tsuiseki.tracking.filters.base import bootstrap
-from tsuiseki.tracking.filters.kernelised_correlation import FilterBank, join
+from tsuiseki.tracking.features.objectness import ObjectnessModel, propose, shipped_objectness
+from tsuiseki.tracking.filters.base import Motion, bootstrap
+from tsuiseki.tracking.filters.kernelised_correlation import FilterBank, Samples, join, respond
 from tsuiseki.tracking.filters.motion.points import PlaneWalk
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.resampling import probabilities
 from tsuiseki.tracking.single import kcf
-from tsuiseki.tracking.single.constants import DRIFT_INTERVAL, ROBUST, KcfParticleSettings
 from tsuiseki.tracking.single.particles import (
-    Archive,
     Confidence,
-    ObservationModel,
+    KcfParticleSettings,
     SearchView,
     best_by_filter,
     densest,
@@ -47,8 +55,21 @@ from tsuiseki.tracking.single.particles import (
     jump_prior,
     step_deviation,
 )
+from tsuiseki.tracking.single.response import ResponseMaps
 from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
+
+PRINTED = KcfParticleSettings()
+ROBUST = KcfParticleSettings(kcf=kcf.KcfSettings(), plain_frames=3, stored=8, past_by_score=True, additions=True)
+PROPOSALS, REACH = 100, 1
+"""Boxes near the windows that look like an object; windows to each side of the target's, of the additions."""
+LOST_AFTER = 30
+"""Frames of doubt after which the target counts as lost."""
+SPREAD, STORE_INTERVAL, LONGEST_SEARCH, DRIFT_INTERVAL = 3.0, 3, 10, 5
+"""Of the additions: factor on the motion's deviation, and frames between stored filters, of a search, and between
+checks of the colours."""
+Windows = tuple[Samples, FloatArray]
+"""What is in the windows of a frame, and their centres ``(W, 2)`` in pixels."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +88,7 @@ class Search:
 
 
 class KcfParticle:
-    """The combined tracker of one target; see the module.
+    """The thesis's tracker of one target; see the module.
 
     Attributes:
         settings: constants.
@@ -88,22 +109,18 @@ class KcfParticle:
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """Take ``box`` ``(4,)`` of the first frame as the target."""
-        size = box[2:] - box[:2]
+        width, height = (box[2:] - box[:2]).tolist()
         settings = self.settings
-        self.model = kcf.Kcf.of(settings.kcf, float(size[0]), float(size[1]))
+        self.model = kcf.Kcf.of(settings.kcf, width, height)
         self.target = kcf.start(self.model, image, box_centre(box))
-        self._deviation = step_deviation(self.model.target, settings.divisor) * settings.spread
-        self._archive = Archive(settings.stored, self.target.bank if settings.keeps_first else None)
+        self._deviation = step_deviation(self.model.target) * (SPREAD if settings.additions else 1)
+        self._first = [self.target.bank] if settings.additions else []
+        self._stored: deque[tuple[FilterBank, float]] = deque(maxlen=settings.stored)
         self._confidence = Confidence.start(settings, image, box)
         self._frame = self._plain_left = self._doubted = self.searched_frames = 0
         self.search = None
-        self._observation = ObservationModel(settings, self.model, self._objects(float(size[0]), float(size[1])))
-
-    def _objects(self, width: float, height: float) -> ObjectnessModel | None:
-        """What objects of about the target's sides look like; None where objectness has no share."""
-        if self.settings.response_share == 1:
-            return None
-        return (self._objectness or shipped_objectness()).near(width, height)
+        wanted = settings.response_share < 1
+        self._objects = (self._objectness or shipped_objectness()).near(width, height) if wanted else None
 
     def follow(self, image: ImageArray) -> TargetState:
         """The target in the next frame."""
@@ -111,17 +128,20 @@ class KcfParticle:
         self._doubted += self._doubted > 0
         if self.search is None:
             found = kcf.locate(self.model, self.target, image)
-            box, checked = self.model.box(found.centre, found.size), self._frame % DRIFT_INTERVAL == 0
+            checked = self._frame % DRIFT_INTERVAL == 0
+            box = self.model.box(found.centre, found.size)
             colour = self._confidence.colour_score(image, box) if checked else None
-            doubtful = self._confidence.doubts(self.settings, found.peak, colour)
-            self._doubted = 0 if not doubtful and (checked or not self.settings.drift_switch) else self._doubted
+            doubtful = self._confidence.doubts(found.peak, colour)
+            if not doubtful and (checked or not self.settings.additions):
+                self._doubted = 0
             if self._plain_left > 0 or not doubtful:
                 self._go_on(image, found, colour)
-                return TargetState(self._box(), found.peak, self._status())
-            self._doubted = max(self._doubted, 1)
-            self._begin_search(image)
+            else:
+                self._doubted = max(self._doubted, 1)
+                self._begin_search(image)
         else:
-            self._continue_search(image, self.search)
+            view = self._view(image, self._windows(image), self.search.bank)
+            self._weigh(view, self.search, PlaneWalk(self._deviation))
         return TargetState(self._box(), self.target.peak, self._status())
 
     def _go_on(self, image: ImageArray, found: kcf.KcfState, colour: float | None) -> None:
@@ -130,64 +150,86 @@ class KcfParticle:
         bank = self.model.update(found.bank, image, found.centre[None], np.array([found.size]))
         self.target = replace(found, bank=bank)
         self._confidence = self._confidence.learn(image, self._box(), found.peak, colour)
-        if self._frame % self.settings.store_interval == 0:
-            self._archive = self._archive.add(bank, found.peak)
+        if not self.settings.additions or self._frame % STORE_INTERVAL == 0:
+            self._stored.append((bank, found.peak))
+
+    def _past(self) -> tuple[list[FilterBank], FloatArray]:
+        """Filters of the past and their relative probabilities P_K; the first frame's counts as the best."""
+        scores = [score for _, score in self._stored]
+        scores = [max(scores, default=1.0)] * len(self._first) + scores
+        weights = np.maximum(np.array(scores), 1e-6) if self.settings.past_by_score else np.ones(len(scores))
+        return [*self._first, *(bank for bank, _ in self._stored)], weights
 
     def _begin_search(self, image: ImageArray) -> None:
         """Algorithm 1: particles about the highest maxima of the present filter's response."""
         settings, target = self.settings, self.target
-        past = self._archive.candidates()
-        windows = self._observation.windows(image, target, settings.reach)
-        maps = self._observation.maps(windows, target.bank, target.size)
-        peaks = highest_maxima(maps, settings.hypotheses)
+        past, weights = self._past()
+        windows = self._windows(image)
+        peaks = highest_maxima(self._maps(windows, target.bank), settings.hypotheses)
         if not len(peaks):  # a flat response, as on a constant image: the target is where it was
             peaks = target.centre[None]
-        weights = self._archive.weights(settings.past == "score")
-        near = jump_prior(peaks, target.centre, self.model.target * target.size) if settings.prefers_near else None
+        near = jump_prior(peaks, target.centre, self.model.target * target.size) if settings.additions else None
         particles = draw_particles(
-            peaks, len(past), weights, settings.past_share, settings.particles, self._deviation, self._rng, near
+            peaks, weights, settings.past_share, settings.particles, self._deviation, self._rng, near
         )
-        banks = [target.bank] * len(peaks) + list(past)
-        if not settings.learns_while_searching:  # the hypotheses stay one filter, which then responds only once
+        banks = [target.bank] * len(peaks) + past
+        if settings.additions:  # nothing learns: the hypotheses stay one filter, which then responds only once
             particles[:, 2] = np.maximum(particles[:, 2] - (len(peaks) - 1), 0)
             banks = banks[len(peaks) - 1 :]
         used, numbers = np.unique(particles[:, 2].astype(np.int64), return_inverse=True)
         particles[:, 2] = numbers
         bank = join([banks[number] for number in used])
-        state = self._filter(move=False).init(particles)
-        self._weigh(self._observation.view(image, windows, bank, target.size), Search(state, bank, 0), move=False)
+        state = ParticleState(particles, np.full(len(particles), -np.log(len(particles))))
+        self._weigh(self._view(image, windows, bank), Search(state, bank, 0), _stay)
 
-    def _continue_search(self, image: ImageArray, search: Search) -> None:
-        windows = self._observation.windows(image, self.target, self.settings.reach)
-        view = self._observation.view(image, windows, search.bank, self.target.size)
-        self._weigh(view, search, move=True)
+    def _windows(self, image: ImageArray) -> Windows:
+        """The window about the target; with the additions also `REACH` more to each side of it."""
+        target = self.target
+        if self.settings.additions:
+            return self.model.describe_around(image, target.centre, target.size, REACH)
+        return self.model.describe(image, target.centre[None], np.array([target.size])), target.centre[None]
 
-    def _log_likelihood(self, particles: FloatArray, observation: SearchView) -> FloatArray:
-        return self._observation.log_likelihood(particles, observation, self.target.size, self._confidence)
+    def _maps(self, windows: Windows, bank: FilterBank) -> ResponseMaps:
+        """Responses of all filters in all windows."""
+        samples, centres = windows
+        kernel = self.settings.kcf.kernel
+        maps = np.stack([respond(bank, samples.select(slice(k, k + 1)), kernel) for k in range(len(centres))])
+        return ResponseMaps(maps, centres, self.model.cell_pixels(self.target.size))
 
-    def _filter(self, move: bool) -> ParticleFilter[SearchView]:
-        """Resampling in every frame; the particles of the first one stay where they were drawn."""
-        motion = PlaneWalk(self._deviation) if move else _stay
-        return ParticleFilter(bootstrap(motion), self._log_likelihood, threshold=1.0)
+    def _view(self, image: ImageArray, windows: Windows, bank: FilterBank) -> SearchView:
+        """Responses of the filters, and what looks like an object near the windows."""
+        proposals, centres = None, windows[1]
+        if self._objects is not None:
+            half = self.model.target * self.target.size * self.settings.kcf.padding / 2
+            region = np.concatenate([centres.min(axis=0) - half, centres.max(axis=0) + half])
+            proposals, _ = propose(image, self._objects, PROPOSALS, region)
+        return SearchView(self._maps(windows, bank), image, proposals)
 
-    def _weigh(self, view: SearchView, search: Search, move: bool) -> None:
-        """One frame of search: move, weigh, take the best particle, learn, and see whether they agree."""
+    def _log_likelihood(self, particles: FloatArray, view: SearchView) -> FloatArray:
+        return view.log_likelihood(particles, self.model.target * self.target.size, self._confidence)
+
+    def _weigh(self, view: SearchView, search: Search, motion: Motion) -> None:
+        """One frame of search: move, weigh, take the best particle, learn, and see whether they agree.
+
+        Particles are resampled in every frame; those of the first frame stay where they were drawn.
+        """
         settings = self.settings
-        state, _ = self._filter(move).step(search.state, view, self._rng)
+        particle_filter = ParticleFilter[SearchView](bootstrap(motion), self._log_likelihood, threshold=1.0)
+        state, _ = particle_filter.step(search.state, view, self._rng)
         weights = probabilities(state.log_weights)
-        chosen = densest(state.particles, weights, self._deviation) if settings.densest else int(np.argmax(weights))
+        chosen = densest(state.particles, weights, self._deviation) if settings.additions else int(np.argmax(weights))
         best = state.particles[chosen]
         self.searched_frames += 1
-        place = view.maps.climb(best[:2], int(best[2])) if settings.climbs else best[:2].copy()
+        place = view.maps.climb(best[:2], int(best[2])) if settings.additions else best[:2].copy()
         response = float(view.maps.at(place[None], best[None, 2].astype(np.int64))[0])
         self.target = replace(self.target, centre=place, peak=response)
         used, places = best_by_filter(state.particles, weights)
         bank = search.bank.select(used)
-        if settings.learns_while_searching:
+        if not settings.additions:
             bank = self.model.update(bank, view.image, places, np.full(len(places), self.target.size))
-            strongest = int(np.argmax(view.maps.maps[:, used].max(axis=(0, 2, 3))))
-            value = float(view.maps.maps[:, used[strongest]].max())
-            self._archive = self._archive.add(bank.select(slice(strongest, strongest + 1)), value)
+            peaks = view.maps.maps[:, used].max(axis=(0, 2, 3))
+            strongest = int(np.argmax(peaks))
+            self._stored.append((bank.select(slice(strongest, strongest + 1)), float(peaks[strongest])))
         numbers = np.searchsorted(used, state.particles[:, 2])
         particles = np.column_stack([state.particles[:, :2], numbers])
         self.search = Search(ParticleState(particles, state.log_weights), bank, search.frames + 1)
@@ -195,15 +237,12 @@ class KcfParticle:
         if spread >= settings.convergence:
             return
         colour = self._confidence.colour_score(view.image, self._box())
-        sure = not settings.ends_when_sure or not self._confidence.doubts(settings, response, colour)
-        if sure or search.frames + 1 >= settings.longest_search:
+        sure = not settings.additions or not self._confidence.doubts(response, colour)
+        if sure or self.search.frames >= LONGEST_SEARCH:
             self._doubted = 0 if sure else self._doubted
-            self._end_search(bank.select(slice(int(numbers[chosen]), int(numbers[chosen]) + 1)))
-
-    def _end_search(self, bank: FilterBank) -> None:
-        """3.2.6: the best particle's filter goes on alone."""
-        self.target = replace(self.target, bank=bank)
-        self.search, self._plain_left = None, self.settings.plain_frames
+            # 3.2.6: the best particle's filter goes on alone.
+            self.target = replace(self.target, bank=bank.select(slice(int(numbers[chosen]), int(numbers[chosen]) + 1)))
+            self.search, self._plain_left = None, settings.plain_frames
 
     def _box(self) -> FloatArray:
         return self.model.box(self.target.centre, self.target.size)
@@ -211,9 +250,10 @@ class KcfParticle:
     def _status(self) -> Status:
         if self._doubted == 0:
             return "tracking"
-        return "searching" if self._doubted <= self.settings.lost_after else "lost"
+        return "searching" if self._doubted <= LOST_AFTER else "lost"
 
 
 def _stay(particles: FloatArray, frames: float, rng: np.random.Generator) -> FloatArray:
+    """A `Motion` of the first frame of a search."""
     del frames, rng
     return particles

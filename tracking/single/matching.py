@@ -6,7 +6,6 @@ the likelihood falls with the squared Bhattacharyya distance between the histogr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal
 
 import cv2
@@ -19,12 +18,14 @@ from tsuiseki.tracking.filters.motion.points import PlaneVelocity, PlaneWalk
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter
 from tsuiseki.tracking.filters.resampling import probabilities
 from tsuiseki.tracking.single.search_windows import cut
-from tsuiseki.tracking.single.tracker import TargetState, box_centre
-from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray, Status
+from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
+from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Measure = Literal["ssd", "sad", "ncc"]
 TEMPLATE_SIDE = 32  # pixels of the longer side when matching; matching costs its square times the window's
 REACH = 1.0  # how far from the last place is searched, in sides of the target
+LIKE, SHARED, SAME_COLOURS = 0.75, 0.5, 0.6
+"""Likeness of templates, intersection of histograms and Bhattacharyya coefficient under which the target is lost."""
 
 
 def match(area: ImageArray, template: ImageArray, measure: Measure) -> NDArray[np.float32]:
@@ -32,11 +33,7 @@ def match(area: ImageArray, template: ImageArray, measure: Measure) -> NDArray[n
 
     ``ncc`` is equation (2.3); ``ssd`` (2.1) and ``sad`` (2.2) become ``1 - root of the mean square`` and ``1 - mean``
     of the differences, over 255.
-
-    Raises:
-        ValueError: the area is smaller than the template.
     """
-    _check_holds(area, *template.shape)
     if measure == "ncc":
         return np.asarray(cv2.matchTemplate(area, template, cv2.TM_CCORR_NORMED))
     if measure == "ssd":
@@ -44,12 +41,6 @@ def match(area: ImageArray, template: ImageArray, measure: Measure) -> NDArray[n
         return np.asarray(1 - np.sqrt(np.maximum(squares, 0)) / 255, dtype=np.float32)
     regions = np.lib.stride_tricks.sliding_window_view(area, template.shape).astype(np.int16)
     return np.asarray(1 - np.abs(regions - template.astype(np.int16)).mean(axis=(2, 3)) / 255, dtype=np.float32)
-
-
-def _check_holds(area: ImageArray, height: int, width: int) -> None:
-    """OpenCV would look for the smaller of the two in the larger one without a word."""
-    if area.shape[0] < height or area.shape[1] < width:
-        raise ValueError(f"expected an area of at least {height} x {width}, got {area.shape[0]} x {area.shape[1]}")
 
 
 class TemplateMatching:
@@ -61,13 +52,9 @@ class TemplateMatching:
             the best match as its measurement.
     """
 
-    def __init__(
-        self, measure: Measure = "ncc", smoothed: bool = False, lost_below: float = 0.75, seed: int = 0
-    ) -> None:
-        del seed
+    def __init__(self, measure: Measure = "ncc", smoothed: bool = False) -> None:
         self.measure = measure
         self.smoothed = smoothed
-        self.lost_below = lost_below
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""
@@ -102,8 +89,7 @@ class TemplateMatching:
         else:
             self._motion = Gaussians(np.concatenate([found, np.zeros(2)])[None], self._motion.covariance)
         place = self._motion.mean[0, :2]
-        status: Status = "tracking" if score >= self.lost_below else "lost"
-        return TargetState(np.concatenate([place - self._size / 2, place + self._size / 2]), score, status)
+        return TargetState(box_about(place, self._size), score, "tracking" if score >= LIKE else "lost")
 
     def _grey(self, image: ImageArray, centre: FloatArray, width: int, height: int) -> ImageArray:
         patch = cut(image, centre[None], np.array([self._scale]), width, height)[0]
@@ -116,58 +102,20 @@ def colour_bins(image: ImageArray) -> ImageArray:
     return np.asarray((steps[..., 0] << 4) | (steps[..., 1] << 2) | steps[..., 2])
 
 
-def active_search(bins: ImageArray, reference: FloatArray, height: int, width: int) -> tuple[int, int, float]:
-    """The window ``height`` x ``width`` whose histogram intersects ``reference`` most, without looking at all.
-
-    Two windows that share a part ``p`` of their pixels differ by at most ``1 - p`` in their intersection, so around a
-    poor window none can be good (Vinod and Murase, "Focused color intersection with efficient searching", 1997).
-    Windows on a coarse grid come first; of the others only those that could beat the best one are looked at. The answer
-    is that of looking everywhere.
+def intersections(bins: ImageArray, reference: FloatArray, height: int, width: int) -> FloatArray:
+    """How much the histograms of all windows ``height`` x ``width`` share with ``reference``, in [0, 1].
 
     Args:
         bins: ``(H, W)`` from `colour_bins`, at least as large as the window.
         reference: ``(64,)`` that sums to one.
 
     Returns:
-        Row and column of the window's corner and its intersection in [0, 1].
-
-    Raises:
-        ValueError: ``bins`` are smaller than the window.
+        ``(H - height + 1, W - width + 1)``.
     """
-    _check_holds(bins, height, width)
-    sums = _integral_histograms(bins, len(reference))
-    rows, columns = bins.shape[0] - height + 1, bins.shape[1] - width + 1
-    step_y, step_x = max(1, height // 4), max(1, width // 4)
-    grid_y, grid_x = (np.unique(np.append(np.arange(0, n, s), n - 1)) for n, s in ((rows, step_y), (columns, step_x)))
-    y, x = (a.ravel() for a in np.meshgrid(grid_y, grid_x, indexing="ij"))
-    values = _intersections(sums, reference, y, x, height, width)
-    best = int(np.argmax(values))
-    every_y, every_x = np.arange(rows), np.arange(columns)
-    near_y, near_x = (np.abs(e[:, None] - g[None]).argmin(axis=1) for e, g in ((every_y, grid_y), (every_x, grid_x)))
-    shared_y = 1 - np.abs(every_y - grid_y[near_y]) / height
-    shared_x = 1 - np.abs(every_x - grid_x[near_x]) / width
-    at_grid = values.reshape(len(grid_y), len(grid_x))[near_y[:, None], near_x[None]]
-    bound = at_grid + 1 - shared_y[:, None] * shared_x[None]
-    more_y, more_x = np.nonzero(bound > values[best])
-    more = _intersections(sums, reference, more_y, more_x, height, width)
-    if len(more) and more.max() > values[best]:
-        k = int(np.argmax(more))
-        return int(more_y[k]), int(more_x[k]), float(more[k])
-    return int(y[best]), int(x[best]), float(values[best])
-
-
-def _integral_histograms(bins: ImageArray, count: int) -> NDArray[np.int32]:
-    """``(H + 1, W + 1, count)``: how often each colour occurs above and left of a corner."""
-    one_hot = (bins[..., None] == np.arange(count, dtype=bins.dtype)).astype(np.int32)
-    sums = one_hot.cumsum(axis=0).cumsum(axis=1)
-    return np.pad(sums, ((1, 0), (1, 0), (0, 0)))
-
-
-def _intersections(
-    sums: NDArray[np.int32], reference: FloatArray, y: IntArray, x: IntArray, height: int, width: int
-) -> FloatArray:
-    counts = sums[y + height, x + width] - sums[y, x + width] - sums[y + height, x] + sums[y, x]
-    return np.asarray(np.minimum(counts / (height * width), reference).sum(axis=1))
+    one_hot = (bins[..., None] == np.arange(len(reference), dtype=bins.dtype)).astype(np.int32)
+    sums = np.pad(one_hot.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0), (0, 0)))
+    counts = sums[height:, width:] - sums[:-height, width:] - sums[height:, :-width] + sums[:-height, :-width]
+    return np.asarray(np.minimum(counts / (height * width), reference).sum(axis=2))
 
 
 class HistogramMatching:
@@ -175,10 +123,6 @@ class HistogramMatching:
 
     Position only, as in the thesis; the colours of the first frame are kept.
     """
-
-    def __init__(self, lost_below: float = 0.5, seed: int = 0) -> None:
-        del seed
-        self.lost_below = lost_below
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""
@@ -196,41 +140,25 @@ class HistogramMatching:
         reach_x, reach_y = round(REACH * width), round(REACH * height)
         scale = np.array([self._scale])
         area = cut(image, self._centre[None], scale, width + 2 * reach_x, height + 2 * reach_y)[0]
-        row, column, score = active_search(colour_bins(area), self._reference, height, width)
+        shared = intersections(colour_bins(area), self._reference, height, width)
+        row, column = np.unravel_index(int(np.argmax(shared)), shared.shape)
+        score = float(shared[row, column])
         found = self._centre + self._scale * np.array([column - reach_x, row - reach_y])
         self._centre = np.clip(found, 0, [image.shape[1], image.shape[0]])
-        status: Status = "tracking" if score >= self.lost_below else "lost"
-        return TargetState(
-            np.concatenate([self._centre - self._size / 2, self._centre + self._size / 2]), score, status
-        )
+        return TargetState(box_about(self._centre, self._size), score, "tracking" if score >= SHARED else "lost")
 
 
-@dataclass(frozen=True)
-class ColourParticleSettings:
-    """Constants.
-
-    Attributes:
-        particles: how many.
-        position: standard deviation of the walk, in sides of the target.
-        scale: standard deviation of the walk of the logarithm of the size.
-        sharpness: lambda of the likelihood ``exp(-lambda d^2)``.
-        side: pixels of a box when its colours are counted.
-        lost_below: Bhattacharyya coefficient at which the target counts as lost.
-    """
-
-    particles: int = 200
-    position: float = 0.12
-    scale: float = 0.02
-    sharpness: float = 20.0
-    side: int = 12
-    lost_below: float = 0.6
+PARTICLES, SHARPNESS, SIDE = 200, 20.0, 12
+"""Of `ColourParticle`: particles, lambda of the likelihood ``exp(-lambda d^2)``, pixels of a box's side at which its
+colours are counted."""
+POSITION, SCALE = 0.12, 0.02
+"""Deviations of its walk: of the place, in sides of the target, and of the logarithm of the size."""
 
 
 class ColourParticle:
     """The box is the mean of the particles, the score the Bhattacharyya coefficient of the best one."""
 
-    def __init__(self, settings: ColourParticleSettings | None = None, seed: int = 0) -> None:
-        self.settings = ColourParticleSettings() if settings is None else settings
+    def __init__(self, seed: int = 0) -> None:
         self._rng = np.random.default_rng(seed)
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
@@ -239,35 +167,33 @@ class ColourParticle:
         first = np.concatenate([box_centre(box), [0.0]])
         self._reference = self._histograms(image, first[None])[0]
         self._filter = ParticleFilter[ImageArray](bootstrap(self._move), self._log_likelihood)
-        self._state = self._filter.init(np.repeat(first[None], self.settings.particles, axis=0))
+        self._state = self._filter.init(np.repeat(first[None], PARTICLES, axis=0))
 
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         self._state, _ = self._filter.step(self._state, image, self._rng)
         weights = probabilities(self._state.log_weights)
         mean = weights @ self._state.particles
-        half = self._size * np.exp(mean[2]) / 2
         score = float(self._coefficients(image, self._state.particles[[int(np.argmax(weights))]])[0])
-        status: Status = "tracking" if score >= self.settings.lost_below else "lost"
-        return TargetState(np.concatenate([mean[:2] - half, mean[:2] + half]), score, status)
+        box = box_about(mean[:2], self._size * np.exp(mean[2]))
+        return TargetState(box, score, "tracking" if score >= SAME_COLOURS else "lost")
 
     def _move(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
         """A `Motion`."""
-        walk = PlaneWalk(np.concatenate([self.settings.position * self._size, [self.settings.scale]]))
+        walk = PlaneWalk(np.concatenate([POSITION * self._size, [SCALE]]))
         moved = walk(states, seconds, rng)
         moved[:, 2] = np.clip(moved[:, 2], -1.5, 1.5)
         return moved
 
     def _log_likelihood(self, particles: FloatArray, observation: ImageArray) -> FloatArray:
-        return -self.settings.sharpness * (1 - self._coefficients(observation, particles))
+        return -SHARPNESS * (1 - self._coefficients(observation, particles))
 
     def _coefficients(self, image: ImageArray, particles: FloatArray) -> FloatArray:
         return np.asarray(np.sqrt(self._histograms(image, particles) * self._reference).sum(axis=1))
 
     def _histograms(self, image: ImageArray, particles: FloatArray) -> FloatArray:
         """``(N, 64)`` colours at a grid of points in each box; points outside the image repeat its border."""
-        side = self.settings.side
-        grid = (np.arange(side) + 0.5) / side - 0.5
+        grid = (np.arange(SIDE) + 0.5) / SIDE - 0.5
         size = self._size * np.exp(particles[:, 2:3])
         x = particles[:, 0:1] + size[:, 0:1] * grid
         y = particles[:, 1:2] + size[:, 1:2] * grid
@@ -276,4 +202,4 @@ class ColourParticle:
         bins = colour_bins(image[row[:, :, None], column[:, None, :]]).reshape(len(particles), -1).astype(np.int64)
         bins += 64 * np.arange(len(particles))[:, None]
         counts = np.bincount(bins.ravel(), minlength=64 * len(particles))
-        return counts.reshape(len(particles), 64) / side**2
+        return counts.reshape(len(particles), 64) / SIDE**2

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.filters.kernelised_correlation import cosine_window, gaussian_labels
 from tsuiseki.tracking.single.response import peak
 from tsuiseki.tracking.single.search_windows import cut
-from tsuiseki.tracking.single.tracker import TargetState, box_centre
+from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Float32Array = NDArray[np.float32]
@@ -60,9 +60,7 @@ class Mosse:
             found = self._spectrum(self._patch(image))
             self._numerator += LEARNING_RATE * (self._labels * found.conj() - self._numerator)
             self._denominator += LEARNING_RATE * ((found * found.conj()).real - self._denominator)
-        half = self._size / 2
-        box = np.concatenate([self._centre - half, self._centre + half])
-        return TargetState(box, ratio, "tracking" if ratio >= LOST_BELOW else "lost")
+        return TargetState(box_about(self._centre, self._size), ratio, "tracking" if ratio >= LOST_BELOW else "lost")
 
     def _patch(self, image: ImageArray) -> Float32Array:
         rows, columns = self._shape

@@ -1,9 +1,7 @@
 """The search of `kcf_particle`: its particles, what they see of a frame, and when it begins; thesis 3.2.2-3.2.7.
 
 A particle is a row ``x, y, f``: the centre of its box in pixels and the number of its correlation filter. Width and
-height of the box are the same for all particles: the thesis gives them no variance (3.3.2). `Archive` holds the filters
-of the past that particles may take, 3.2.7. `Confidence` says when the correlation filter is in doubt, 3.2.2, with two
-more reasons to doubt.
+height of the box are the same for all particles: the thesis gives them no variance (3.3.2).
 
 In (3.5) the displacement is measured from the tracker's box in the frame before, for all particles. So one window
 serves all filters, and one batched transform gives all responses. Outside the window the response is zero.
@@ -11,19 +9,55 @@ serves all filters, and one batched transform gives all responses. Outside the w
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tsuiseki.tracking.features.objectness import ObjectnessModel, propose
-from tsuiseki.tracking.filters.kernelised_correlation import FilterBank, Samples, respond
+from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.colours import ForegroundColour
-from tsuiseki.tracking.single.constants import KcfParticleSettings
-from tsuiseki.tracking.single.response import ResponseMaps, local_maxima, log_likelihood, object_overlap
+from tsuiseki.tracking.single.response import ResponseMaps, local_maxima
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
-COLOUR_RATE = 0.04  # of learning new colours, a look
+COLOUR_RATE = 0.04
+"""Share of a new look in the colours, in [0, 1]."""
+SHARPNESS, COLOUR_WEIGHT = 2.0, 6.0
+"""Of the additions: power of the likelihood, and weight of the colours in it."""
+SMALLEST_LIKELIHOOD = 1e-6
+"""Added to every likelihood, so that a place without any response is unlikely and not impossible."""
+RELATIVE_SWITCH, DRIFT_SWITCH = 0.65, 0.7
+"""Of the additions: shares of the running means of response and colour score under which the filter is doubted."""
+
+
+@dataclass(frozen=True)
+class KcfParticleSettings:
+    """Constants; the defaults are Table 3.2 and the choices of 3.3.3, as they are printed.
+
+    Attributes:
+        kcf: of the correlation filters.
+        switch: epsilon_1, the search starts when the greatest response is at most this.
+        plain_frames: H, frames after a search in which none starts.
+        stored: U, filters of the past.
+        particles: N.
+        past_share: mu, probability of a filter of the past.
+        convergence: epsilon_2, the search ends when V / (w1 h1) is below.
+        response_share: alpha of equation (3.4); 1 leaves objectness out.
+        hypotheses: M, maxima of the response.
+        past_by_score: filters of the past are drawn by the response that each had when it was stored, not all alike.
+        additions: those of `kcf_particle.ROBUST`, which are not the thesis's.
+    """
+
+    kcf: kcf.KcfSettings = field(default_factory=lambda: kcf.THESIS)
+    switch: float = 0.2
+    plain_frames: int = 50
+    stored: int = 20
+    particles: int = 200
+    past_share: float = 0.5
+    convergence: float = 0.03
+    response_share: float = 0.3
+    hypotheses: int = 20
+    past_by_score: bool = False
+    additions: bool = False
 
 
 @dataclass(frozen=True)
@@ -37,9 +71,8 @@ class RunningMean:
     def add(self, value: float) -> RunningMean:
         """With one more value."""
         share = max(self.rate, 1 / (self.count + 1))
-        return RunningMean(
-            self.rate, value if self.mean is None else self.mean + share * (value - self.mean), self.count + 1
-        )
+        mean = value if self.mean is None else self.mean + share * (value - self.mean)
+        return RunningMean(self.rate, mean, self.count + 1)
 
     def falls_below(self, share: float, value: float) -> bool:
         """Whether ``value`` is less than ``share`` of the mean so far."""
@@ -48,14 +81,16 @@ class RunningMean:
 
 @dataclass(frozen=True)
 class Confidence:
-    """What the target looked like while it was tracked without doubt.
+    """What the target looked like while it was tracked without doubt, and when the filter is doubted, 3.2.2.
 
     Attributes:
+        settings: hold the threshold of the response.
         peaks: responses, a frame each.
         colours: colour scores, a look each.
         colour: the colours themselves; None where they are not used or where a box covers the whole image.
     """
 
+    settings: KcfParticleSettings
     peaks: RunningMean = RunningMean()
     colours: RunningMean = RunningMean(rate=0.1)
     colour: ForegroundColour | None = None
@@ -63,41 +98,34 @@ class Confidence:
     @classmethod
     def start(cls, settings: KcfParticleSettings, image: ImageArray, box: FloatArray) -> Confidence:
         """From the first frame."""
-        wanted = settings.colour or settings.drift_switch
-        return cls(colour=ForegroundColour.learn(image, box) if wanted else None)
+        return cls(settings, colour=ForegroundColour.learn(image, box) if settings.additions else None)
 
-    def doubts(self, settings: KcfParticleSettings, peak: float, colour: float | None) -> bool:
+    def doubts(self, peak: float, colour: float | None) -> bool:
         """Whether the particle filter takes over, or goes on.
 
         Args:
-            settings: hold the thresholds.
             peak: response of the filter at the target.
             colour: colour score there; None where nobody looked.
         """
-        if peak <= settings.switch or self.peaks.falls_below(settings.relative_switch, peak):
+        if peak <= self.settings.switch:
             return True
-        return colour is not None and self.colours.falls_below(settings.drift_switch, colour)
+        return self.settings.additions and (
+            self.peaks.falls_below(RELATIVE_SWITCH, peak)
+            or (colour is not None and self.colours.falls_below(DRIFT_SWITCH, colour))
+        )
 
     def learn(self, image: ImageArray, box: FloatArray, peak: float, colour: float | None) -> Confidence:
         """With one more frame without doubt; ``peak`` and ``colour`` as `doubts` had them."""
         after = replace(self, peaks=self.peaks.add(peak))
-        if self.colour is None or colour is None:
+        if colour is None or self.colour is None:
             return after
         new = ForegroundColour.learn(image, box)
-        return replace(
-            after,
-            colours=self.colours.add(colour),
-            colour=self.colour if new is None else self.colour.blend(new, COLOUR_RATE),
-        )
+        blended = self.colour if new is None else self.colour.blend(new, COLOUR_RATE)
+        return replace(after, colours=self.colours.add(colour), colour=blended)
 
     def colour_score(self, image: ImageArray, box: FloatArray) -> float:
         """Of one box ``(4,)``; 1 where colours are not used."""
         return 1.0 if self.colour is None else float(self.colour.score(image, box[None])[0])
-
-
-PROPOSALS = 100
-Windows = tuple[Samples, FloatArray]
-"""What is in the windows of a frame, and their centres ``(W, 2)`` in pixels."""
 
 
 @dataclass(frozen=True)
@@ -107,70 +135,34 @@ class SearchView:
     Attributes:
         maps: responses of the filters.
         image: ``(H, W, 3)``.
-        proposals: ``(K, 4)`` boxes near the windows that look like an object.
+        proposals: ``(K, 4)`` boxes near the windows that look like an object; None where objectness has no share.
     """
 
     maps: ResponseMaps
     image: ImageArray
-    proposals: FloatArray
+    proposals: FloatArray | None
 
-
-@dataclass(frozen=True)
-class ObservationModel:
-    """How a frame is looked at in a search.
-
-    Attributes:
-        settings: constants.
-        model: of the correlation filters.
-        objects: objectness of sizes near the target's; None where the settings give it no share.
-    """
-
-    settings: KcfParticleSettings
-    model: kcf.Kcf
-    objects: ObjectnessModel | None
-
-    def windows(self, image: ImageArray, target: kcf.KcfState, reach: int) -> Windows:
-        """The window about ``target``, and ``reach`` more to each side of it."""
-        if reach == 0:
-            return self.model.window.describe(image, target.centre[None], np.array([target.size])), target.centre[None]
-        return self.model.window.describe_around(image, target.centre, target.size, reach)
-
-    def maps(self, windows: Windows, bank: FilterBank, size: float) -> ResponseMaps:
-        """Responses of all filters in all windows, for a target of relative ``size``."""
-        samples, centres = windows
-        kernel = self.settings.kcf.kernel
-        maps = np.stack([respond(bank, samples.select(slice(k, k + 1)), kernel) for k in range(len(centres))])
-        return ResponseMaps(maps, centres, self.model.window.cell_pixels(size))
-
-    def view(self, image: ImageArray, windows: Windows, bank: FilterBank, size: float) -> SearchView:
-        """Responses of the filters, and what looks like an object near the windows."""
-        proposals, centres = np.empty((0, 4)), windows[1]
-        if self.objects is not None:
-            half = self.model.target * size * self.settings.kcf.padding / 2
-            region = np.concatenate([centres.min(axis=0) - half, centres.max(axis=0) + half])
-            proposals, _ = propose(image, self.objects, PROPOSALS, region)
-        return SearchView(self.maps(windows, bank, size), image, proposals)
-
-    def log_likelihood(self, particles: FloatArray, view: SearchView, size: float, known: Confidence) -> FloatArray:
-        """``(N,)`` equation (3.4), sharpened and joined with the colours where the settings say so.
+    def log_likelihood(self, particles: FloatArray, size: FloatArray, known: Confidence) -> FloatArray:
+        """``(N,)`` equation (3.4); with the additions sharpened and joined with the colours.
 
         Args:
             particles: ``(N, 3)`` x, y and number of a filter.
-            view: of the frame.
-            size: of the target, relative to the first.
+            size: ``(2,)`` width and height of the target, pixels.
             known: the target's colours, and how much like them it usually is.
         """
-        settings = self.settings
-        half = self.model.target * size / 2
-        boxes = np.concatenate([particles[:, :2] - half, particles[:, :2] + half], axis=1)
-        response = view.maps.at(particles[:, :2], particles[:, 2].astype(np.int64))
-        overlap = object_overlap(boxes, view.proposals) if self.objects is not None else np.zeros(len(boxes))
-        result = log_likelihood(response, overlap, settings.response_share)
-        if settings.colour and known.colour is not None:
-            score = known.colour.score(view.image, boxes)
+        boxes = np.concatenate([particles[:, :2] - size / 2, particles[:, :2] + size / 2], axis=1)
+        response = self.maps.at(particles[:, :2], particles[:, 2].astype(np.int64))
+        # v of equation (3.6) is the greatest overlap with a box that looks like an object.
+        overlap = 0.0 if self.proposals is None else iou_matrix(boxes, self.proposals).max(axis=1, initial=0)
+        share = known.settings.response_share
+        result = np.log(share * np.maximum(response, 0.0) + (1 - share) * overlap + SMALLEST_LIKELIHOOD)
+        if not known.settings.additions:
+            return np.asarray(result)
+        if known.colour is not None:
+            score = known.colour.score(self.image, boxes)
             usual = known.colours.mean if known.colours.mean is not None else float(score.max())
-            result += settings.colour * np.minimum(score - usual, 0)
-        return settings.sharpness * result
+            result += COLOUR_WEIGHT * np.minimum(score - usual, 0)
+        return np.asarray(SHARPNESS * result)
 
 
 def highest_maxima(maps: ResponseMaps, count: int) -> FloatArray:
@@ -187,50 +179,21 @@ def highest_maxima(maps: ResponseMaps, count: int) -> FloatArray:
     return np.asarray(np.concatenate(places)[order])
 
 
-@dataclass(frozen=True)
-class Archive:
-    """The last stored filters, each a bank of one, with the response that it had when it was stored.
-
-    Attributes:
-        capacity: U, the oldest filter goes when there would be more.
-        first: the filter of the first frame, kept beside them for good; None as in the thesis.
-        banks: oldest first.
-        scores: one a bank.
-    """
-
-    capacity: int
-    first: FilterBank | None = None
-    banks: tuple[FilterBank, ...] = ()
-    scores: tuple[float, ...] = ()
-
-    def add(self, bank: FilterBank, score: float) -> Archive:
-        """With one more filter."""
-        keep = slice(max(0, len(self.banks) + 1 - self.capacity), None)
-        return Archive(self.capacity, self.first, (*self.banks, bank)[keep], (*self.scores, score)[keep])
-
-    def candidates(self) -> tuple[FilterBank, ...]:
-        """All filters that can be drawn, the first frame's first."""
-        return (self.first, *self.banks) if self.first is not None else self.banks
-
-    def weights(self, by_score: bool) -> FloatArray:
-        """Relative probabilities P_K of the candidates: alike, or by score; the first frame's counts as the best."""
-        scores = [max(self.scores, default=1.0)] if self.first is not None else []
-        scores += self.scores
-        return np.maximum(np.array(scores), 1e-6) if by_score else np.ones(len(scores))
+DIVISOR = 10 / 3
+"""The thesis's a, of the covariance S of the motion."""
 
 
-def step_deviation(target: FloatArray, divisor: float) -> FloatArray:
+def step_deviation(target: FloatArray) -> FloatArray:
     """Standard deviations ``(2,)`` of x and y, pixels, for a target ``(2,)`` of first size ``w1, h1``.
 
     The thesis puts ``w1 / a`` and ``h1 / a`` on the diagonal of the covariance matrix S (3.3.2), although these are
     lengths: the deviation is ``sqrt(w1 / a)``, 2.7 pixels for a target of 25.
     """
-    return np.sqrt(np.asarray(target, dtype=np.float64) / divisor)
+    return np.sqrt(np.asarray(target, dtype=np.float64) / DIVISOR)
 
 
 def draw_particles(
     peaks: FloatArray,
-    stored: int,
     past_weights: FloatArray,
     past_share: float,
     count: int,
@@ -241,12 +204,11 @@ def draw_particles(
     """Algorithm 1: particles around the highest maxima of the response, some with a filter of the past.
 
     Filter numbers ``0 ... M-1`` are the M hypotheses "the present filter, with the target at maximum m"; numbers
-    ``M ... M+stored-1`` are the filters of the past.
+    ``M ... M+S-1`` are the S filters of the past.
 
     Args:
         peaks: ``(M, 2)`` places of the maxima, pixels.
-        stored: number of filters of the past; with none, no number is replaced.
-        past_weights: ``(stored,)`` not negative, proportional to P_K.
+        past_weights: ``(S,)`` > 0, proportional to P_K; without filters of the past no number is replaced.
         past_share: mu of equation (3.2), in [0, 1].
         count: number of particles N.
         deviation: ``(2,)`` of S in equation (3.1), pixels.
@@ -259,8 +221,8 @@ def draw_particles(
     number = rng.choice(len(peaks), size=count, p=shares)
     places = peaks[number] + rng.normal(size=(count, 2)) * deviation
     from_past = rng.random(count) < past_share
-    if stored and past_weights.sum() > 0:
-        past = len(peaks) + rng.choice(stored, size=count, p=past_weights / past_weights.sum())
+    if len(past_weights):
+        past = len(peaks) + rng.choice(len(past_weights), size=count, p=past_weights / past_weights.sum())
         number = np.where(from_past, past, number)
     return np.column_stack([places, number])
 
@@ -318,21 +280,3 @@ def densest(particles: FloatArray, weights: FloatArray, deviation: FloatArray) -
     places = particles[:, :2] / deviation
     near = np.exp(-0.5 * ((places[:, None] - places[None]) ** 2).sum(axis=2)) * weights
     return int(np.argmax(near[int(np.argmax(near.sum(axis=1)))]))
-
-
-def heaviest_apart(particles: FloatArray, log_weights: FloatArray, apart: FloatArray, count: int) -> list[FloatArray]:
-    """The heaviest particles that are not all near each other, heaviest first.
-
-    Args:
-        particles: ``(N, D)`` x, y and more.
-        log_weights: ``(N,)``.
-        apart: ``(2,)`` pixels; two of them differ by more than this in x or in y.
-        count: how many, at most.
-    """
-    chosen: list[FloatArray] = []
-    for particle in particles[np.argsort(-log_weights, kind="stable")]:
-        if all((np.abs(particle[:2] - other[:2]) > apart).any() for other in chosen):
-            chosen.append(particle)
-        if len(chosen) == count:
-            break
-    return chosen

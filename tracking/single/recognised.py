@@ -14,6 +14,7 @@ upright as a person it is not asked.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from statistics import median
@@ -26,16 +27,18 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Describe = Callable[[ImageArray, FloatArray], FloatArray]
 """Appearance features ``(N, D)`` of boxes ``(N, 4)`` in an image."""
-HEARD = 0.6
-"""Running median from which on the network is heard."""
-LOST_SHARE = 0.4
-"""Share of the running median under which the target counts as lost: who is half hidden looks strange, too."""
-CANDIDATES = 4
-"""Places that the network looks at when the box does not show the target."""
-BETTER = 0.1
-"""How much more alike than the box such a place must be."""
-ALIKE = 0.85
-"""Share of the running median from which on it may be the target."""
+MEMORY, HEARD = 15, 0.6
+"""Looks of the running median of likenesses, and its value from which on the network is heard."""
+EXPECTED = 0.9
+"""Likeness of the target before any look, so that a box that is lost at once is not taken for it."""
+STRANGE_SHARE, LOST_SHARE = 0.6, 0.4
+"""Shares of the running median under which a likeness is strange, and under which the target counts as lost: who is
+half hidden looks strange, too."""
+STRANGE_LOOKS = 2
+"""Strange likenesses in a row from which on the target is looked for elsewhere."""
+CANDIDATES, BETTER, ALIKE = 4, 0.1, 0.85
+"""Places that the network looks at then, how much more alike than the box such a place must be, and the share of the
+running median from which on it may be the target."""
 
 
 @dataclass(frozen=True)
@@ -45,79 +48,14 @@ class RecognitionSettings:
     Attributes:
         upright: height over width of the first box from which on the target may be a person, and the network is asked.
         every: frames between two looks.
-        memory: looks of the running median.
-        expected: likeness of the target before any look, so that a box that is lost at once is not taken for it.
-        trusted: looks that ``expected`` counts for.
-        share: of the running median under which a likeness is strange.
-        looks: strange likenesses in a row from which on the target is looked for elsewhere.
-        lost_looks: in a row.
+        trusted: looks that `EXPECTED` counts for.
+        lost_looks: likenesses below `LOST_SHARE` in a row from which on the status is ``lost``.
     """
 
     upright: float = 1.8
     every: int = 3
-    memory: int = 15
-    expected: float = 0.9
     trusted: int = 3
-    share: float = 0.6
-    looks: int = 2
     lost_looks: int = 2
-
-
-class Witness:
-    """What the network says of boxes, against the first one.
-
-    Args:
-        describe: appearance features of boxes.
-        settings: see there.
-        image: the first frame ``(H, W, 3)``.
-        box: ``(4,)`` of the target in it.
-    """
-
-    def __init__(self, describe: Describe, settings: RecognitionSettings, image: ImageArray, box: FloatArray) -> None:
-        self.settings = settings
-        self._describe = describe
-        self._first = self._features(image, np.asarray(box)[None])[0]
-        self._likenesses = [settings.expected] * settings.trusted
-        self._strange = self._lost = 0
-
-    def likenesses(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
-        """``(N,)`` cosines of what ``boxes`` ``(N, 4)`` show and of the first box, in [-1, 1]."""
-        return np.asarray(self._features(image, boxes) @ self._first)
-
-    def look(self, image: ImageArray, box: FloatArray) -> float:
-        """Take what the box ``(4,)`` of a frame shows; its likeness."""
-        likeness = float(self.likenesses(image, box[None])[0])
-        settings, usual = self.settings, self.usual
-        if likeness < settings.share * usual:
-            self._strange += 1
-        else:
-            self._strange = 0
-            self._likenesses = [*self._likenesses, likeness][-settings.memory :]
-        self._lost = self._lost + 1 if likeness < LOST_SHARE * usual else 0
-        return likeness
-
-    def forget_doubt(self) -> None:
-        """The box is elsewhere now: it counts as the target until it looks otherwise."""
-        self._strange = self._lost = 0
-
-    @property
-    def usual(self) -> float:
-        """The running median of likenesses."""
-        return median(self._likenesses)
-
-    @property
-    def strange(self) -> bool:
-        """Whether the box seems to show something else."""
-        return self._strange >= self.settings.looks and self.usual >= HEARD
-
-    @property
-    def lost(self) -> bool:
-        """Whether it is sure that the box no longer shows the target."""
-        return self._lost >= self.settings.lost_looks and self.usual >= HEARD
-
-    def _features(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
-        found = np.asarray(self._describe(image, boxes), dtype=np.float64)
-        return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
 
 
 class Recognised:
@@ -143,8 +81,9 @@ class Recognised:
         width, height = (np.asarray(box)[2:] - np.asarray(box)[:2]).tolist()
         self.asked = height >= self.settings.upright * width
         if self.asked:
-            self._witness = Witness(self._describe, self.settings, image, box)
-        self._frame = self.found_again = 0
+            self._first = self._features(image, np.asarray(box)[None])[0]
+        self._likenesses = deque([EXPECTED] * self.settings.trusted, maxlen=MEMORY)
+        self._frame = self._strange = self._lost = self.found_again = 0
 
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
@@ -153,20 +92,40 @@ class Recognised:
             return found
         self._frame += 1
         if self._frame % self.settings.every == 0:
-            likeness = self._witness.look(image, found.box)
-            if self._witness.strange and isinstance(self._tracker, Combined):
+            likeness = self._look(image, found.box)
+            heard = median(self._likenesses) >= HEARD
+            if heard and self._strange >= STRANGE_LOOKS and isinstance(self._tracker, Combined):
                 self._find_again(self._tracker, image, likeness)
                 found = self._tracker.state()
-        return replace(found, status="lost") if self._witness.lost else found
+        lost = self._lost >= self.settings.lost_looks and median(self._likenesses) >= HEARD
+        return replace(found, status="lost") if lost else found
+
+    def _look(self, image: ImageArray, box: FloatArray) -> float:
+        """Likeness of what the box ``(4,)`` of a frame shows, counted as strange, lost or usual."""
+        likeness = float(self._likeness(image, box[None])[0])
+        usual = median(self._likenesses)
+        if likeness < STRANGE_SHARE * usual:
+            self._strange += 1
+        else:
+            self._strange = 0
+            self._likenesses.append(likeness)
+        self._lost = self._lost + 1 if likeness < LOST_SHARE * usual else 0
+        return likeness
 
     def _find_again(self, tracker: Combined, image: ImageArray, likeness: float) -> None:
         """Go to the place that looks most like the first box, if that is alike enough."""
         places = tracker.heaviest_places(image, CANDIDATES)
-        boxes = np.array([tracker.box(there) for there in places])
-        likenesses = self._witness.likenesses(image, boxes)
+        likenesses = self._likeness(image, np.array([tracker.box(there) for there in places]))
         best = int(np.argmax(likenesses))
-        alike = max(likeness + BETTER, ALIKE * self._witness.usual)
-        if likenesses[best] >= alike:
+        if likenesses[best] >= max(likeness + BETTER, ALIKE * median(self._likenesses)):
             tracker.go_on_at(places[best])
             self.found_again += 1
-            self._witness.forget_doubt()
+            self._strange = self._lost = 0  # the box counts as the target until it looks otherwise
+
+    def _likeness(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        """``(N,)`` cosines of what ``boxes`` ``(N, 4)`` show and of the first box, in [-1, 1]."""
+        return np.asarray(self._features(image, boxes) @ self._first)
+
+    def _features(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        found = np.asarray(self._describe(image, boxes), dtype=np.float64)
+        return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))

@@ -2,10 +2,10 @@
 
 It has three parts, each published on its own:
 
-* where the target is: a filter of the target alone in a wide window (`filters.correlation.regularised_correlation`: Li
+* where the target is: a filter of the target alone in a wide window (`filters.regularised_correlation`: Li
   2018, Galoogahi 2017);
 * the colours of its pixels (`colours.PixelColour`: Bertinetto 2016);
-* how large it is: a filter over sizes (`filters.correlation.scale_filter`: Danelljan 2014).
+* how large it is: a filter over sizes (`filters.scale_filter`: Danelljan 2014).
 
 The response of a place is
 
@@ -37,32 +37,64 @@ from tsuiseki.tracking.filters.kernelised_correlation import (
     gaussian_labels,
 )
 from tsuiseki.tracking.filters.regularised_correlation import (
+    RegularisedLearning,
     Support,
     learn,
     respond,
 )
 from tsuiseki.tracking.filters.scale_filter import ScaleFilter, best_offset, far_area, far_peak
 from tsuiseki.tracking.single.colours import PixelColour, coloured_area, shift_response, size_contrast
-from tsuiseki.tracking.single.constants import (
-    COLOUR_SHARE_LEARNT,
-    LOST_BELOW,
-    SIZE_AREA,
-    SIZE_CHANGE,
-    SIZE_COLOUR,
-    SIZE_RATE,
-    SIZE_RELEARNING,
-    SIZE_STEP,
-    RegularisedSettings,
-)
 from tsuiseki.tracking.single.response import peak
 from tsuiseki.tracking.single.search_windows import SizeLadder, SizeSample, cut
-from tsuiseki.tracking.single.tracker import TargetState, box_centre
-from tsuiseki.tracking.types import FloatArray, ImageArray, Status
+from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
+from tsuiseki.tracking.types import FloatArray, ImageArray
 
-CELL = 4  # template pixels
-_LEAST_CELLS = 4
-_FAR = 4  # steps of size from which on a size is far from the present one
-_WIDEST = 8  # steps of size to each side, in which the contrast of the first frame is looked for
+CELL = 4
+"""Side of a cell, template pixels."""
+PADDING, CELLS, LEAST_CELLS = 3.0, 24, 4
+"""Side of the square window over the geometric mean of the target's sides, and cells along its longer side."""
+LABEL_SIGMA = 1 / 16
+"""Of the wanted response, as a share of the geometric mean of the target's sides."""
+LEARNING = RegularisedLearning()
+COLOUR_SHARE_LEARNT = 0.04
+"""Share of a new frame in the histograms, in [0, 1]."""
+SIZE_CHANGE, SMALLEST, LARGEST = 1.06, 0.2, 5.0
+"""Greatest factor on the size in a frame, and least and greatest size relative to the first."""
+SIZE_RATE, SIZE_RELEARNING = 0.025, 0.2
+"""Share of a new frame in the size filter, in [0, 1]; the second while the size follows one far away."""
+SIZE_COLOUR = 2.0
+"""Weight of the contrast of colours beside the size filter's response."""
+SIZE_AREA, SIZE_STEP = 512.0, 1.03
+"""Pixels of the template of the size filter, and ratio of neighbouring sizes."""
+FAR, WIDEST = 4, 8
+"""Steps of size from which on a size is far from the present one; in which the first frame's contrast is looked for."""
+SIZE_MARGIN, SIZE_PATIENCE = 0.03, 5
+"""How much greater the contrast of colours must be at a far size, and for how many frames on the same side."""
+LOST_BELOW = 0.25
+"""Response under which the target of the filter alone counts as lost; the filter goes on all the same."""
+
+
+@dataclass(frozen=True)
+class RegularisedSettings:
+    """Constants.
+
+    Attributes:
+        colour_share: of the colours in the response of a place, in [0, 1].
+        sizes: how many are tried in a frame, odd; 1 keeps the first size.
+        size_reach: steps of size to each side among which the colours look for one far from the present size, which
+            the size filter does not see; 0 looks for none.
+        size_agreement: share of its response at the present size that the filter of places must have on the way there.
+        size_by_area: contrast of colours from which on the number of the target's pixels tells the size, which needs
+            no agreement then; 2 never does.
+        calibration: share of the first frame's calibration of the contrast of colours that is used, in [0, 1].
+    """
+
+    colour_share: float = 0.3
+    sizes: int = 11
+    size_reach: int = 24
+    size_agreement: float = 0.95
+    size_by_area: float = 0.45
+    calibration: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -97,9 +129,9 @@ class Model:
         """For a target of ``width`` x ``height`` pixels in its first frame."""
         target = np.array([width, height], dtype=np.float64)
         # A square window: thin targets move as far sideways as lengthwise. It always holds the target.
-        sides = np.maximum(settings.padding * np.sqrt(width * height), 1.5 * target)
-        scale = float(sides.max()) / (settings.cells * CELL)
-        columns, rows = (max(_LEAST_CELLS, 2 * round(float(side) / (2 * CELL * scale))) for side in sides)
+        sides = np.maximum(PADDING * np.sqrt(width * height), 1.5 * target)
+        scale = float(sides.max()) / (CELLS * CELL)
+        columns, rows = (max(LEAST_CELLS, 2 * round(float(side) / (2 * CELL * scale))) for side in sides)
         wide, high = target / (scale * CELL)
         # Half a window of an even number of cells is half a turn of every odd frequency.
         signs = 1 - 2 * ((np.arange(rows)[:, None] + np.arange(columns // 2 + 1)) % 2)
@@ -110,7 +142,7 @@ class Model:
             scale,
             (rows, columns),
             cosine_window((rows, columns)),
-            gaussian_labels((rows, columns), float(np.sqrt(wide * high)) * settings.label_sigma),
+            gaussian_labels((rows, columns), float(np.sqrt(wide * high)) * LABEL_SIGMA),
             Support.of((rows, columns), float(high), float(wide)),
             np.repeat(signs, 2, axis=1).astype(np.float32),
             SizeLadder(target, template.astype(np.int64), CELL, SIZE_STEP, settings.sizes),
@@ -122,8 +154,7 @@ class Model:
 
     def box(self, centre: FloatArray, size: float) -> FloatArray:
         """``(4,)`` corners."""
-        half = self.target * size / 2
-        return np.concatenate([centre - half, centre + half])
+        return box_about(centre, self.target * size)
 
     def patch(self, image: ImageArray, centre: FloatArray, size: float) -> ImageArray:
         """``(H, W, 3)`` template pixels of the window around ``centre``, with a border of one cell."""
@@ -187,10 +218,10 @@ def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTar
     """The target of the first frame."""
     patch = model.patch(image, centre, 1.0)
     width, height = model.target / model.scale
-    filters = learn(model.describe([patch])[0], model.wanted, model.support, None, model.settings.learning)
+    filters = learn(model.describe([patch])[0], model.wanted, model.support, None, LEARNING)
     sizes = ScaleFilter.learn(model.ladder.sample(image, centre, 0)) if model.settings.sizes > 1 else None
     colour = PixelColour.learn(patch, float(width), float(height))
-    factors = SIZE_STEP ** np.arange(-_WIDEST, _WIDEST + 1.0)
+    factors = SIZE_STEP ** np.arange(-WIDEST, WIDEST + 1.0)
     probabilities = colour.probabilities(patch)
     contrast = size_contrast(probabilities, float(width), float(height), factors)
     contrast_at = SIZE_STEP ** (model.settings.calibration * best_offset(contrast))
@@ -261,17 +292,17 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
     clear = settings.size_reach > 0 and contrast[reach - near : reach + near + 1].max() >= settings.size_by_area
     if clear:
         area = coloured_area(probabilities, float(width), float(height))
-        far = far_area(area / target.area, SIZE_STEP, _FAR)
+        far = far_area(area / target.area, SIZE_STEP, FAR)
     else:
-        far = far_peak(contrast, _FAR, settings.size_margin) if settings.size_reach else 0.0
+        far = far_peak(contrast, FAR, SIZE_MARGIN) if settings.size_reach else 0.0
     side = int(np.sign(far))
     insisted = target.insisted + side if side * target.insisted > 0 else side
-    if abs(insisted) >= settings.size_patience:
+    if abs(insisted) >= SIZE_PATIENCE:
         step = float(np.clip(far, -near, near))
         best, insisted = (far, insisted) if clear or _agrees(model, target, image, step) else (best, 0)
     factor = SIZE_STEP ** (middle + best) / target.size
     size = target.size * float(np.clip(factor, 1 / SIZE_CHANGE, SIZE_CHANGE))
-    size = float(np.clip(size, settings.smallest, settings.largest))
+    size = float(np.clip(size, SMALLEST, LARGEST))
     return replace(target, size=size, seen=seen, insisted=insisted)
 
 
@@ -285,18 +316,17 @@ def _agrees(model: Model, target: RegularisedTarget, image: ImageArray, step: fl
 
 def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: float = 1.0) -> RegularisedTarget:
     """The target after learning from where it is, at ``rate`` in (0, 1] of the usual speed."""
-    settings = model.settings
     patch = model.patch(image, target.centre, target.size)
     width, height = model.target / model.scale
     colour = target.colour.blend(PixelColour.learn(patch, float(width), float(height)), COLOUR_SHARE_LEARNT * rate)
-    learning = replace(settings.learning, memory=settings.learning.memory / rate)
+    learning = replace(LEARNING, memory=LEARNING.memory / rate)
     filters = learn(model.describe([patch])[0], model.wanted, model.support, target.filters, learning)
     sizes = target.sizes
     if sizes is not None:
         level = model.ladder.level(target.size)
         sample = model.ladder.sample(image, target.centre, round(level), target.seen)
         new = ScaleFilter.learn(sample, level - round(level))
-        insists = abs(target.insisted) >= settings.size_patience
+        insists = abs(target.insisted) >= SIZE_PATIENCE
         sizes = sizes.blend(new, (SIZE_RELEARNING if insists else SIZE_RATE) * rate)
     return replace(target, filters=filters, colour=colour, sizes=sizes, seen=None)
 
@@ -309,8 +339,7 @@ class RegularisedTracker:
         target: where the target is.
     """
 
-    def __init__(self, settings: RegularisedSettings | None = None, seed: int = 0) -> None:
-        del seed
+    def __init__(self, settings: RegularisedSettings | None = None) -> None:
         self.settings = settings or RegularisedSettings()
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
@@ -322,5 +351,5 @@ class RegularisedTracker:
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
         self.target = update(self._model, locate(self._model, self.target, image), image)
-        status: Status = "tracking" if self.target.peak > LOST_BELOW else "lost"
-        return TargetState(self._model.box(self.target.centre, self.target.size), self.target.peak, status)
+        box = self._model.box(self.target.centre, self.target.size)
+        return TargetState(box, self.target.peak, "tracking" if self.target.peak > LOST_BELOW else "lost")

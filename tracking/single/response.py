@@ -1,6 +1,6 @@
 """Response maps of correlation filters over cyclic shifts, ``map[0, 0]`` being no shift.
 
-Their maxima lie between cells, by parabolas. How well boxes fit them and the objects in the image is thesis 3.2.5.
+Their maxima lie between cells, by parabolas.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 Float32Array = NDArray[np.float32]
@@ -82,10 +81,6 @@ def maxima_of_each(responses: Float32Array, count: int) -> tuple[IntArray, Float
     return which, shifts, values.astype(np.float64)
 
 
-SMALLEST_LIKELIHOOD = 1e-6
-"""Added to every likelihood, so that a place without any response is unlikely and not impossible."""
-
-
 @dataclass(frozen=True)
 class ResponseMaps:
     """Responses of F filters in W windows of one frame.
@@ -136,22 +131,3 @@ class ResponseMaps:
         shift, _ = peak_near(response, around[int(np.argmax(values))])
         found = self.centres[window] + shift * self.cell
         return np.asarray(found if (np.abs(found - place) <= 1.5 * self.cell).all() else place)
-
-
-def object_overlap(boxes: FloatArray, proposals: FloatArray) -> FloatArray:
-    """``(N,)`` greatest overlap of each box with a box that looks like an object, equation (3.6); 0 with none."""
-    if not len(proposals):
-        return np.zeros(len(boxes))
-    return np.asarray(iou_matrix(boxes, proposals).max(axis=1))
-
-
-def log_likelihood(response: FloatArray, objectness: FloatArray, response_share: float) -> FloatArray:
-    """Logarithm of ``alpha r + (1 - alpha) v``, equation (3.4), with a negative response taken as none.
-
-    Args:
-        response: ``(N,)`` r, of the correlation filters.
-        objectness: ``(N,)`` v in [0, 1].
-        response_share: alpha in [0, 1].
-    """
-    agreement = response_share * np.maximum(response, 0.0) + (1 - response_share) * objectness
-    return np.asarray(np.log(agreement + SMALLEST_LIKELIHOOD))

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from tsuiseki.tracking.single.settings import (
     SingleChoice,
     SingleMethod,
     SinglePreset,
-    single_tracker,
+    make_tracker,
     warn_if_not_asked,
 )
 from tsuiseki.tracking.single.tracker import SingleTracker, as_box, follow_target
@@ -72,7 +71,7 @@ def follow_single(
         RunError: the video breaks off, or changes its size.
     """
     opened, wanted = _opened(source, box, frames)
-    return follow_frames(opened.frames(), wanted, single_tracker(method, preset, seed), StageTimes())
+    return follow_target(opened.frames(), wanted, _tracker(method, preset, seed), StageTimes())
 
 
 def track_single(
@@ -92,10 +91,14 @@ def track_single(
     opened, wanted = _opened(source, box, frames)
     if endless(opened):
         raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_single")
-    tracker, times = single_tracker(method, preset, seed), StageTimes()
-    followed = follow_frames(opened.frames(), wanted, tracker, times)
+    tracker, times = _tracker(method, preset, seed), StageTimes()
+    followed = follow_target(opened.frames(), wanted, tracker, times)
     name = method if isinstance(method, str) else type(method).__name__
     return single_result(opened, followed, times, {"method": name, "source": named(source), "seed": seed})
+
+
+def _tracker(method: SingleMethod | SingleTracker, preset: SinglePreset, seed: int) -> SingleTracker:
+    return make_tracker(method, preset, seed=seed) if isinstance(method, str) else method
 
 
 def _opened(
@@ -107,41 +110,6 @@ def _opened(
     if wanted is None:
         raise RequestError(f"{opened.name} has no labels; expected the `box` of the target in the first frame")
     return opened, wanted
-
-
-def follow_frames(
-    frames: Iterator[Frame],
-    box: FloatArray | Callable[[ImageArray], FloatArray],
-    tracker: SingleTracker,
-    times: StageTimes,
-    boxes: Mapping[int, FloatArray] | None = None,
-) -> Iterator[tuple[Frame, Estimate]]:
-    """Each frame with the target in it.
-
-    Args:
-        frames: of the video.
-        box: ``(4,)`` the target in the first of them, or what finds it in its image.
-        tracker: a fresh one.
-        times: gets the stage ``read and track``.
-        boxes: ``(4,)`` the target in other frames, at which the tracker begins anew.
-    """
-    first = next(frames, None)
-    if first is None:
-        return
-    current = [first]
-
-    def noted() -> Iterator[Frame]:
-        for frame in chain((first,), frames):
-            current[0] = frame
-            yield frame
-
-    estimates = follow_target(noted(), box(first.image) if callable(box) else box, tracker, boxes)
-    while True:
-        with times.measure("read and track"):
-            estimate = next(estimates, None)
-        if estimate is None:
-            return
-        yield current[0], estimate
 
 
 def open_single(source: SourceLike, frames: str | None = None) -> tuple[Source, FloatArray | None]:
@@ -191,7 +159,7 @@ def single_result(
 
     Args:
         source: the video.
-        followed: its frames with the target, see `follow_frames`.
+        followed: its frames with the target, see `follow_target`.
         times: of the run.
         settings: of the run.
         constants: of the method, for ``facts``.
@@ -261,7 +229,7 @@ def single(
     said = None if corrections is None else boxes_said(corrections, source)
     with output.run() as run:
         wanted = partial(_drawn, run) if given is None else given
-        followed = follow_frames(run.frames(source, record=video.overlay), wanted, tracker, run.times, said)
+        followed = follow_target(run.frames(source, record=video.overlay), wanted, tracker, run.times, said)
         if said is not None:
             followed = from_both_sides(followed, said, choice.tracker(output.seed)[0])
         steps = run.steps(followed, total=frames_expected(source))

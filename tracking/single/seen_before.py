@@ -9,7 +9,6 @@ the camera has moved by more than the box in between, or the background was hidd
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -18,54 +17,35 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 
 _LEAST = 5  # pixels of the smaller picture, in each direction
 
-ALIKE = 0.9
-"""Normalised correlation of colours from which on it is the same, in [-1, 1]."""
-
-
-@dataclass(frozen=True)
-class SeenBeforeSettings:
-    """Constants.
-
-    Attributes:
-        every: frames between two looks.
-        back: how many looks before the present one the frames are that are compared. Looks that find the background
-            are not counted.
-        turns: how many looks share the frames of ``back`` between them, in turn; a look after one that has found the
-            background compares with all of them.
-        reach: how far around the box it looks there, in sides of the box.
-        overlap: share of the box up to which a place may overlap the target's box of that frame.
-        screen: correlation of pictures of half the size from which on those of full size are compared. In 1,528
-            comparisons on the clips and eight chases none was alike whose halves had less than .85.
-        side: pixels to which the geometric mean of the box's sides is reduced, where it is larger.
-    """
-
-    every: int = 3
-    back: tuple[int, ...] = (2, 3, 7, 13)
-    turns: int = 2
-    reach: float = 1.0
-    overlap: float = 0.1
-    screen: float = 0.7
-    side: float = 28.0
+ALIKE, SCREEN = 0.9, 0.7
+"""Normalised correlation of colours from which on it is the same, in [-1, 1]; and that of pictures of half the size
+from which on those of full size are compared."""
+EVERY = 3
+"""Frames between two looks."""
+BACK: tuple[int, ...] = (2, 3, 7, 13)
+TURNS = 2
+"""How many looks before the present one the frames are that are compared. Looks that find the background are not
+counted. So many looks share these frames in turn; one after a look that has found the background compares with all."""
+REACH, OVERLAP = 1.0, 0.1
+"""How far around the box it looks there, in sides of the box; share of the box up to which a place may overlap the
+target's box of that frame."""
+SIDE = 28.0
+"""Pixels to which the geometric mean of the box's sides is reduced, where it is larger."""
 
 
 class SeenBefore:
-    """Remembers frames of one video, and where the target was in them.
+    """Remembers frames of one video, and where the target was in them."""
 
-    Args:
-        settings: see there.
-    """
-
-    def __init__(self, settings: SeenBeforeSettings) -> None:
-        self.settings = settings
-        self._before: deque[tuple[ImageArray, FloatArray]] = deque(maxlen=max(settings.back))
+    def __init__(self) -> None:
+        self._before: deque[tuple[ImageArray, FloatArray]] = deque(maxlen=max(BACK))
         self._looks, self._found = 0, False
 
     def look(self, image: ImageArray, box: FloatArray) -> bool:
         """Take a frame ``(H, W, 3)`` with the box ``(4,)`` of the target; whether it shows what stood there before."""
         self._looks += 1
-        turn = slice(None) if self._found else slice(self._looks % self.settings.turns, None, self.settings.turns)
-        seen = [self._before[-back] for back in self.settings.back[turn] if back <= len(self._before)]
-        scale = min(self.settings.side / float(np.sqrt((box[2:] - box[:2]).prod())), 1.0)
+        turn = slice(None) if self._found else slice(self._looks % TURNS, None, TURNS)
+        seen = [self._before[-back] for back in BACK[turn] if back <= len(self._before)]
+        scale = min(SIDE / float(np.sqrt((box[2:] - box[:2]).prod())), 1.0)
         shown, _ = _cut(image, box, scale)
         self._found = any(self._likeness(shown, box, scale, *earlier) >= ALIKE for earlier in seen)
         if not self._found:  # else the frames from before the target was lost would be forgotten
@@ -82,15 +62,15 @@ class SeenBefore:
     ) -> float:
         """Greatest correlation of what the box shows with an earlier frame, away from where the target ``was``.
 
-        Where pictures of half the size are not alike (`SeenBeforeSettings.screen`) it is theirs.
+        Where pictures of half the size are not alike (`SCREEN`) it is theirs.
         """
-        reach = np.concatenate([box[:2] - box[2:], box[2:] - box[:2]]) * self.settings.reach
+        reach = np.concatenate([box[:2] - box[2:], box[2:] - box[:2]]) * REACH
         around, corner = _cut(earlier, box + reach, scale)
         if min(shown.shape[:2]) < _LEAST or (np.array(around.shape[:2]) <= shown.shape[:2]).any():
             return -1.0
         if min(shown.shape[:2]) >= 2 * _LEAST:
             likeness = self._away(_halved(shown), _halved(around), box, corner, scale / 2, was)
-            if likeness < self.settings.screen:
+            if likeness < SCREEN:
                 return likeness
         return self._away(shown, around, box, corner, scale, was)
 
@@ -103,7 +83,7 @@ class SeenBefore:
         left, top = (corner[axis] + np.arange(likeness.shape[1 - axis]) / scale for axis in (0, 1))
         wide = np.clip(np.minimum(left + sides[0], was[2]) - np.maximum(left, was[0]), 0, None)
         high = np.clip(np.minimum(top + sides[1], was[3]) - np.maximum(top, was[1]), 0, None)
-        away = np.outer(high, wide) <= self.settings.overlap * sides.prod()
+        away = np.outer(high, wide) <= OVERLAP * sides.prod()
         return float(likeness[away].max(initial=-1.0))
 
 

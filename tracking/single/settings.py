@@ -12,21 +12,13 @@ from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.features.objectness import read_objectness
 from tsuiseki.tracking.options import Shared
-from tsuiseki.tracking.single import kcf
-from tsuiseki.tracking.single.combined import Combined
-from tsuiseki.tracking.single.constants import (
-    PRINTED,
-    ROBUST,
-    CombinedSettings,
-    KcfParticleSettings,
-)
+from tsuiseki.tracking.single import kcf, kcf_particle
+from tsuiseki.tracking.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.single.gradient import MeanShift, MedianFlow, Mil
-from tsuiseki.tracking.single.kcf import KcfTracker
-from tsuiseki.tracking.single.kcf_particle import KcfParticle
 from tsuiseki.tracking.single.matching import ColourParticle, HistogramMatching, TemplateMatching
 from tsuiseki.tracking.single.mosse import Mosse
 from tsuiseki.tracking.single.recognised import Recognised
-from tsuiseki.tracking.single.regularised import RegularisedTracker
+from tsuiseki.tracking.single.regularised import RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.single.tracker import SingleTracker
 from tsuiseki.tracking.weights import shipped
 
@@ -50,10 +42,33 @@ SingleMethod = Literal[
 ]
 METHODS: tuple[SingleMethod, ...] = get_args(SingleMethod)
 SinglePreset = Literal["robust", "thesis", "printed", "paper"]
+SIZED = ("combined", "regularised", "kcf-particle", "kcf")
+"""Methods that can try other sizes."""
+PLAIN: dict[SingleMethod, Callable[[int], SingleTracker]] = {
+    "csk": lambda _: kcf.KcfTracker(kcf.CSK),
+    "mosse": Mosse,
+    "template": lambda _: TemplateMatching(),
+    "template-ssd": lambda _: TemplateMatching("ssd"),
+    "template-sad": lambda _: TemplateMatching("sad"),
+    "histogram": lambda _: HistogramMatching(),
+    "kalman": lambda _: TemplateMatching(smoothed=True),
+    "meanshift": lambda _: MeanShift(),
+    "camshift": lambda _: MeanShift(adapts_size=True),
+    "medianflow": lambda _: MedianFlow(),
+    "colour-particle": ColourParticle,
+    "mil": Mil,
+}
+"""Those of chapter 2, without settings, by the seed of their random numbers."""
+KCF_PRESETS = {"robust": kcf.KcfSettings(), "thesis": kcf.THESIS, "paper": kcf.KCF_PAPER}
+PARTICLE_PRESETS = {"robust": kcf_particle.ROBUST, "printed": kcf_particle.PRINTED}
 
 
 def make_tracker(
-    method: SingleMethod, preset: SinglePreset = "robust", scale_search: bool | None = None, seed: int = 0
+    method: SingleMethod,
+    preset: SinglePreset = "robust",
+    scale_search: bool | None = None,
+    seed: int = 0,
+    objectness: Path | None = None,
 ) -> SingleTracker:
     """A new tracker.
 
@@ -64,79 +79,40 @@ def make_tracker(
         scale_search: whether those two, ``combined`` and ``regularised`` try other sizes; by default as the preset
             says, and for the last two they do.
         seed: of its random numbers.
+        objectness: model of ``kcf-particle``; by default the shipped one.
+
+    Raises:
+        RequestError: there is no such method or preset, or the method does not take something that is asked for.
     """
-    makers: dict[SingleMethod, Callable[[], SingleTracker]] = {
-        "combined": lambda: Combined(_combined_settings(scale_search), seed),
-        "regularised": lambda: RegularisedTracker(_combined_settings(scale_search).filter, seed),
-        "kcf-particle": lambda: KcfParticle(_particle_settings(preset, scale_search), seed),
-        "kcf": lambda: KcfTracker(_sized(KCF_PRESETS[preset], scale_search), seed=seed),
-        "csk": lambda: KcfTracker(kcf.CSK, seed=seed),
-        "mosse": lambda: Mosse(seed),
-        "template": lambda: TemplateMatching(seed=seed),
-        "template-ssd": lambda: TemplateMatching("ssd", seed=seed),
-        "template-sad": lambda: TemplateMatching("sad", seed=seed),
-        "histogram": lambda: HistogramMatching(seed=seed),
-        "kalman": lambda: TemplateMatching("ncc", smoothed=True, seed=seed),
-        "meanshift": lambda: MeanShift(seed=seed),
-        "camshift": lambda: MeanShift(adapts_size=True, seed=seed),
-        "medianflow": lambda: MedianFlow(seed=seed),
-        "colour-particle": lambda: ColourParticle(seed=seed),
-        "mil": lambda: Mil(seed),
-    }
-    return makers[method]()
-
-
-KCF_PRESETS: dict[SinglePreset, kcf.KcfSettings] = {
-    "robust": kcf.KcfSettings(),
-    "thesis": kcf.THESIS,
-    "paper": kcf.KCF_PAPER,
-}
-PARTICLE_PRESETS: dict[SinglePreset, KcfParticleSettings] = {"robust": ROBUST, "printed": PRINTED}
+    if method not in METHODS:
+        raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
+    if preset not in get_args(SinglePreset):
+        raise RequestError(f"expected the preset {', '.join(get_args(SinglePreset))}, got {preset!r}")
+    taker = {"paper": "kcf", "printed": "kcf-particle", "thesis": "kcf"}.get(preset, method)
+    if method != taker:
+        raise RequestError(f"`preset` {preset}: expected with the method {taker}, got {method}")
+    if objectness is not None and method != "kcf-particle":
+        raise RequestError(f"`objectness`: expected with `method` kcf-particle only, got {method}")
+    if scale_search is not None and method not in SIZED:
+        raise RequestError(f"`scale`: expected with `method` {', '.join(SIZED[:-1])} or {SIZED[-1]}, got {method}")
+    regularised = RegularisedSettings(sizes=1) if scale_search is False else RegularisedSettings()
+    if method == "combined":
+        return Combined(CombinedSettings(regularised), seed)
+    if method == "regularised":
+        return RegularisedTracker(regularised)
+    if method == "kcf":
+        return kcf.KcfTracker(_sized(KCF_PRESETS[preset], scale_search))
+    if method == "kcf-particle":
+        settings = PARTICLE_PRESETS[preset]
+        model = None if objectness is None else read_objectness(objectness)
+        return kcf_particle.KcfParticle(replace(settings, kcf=_sized(settings.kcf, scale_search)), seed, model)
+    return PLAIN[method](seed)
 
 
 def _sized(settings: kcf.KcfSettings, scale_search: bool | None) -> kcf.KcfSettings:
     if scale_search is None:
         return settings
     return replace(settings, scale_step=kcf.KcfSettings().scale_step if scale_search else 1.0)
-
-
-def _combined_settings(scale_search: bool | None) -> CombinedSettings:
-    settings = CombinedSettings()
-    return settings if scale_search in (None, True) else replace(settings, filter=replace(settings.filter, sizes=1))
-
-
-def _particle_settings(preset: SinglePreset, scale_search: bool | None) -> KcfParticleSettings:
-    settings = PARTICLE_PRESETS[preset]
-    return replace(settings, kcf=_sized(settings.kcf, scale_search))
-
-
-def single_tracker(
-    method: SingleMethod | SingleTracker, preset: SinglePreset = "robust", seed: int = 0
-) -> SingleTracker:
-    """A fresh tracker by its name; a tracker as it is.
-
-    Raises:
-        RequestError: there is no such method or preset, or the two do not go together.
-    """
-    if not isinstance(method, str):
-        return method
-    if method not in METHODS:
-        raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
-    if preset not in get_args(SinglePreset):
-        raise RequestError(f"expected the preset {', '.join(get_args(SinglePreset))}, got {preset!r}")
-    check_preset(method, preset)
-    return make_tracker(method, preset, seed=seed)
-
-
-def check_preset(method: SingleMethod, preset: SinglePreset) -> None:
-    """Refuse constants that a method does not have.
-
-    Raises:
-        RequestError: the two do not go together.
-    """
-    takers = {"paper": "kcf", "printed": "kcf-particle", "thesis": "kcf"}.get(preset)
-    if takers is not None and method != takers:
-        raise RequestError(f"`preset` {preset}: expected with the method {takers}, got {method}")
 
 
 @dataclass(frozen=True)
@@ -167,26 +143,15 @@ class SingleChoice(Shared):
         """A fresh tracker, and its constants.
 
         Raises:
-            RequestError: the method does not take something that is asked for.
+            RequestError: see `make_tracker`.
         """
-        tracker, constants = self._plain(seed)
+        tracker = make_tracker(self.method, self.preset, self.scale, seed, self.objectness)
+        settings = getattr(tracker, "settings", None)
+        constants = {} if settings is None else asdict(settings)
         if not self.recognise:
             return tracker, constants
         recognised = Recognised(tracker, Appearance(shipped("appearance_people")).describe)
         return recognised, {**constants, "recognition": asdict(recognised.settings)}
-
-    def _plain(self, seed: int) -> tuple[SingleTracker, dict[str, Any]]:
-        check_preset(self.method, self.preset)
-        tracker = make_tracker(self.method, self.preset, self.scale, seed)
-        if self.objectness is not None:
-            if not isinstance(tracker, KcfParticle):
-                raise RequestError(f"`objectness`: expected with `method` kcf-particle only, got {self.method}")
-            tracker = KcfParticle(tracker.settings, seed, read_objectness(self.objectness))
-        if self.scale is not None and self.method not in ("combined", "regularised", "kcf", "kcf-particle"):
-            sized = "combined, regularised, kcf-particle or kcf"
-            raise RequestError(f"`scale`: expected with `method` {sized}, got {self.method}")
-        own = getattr(tracker, "settings", None)
-        return tracker, asdict(own) if own is not None else {}
 
 
 def warn_if_not_asked(tracker: SingleTracker) -> None:

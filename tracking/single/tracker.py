@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Estimate, FloatArray, Frame, ImageArray, Status
 
 CERTAIN = 1.0
@@ -32,7 +33,6 @@ class TargetState:
 class SingleTracker(Protocol):
     """Follows one target.
 
-    Every tracker is made with a ``seed`` of its random numbers, by keyword; one that draws none takes it all the same.
     Two trackers with the same seed, images and box give the same answers, whatever else runs in the process.
     """
 
@@ -48,6 +48,11 @@ class SingleTracker(Protocol):
 def box_centre(box: FloatArray) -> FloatArray:
     """``(2,)`` centre of ``(4,)``."""
     return np.asarray((box[:2] + box[2:]) / 2)
+
+
+def box_about(centre: FloatArray, size: FloatArray) -> FloatArray:
+    """``(4,)`` corners of a box of ``size`` ``(2,)``."""
+    return np.concatenate([centre - size / 2, centre + size / 2])
 
 
 def as_box(given: object) -> FloatArray:
@@ -87,35 +92,52 @@ def check_start(box: FloatArray, image: ImageArray) -> FloatArray:
 
 
 def follow_target(
-    frames: Iterable[Frame], box: FloatArray, tracker: SingleTracker, boxes: Mapping[int, FloatArray] | None = None
-) -> Iterator[Estimate]:
-    """The target in every frame; the first estimate is ``box`` itself, and so are those at ``boxes``, by frame.
+    frames: Iterator[Frame],
+    box: FloatArray | Callable[[ImageArray], FloatArray],
+    tracker: SingleTracker,
+    times: StageTimes,
+    boxes: Mapping[int, FloatArray] | None = None,
+) -> Iterator[tuple[Frame, Estimate]]:
+    """Each frame with the target in it; the first estimate is the box itself, and so are those at ``boxes``.
+
+    Args:
+        frames: of the video.
+        box: ``(4,)`` the target in the first of them, or what finds it in its image.
+        tracker: a fresh one.
+        times: gets the stage ``read and track``.
+        boxes: ``(4,)`` the target in other frames, at which the tracker begins anew.
 
     Raises:
         RequestError: see `check_start`; or the first image has one colour only.
         RunError: the video changes its size.
     """
-    size: tuple[int, ...] | None = None
-    for frame in frames:
-        if size is None:
-            size = frame.image.shape
-            box = check_start(box, frame.image)
-            if (frame.image == frame.image[0, 0]).all():
-                raise RequestError(
-                    f"frame {frame.index + 1}: expected a picture of the target, got one colour everywhere; "
-                    "start at a later frame with `frames`"
+    frame = next(frames, None)
+    if frame is None:
+        return
+    first = frame.image
+    box = check_start(box(first) if callable(box) else box, first)
+    if (first == first[0, 0]).all():
+        raise RequestError(
+            f"frame {frame.index + 1}: expected a picture of the target, got one colour everywhere; "
+            "start at a later frame with `frames`"
+        )
+    with times.measure("read and track"):
+        tracker.start(first, box)
+    yield frame, Estimate(frame.index, box, CERTAIN, "tracking")
+    while True:
+        with times.measure("read and track"):
+            frame = next(frames, None)
+            if frame is None:
+                return
+            if frame.image.shape != first.shape:
+                raise RunError(
+                    f"frame {frame.index + 1}: expected {first.shape[1]}x{first.shape[0]} pixels as before, "
+                    f"got {frame.image.shape[1]}x{frame.image.shape[0]}; track the parts one by one"
                 )
-            tracker.start(frame.image, box)
-            yield Estimate(frame.index, box, CERTAIN, "tracking")
-            continue
-        if frame.image.shape != size:
-            raise RunError(
-                f"frame {frame.index + 1}: expected {size[1]}x{size[0]} pixels as before, "
-                f"got {frame.image.shape[1]}x{frame.image.shape[0]}; track the parts one by one"
-            )
-        if boxes and frame.index in boxes:
-            tracker.start(frame.image, check_start(boxes[frame.index], frame.image))
-            yield Estimate(frame.index, boxes[frame.index], CERTAIN, "tracking")
-            continue
-        seen = tracker.follow(frame.image)
-        yield Estimate(frame.index, seen.box, seen.score, seen.status)
+            given = None if boxes is None else boxes.get(frame.index)
+            if given is None:
+                seen = tracker.follow(frame.image)
+            else:
+                seen = TargetState(check_start(given, frame.image), CERTAIN, "tracking")
+                tracker.start(frame.image, seen.box)
+        yield frame, Estimate(frame.index, seen.box, seen.score, seen.status)

@@ -18,11 +18,11 @@ from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_pairs, xywh_from_corners
 from tsuiseki.tracking.single import kcf
-from tsuiseki.tracking.single.combined import Combined
-from tsuiseki.tracking.single.constants import CombinedSettings, KcfParticleSettings, RegularisedSettings
+from tsuiseki.tracking.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.single.kcf_particle import KcfParticle
+from tsuiseki.tracking.single.particles import KcfParticleSettings
 from tsuiseki.tracking.single.recognised import Recognised
-from tsuiseki.tracking.single.regularised import RegularisedTracker
+from tsuiseki.tracking.single.regularised import RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.single.settings import SingleMethod, make_tracker
 from tsuiseki.tracking.single.tracker import SingleTracker
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray

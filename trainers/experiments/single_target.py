@@ -19,13 +19,10 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.single import OVERLAPS
 from tsuiseki.tracking.formats.single import find_single_sequences
 from tsuiseki.tracking.single import kcf
-from tsuiseki.tracking.single.constants import (
-    PRINTED,
-    ROBUST,
-    CombinedSettings,
-    KcfParticleSettings,
-    RegularisedSettings,
-)
+from tsuiseki.tracking.single.combined import CombinedSettings
+from tsuiseki.tracking.single.kcf_particle import PRINTED, ROBUST
+from tsuiseki.tracking.single.particles import KcfParticleSettings
+from tsuiseki.tracking.single.regularised import RegularisedSettings
 from tsuiseki.tracking.single.settings import SingleMethod
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video.image_folder import read_image
@@ -116,7 +113,7 @@ SWEEPS: Mapping[str, Sweep] = {
         "Table 3.4", "past_share", (0.0, 0.25, 0.5, 0.75, 1.0),
         {0.0: 39.97, 0.25: 39.28, 0.5: 40.64, 0.75: 38.95, 1.0: 38.84}, {},
     ),
-    "mu, score": Sweep("Table 3.4", "past_share", (0.0, 0.25, 0.5, 0.75, 1.0), {}, {"past": "score"}),
+    "mu, score": Sweep("Table 3.4", "past_share", (0.0, 0.25, 0.5, 0.75, 1.0), {}, {"past_by_score": True}),
 }  # fmt: skip
 
 

@@ -7,8 +7,7 @@ import pytest
 
 from tests.tracking.single.moving_texture import clip, overlaps, run, walk
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.single.combined import Combined, Evidence
-from tsuiseki.tracking.single.constants import CombinedSettings
+from tsuiseki.tracking.single.combined import Combined, CombinedSettings, Evidence
 from tsuiseki.tracking.single.regularised import RegularisedTracker
 
 
@@ -52,8 +51,10 @@ def test_doubt_needs_both_witnesses():
 
 def test_the_first_frames_are_no_evidence():
     target = replace(_started().target, peak=0.01, colour_score=0.01)
-    assert Evidence((0.5,) * 4, (0.5,) * 4).shares(target) == (1.0, 1.0)
-    assert Evidence((0.5,) * 5, (0.5,) * 5).shares(target) == pytest.approx((0.02, 0.02))
+    evidence = Evidence()
+    for shares in [(1.0, 1.0)] * 4 + [(0.02, 0.02)]:
+        evidence.add(replace(target, peak=0.5, colour_score=0.5))
+        assert evidence.shares(target) == pytest.approx(shares)
 
 
 def _started():

@@ -1,11 +1,9 @@
 """When the combined tracker doubts its filter."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.single.constants import PRINTED, ROBUST
+from tsuiseki.tracking.single.kcf_particle import PRINTED, ROBUST
 from tsuiseki.tracking.single.particles import Confidence, RunningMean
 
 BOX = np.array([30, 20, 50, 40.0])
@@ -32,23 +30,22 @@ def test_the_thesis_s_switch_is_a_threshold():
     confidence = Confidence.start(PRINTED, picture((200, 20, 20)), BOX)
     assert confidence.colour is None
     colour = confidence.colour_score(picture((30, 200, 30)), BOX)
-    assert confidence.doubts(PRINTED, 0.2, colour)
-    assert not confidence.doubts(PRINTED, 0.21, colour)
+    assert confidence.doubts(0.2, colour)
+    assert not confidence.doubts(0.21, colour)
 
 
 def test_a_response_below_the_usual_is_doubted():
-    confidence = Confidence()
+    confidence = Confidence(ROBUST)
     for _ in range(5):
         confidence = confidence.learn(picture(0), BOX, 0.8, None)
-    settings = replace(PRINTED, relative_switch=0.65)
-    assert confidence.doubts(settings, 0.51, None)
-    assert not confidence.doubts(settings, 0.53, None)
+    assert confidence.doubts(0.51, None)
+    assert not confidence.doubts(0.53, None)
 
 
 def test_lost_colours_are_doubted_in_frames_of_a_look():
     red, gone = picture((200, 20, 20)), picture((30, 200, 30))
     confidence = Confidence.start(ROBUST, red, BOX)
     confidence = confidence.learn(red, BOX, 0.5, confidence.colour_score(red, BOX))
-    assert not confidence.doubts(ROBUST, 0.5, confidence.colour_score(red, BOX))
-    assert confidence.doubts(ROBUST, 0.5, confidence.colour_score(gone, BOX))
-    assert not confidence.doubts(ROBUST, 0.5, None)
+    assert not confidence.doubts(0.5, confidence.colour_score(red, BOX))
+    assert confidence.doubts(0.5, confidence.colour_score(gone, BOX))
+    assert not confidence.doubts(0.5, None)

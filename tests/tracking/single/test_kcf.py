@@ -36,9 +36,9 @@ def test_of_two_changed_sizes_one_is_taken_and_not_both(monkeypatch):
 
 @pytest.mark.parametrize(("width", "height"), [(6, 9), (24, 36), (300, 450), (4, 40), (900, 30)])
 def test_template_size_does_not_depend_on_the_target(width, height):
-    window = kcf.Kcf.of(kcf.KcfSettings(), width, height).window
-    assert max(window.rows, window.columns) == 24
-    assert min(window.rows, window.columns) >= 4
+    window = kcf.Kcf.of(kcf.KcfSettings(), width, height)
+    assert max(window.shape) == 24
+    assert min(window.shape) >= 4
     assert window.cell_pixels(1) == pytest.approx(2.5 * max(width, height) / 24)
 
 

@@ -11,6 +11,7 @@ from tests.tracking.single.moving_texture import SIZE, clip, overlaps, run, walk
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.single.settings import METHODS, make_tracker
 from tsuiseki.tracking.single.tracker import follow_target
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame
 
 # Mean shift climbs on hues alone, which this noise shares between target and background.
@@ -95,7 +96,7 @@ def test_a_target_may_leave_the_image_in_part(method):
 def test_a_wrong_first_box_is_refused(box, said):
     image = np.zeros((*SIZE, 3), dtype=np.uint8)
     with pytest.raises(RequestError, match=said):
-        list(follow_target([Frame(0, 0.0, image)], np.array(box, dtype=float), make_tracker("kcf")))
+        list(follow_target(iter([Frame(0, 0.0, image)]), np.array(box, dtype=float), make_tracker("kcf"), StageTimes()))
 
 
 def test_a_video_that_changes_its_size_is_refused():
@@ -103,7 +104,7 @@ def test_a_video_that_changes_its_size_is_refused():
     shapes = [(60, 80, 3), (60, 90, 3)]
     frames = [Frame(t, 0.0, rng.integers(0, 256, shape, dtype=np.uint8)) for t, shape in enumerate(shapes)]
     with pytest.raises(RunError, match="frame 2: expected 80x60 pixels as before, got 90x60"):
-        list(follow_target(frames, np.array([5, 5, 30, 30.0]), make_tracker("kcf")))
+        list(follow_target(iter(frames), np.array([5, 5, 30, 30.0]), make_tracker("kcf"), StageTimes()))
 
 
 @pytest.mark.parametrize("method", METHODS)

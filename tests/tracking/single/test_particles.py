@@ -3,15 +3,12 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.kernelised_correlation import (
-    GaussianKernel,
-    gaussian_labels,
-    train,
-    transform,
-)
 from tsuiseki.tracking.filters.motion.points import PlaneWalk
+from tsuiseki.tracking.single.kcf_particle import PRINTED
 from tsuiseki.tracking.single.particles import (
-    Archive,
+    SMALLEST_LIKELIHOOD,
+    Confidence,
+    SearchView,
     best_by_filter,
     densest,
     dispersion,
@@ -19,18 +16,19 @@ from tsuiseki.tracking.single.particles import (
     jump_prior,
     step_deviation,
 )
+from tsuiseki.tracking.single.response import ResponseMaps
 
 PEAKS = np.array([[10.0, 10.0], [200.0, 50.0], [60.0, 150.0]])
 DEVIATION = np.array([2.0, 3.0])
 
 
-def draw(past_share, weights=(1.0, 3.0), count=20000, stored=2):
+def draw(past_share, weights=(1.0, 3.0), count=20000):
     rng = np.random.default_rng(0)
-    return draw_particles(PEAKS, stored, np.array(weights), past_share, count, DEVIATION, rng)
+    return draw_particles(PEAKS, np.array(weights), past_share, count, DEVIATION, rng)
 
 
 def test_the_divisor_divides_variances():
-    np.testing.assert_allclose(step_deviation(np.array([30.0, 120.0]), 10 / 3), [3.0, 6.0])
+    np.testing.assert_allclose(step_deviation(np.array([30.0, 120.0])), [3.0, 6.0])
 
 
 def test_particles_lie_about_their_maximum_with_the_covariance_of_the_motion():
@@ -51,7 +49,7 @@ def test_a_share_of_the_filters_comes_from_the_past(past_share):
 
 
 def test_without_a_past_every_filter_is_a_hypothesis():
-    assert draw(1.0, weights=(), stored=0)[:, 2].max() <= 2
+    assert draw(1.0, weights=())[:, 2].max() <= 2
 
 
 def test_the_walk_keeps_filter_numbers():
@@ -92,18 +90,6 @@ def test_each_filter_learns_from_its_heaviest_particle():
     assert places.tolist() == [[2, 2], [3, 3]]
 
 
-def test_the_archive_forgets_the_oldest_and_keeps_the_first_frame():
-    windows = np.random.default_rng(0).normal(size=(4, 1, 4, 4)).astype(np.float32)
-    bank = train(transform(windows), gaussian_labels((4, 4), 1.0), GaussianKernel(), 1e-4)
-    single = [bank.select(slice(k, k + 1)) for k in range(4)]
-    archive = Archive(2, first=single[0])
-    for k in (1, 2, 3):
-        archive = archive.add(single[k], 0.1 * k)
-    assert archive.candidates() == (single[0], single[2], single[3])
-    assert archive.weights(by_score=False).tolist() == [1, 1, 1]
-    np.testing.assert_allclose(archive.weights(by_score=True), [0.3, 0.2, 0.3])
-
-
 def test_a_place_counts_by_the_particles_around_it():
     rng = np.random.default_rng(0)
     group = np.column_stack([rng.normal(50, 0.5, (40, 2)), np.zeros(40)])
@@ -118,5 +104,18 @@ def test_near_maxima_are_drawn_more_often():
     shares = jump_prior(np.array([[0.0, 0], [20, 0], [0, 80]]), np.zeros(2), np.array([20.0, 40.0]))
     # 1, 1 / 2 and 1 / 5, normalised
     np.testing.assert_allclose(shares, np.array([10, 5, 2]) / 17)
-    particles = draw_particles(PEAKS, 0, np.empty(0), 0.0, 20000, DEVIATION, np.random.default_rng(0), shares)
+    particles = draw_particles(PEAKS, np.empty(0), 0.0, 20000, DEVIATION, np.random.default_rng(0), shares)
     np.testing.assert_allclose(np.bincount(particles[:, 2].astype(int)) / 20000, shares, atol=0.015)
+
+
+def test_likelihood_mixes_response_and_the_best_overlap_with_an_object():
+    """Equations (3.4) and (3.6) by hand; a negative response counts as none."""
+    maps = ResponseMaps(np.full((1, 2, 4, 4), 0.5, dtype=np.float32), np.zeros((1, 2)), cell=100.0)
+    maps.maps[0, 1] = -0.2
+    image, known = np.zeros((4, 4, 3), dtype=np.uint8), Confidence(PRINTED)
+    particles = np.array([[1, 1, 0], [1, 1, 1], [11, 11, 0.0]])
+    proposals = np.array([[0, 0, 2, 1], [1, 1, 3, 3.0]])
+    found = SearchView(maps, image, proposals).log_likelihood(particles, np.array([2.0, 2.0]), known)
+    np.testing.assert_allclose(np.exp(found) - SMALLEST_LIKELIHOOD, [0.5, 0.35, 0.15])
+    none = SearchView(maps, image, None).log_likelihood(particles, np.array([2.0, 2.0]), known)
+    np.testing.assert_allclose(np.exp(none) - SMALLEST_LIKELIHOOD, [0.15, 0, 0.15], atol=1e-12)

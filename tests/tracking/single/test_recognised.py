@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.single.combined import Combined
-from tsuiseki.tracking.single.constants import CombinedSettings
+from tsuiseki.tracking.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.single.recognised import Recognised, RecognitionSettings
 
 HEIGHT, WIDTH = 36, 24

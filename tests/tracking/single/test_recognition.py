@@ -7,7 +7,7 @@ from tsuiseki.tracking.single.recognised import Recognised, RecognitionSettings
 from tsuiseki.tracking.single.tracker import TargetState
 
 BOX = np.array([10.0, 10.0, 30.0, 50.0])
-EVERY = RecognitionSettings(every=1, looks=2, trusted=2, lost_looks=2)
+EVERY = RecognitionSettings(every=1, trusted=2, lost_looks=2)
 
 
 class StandingStill:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.tracking.single.moving_texture import clip, run, walk
-from tsuiseki.tracking.single.constants import RegularisedSettings
-from tsuiseki.tracking.single.regularised import Model, RegularisedTracker
+from tsuiseki.tracking.single.regularised import Model, RegularisedSettings, RegularisedTracker
 
 
 @pytest.mark.parametrize("growth", [0.6, 1.7])

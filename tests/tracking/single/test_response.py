@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.single.colours import ForegroundColour
-from tsuiseki.tracking.single.response import (
-    SMALLEST_LIKELIHOOD,
-    ResponseMaps,
-    log_likelihood,
-    object_overlap,
-)
+from tsuiseki.tracking.single.response import ResponseMaps
 
 
 def ramp_maps():
@@ -33,19 +28,6 @@ def test_the_nearest_window_answers():
     maps = np.stack([np.full((1, 4, 4), v, dtype=np.float32) for v in (1.0, 2.0)])
     both = ResponseMaps(maps, np.array([[0.0, 0.0], [8.0, 0.0]]), cell=4.0)
     assert both.at(np.array([[1.0, 0.0], [7.0, 0.0]]), np.array([0, 0])).tolist() == [1, 2]
-
-
-def test_likelihood_mixes_response_and_objectness():
-    # (3.4) by hand; a negative response counts as none
-    found = log_likelihood(np.array([0.5, -0.2]), np.array([0.2, 1.0]), 0.3)
-    np.testing.assert_allclose(np.exp(found) - SMALLEST_LIKELIHOOD, [0.29, 0.7])
-
-
-def test_objectness_is_the_best_overlap():
-    boxes = np.array([[0, 0, 2, 2], [10, 10, 12, 12.0]])
-    proposals = np.array([[0, 0, 2, 1], [1, 1, 3, 3.0]])
-    np.testing.assert_allclose(object_overlap(boxes, proposals), [0.5, 0])
-    assert object_overlap(boxes, np.empty((0, 4))).tolist() == [0, 0]
 
 
 def test_colours_tell_the_target_from_its_surroundings():

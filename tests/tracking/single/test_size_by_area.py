@@ -3,8 +3,7 @@
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.single.constants import RegularisedSettings
-from tsuiseki.tracking.single.regularised import RegularisedTracker
+from tsuiseki.tracking.single.regularised import RegularisedSettings, RegularisedTracker
 
 FRAMES = 40
 

@@ -13,9 +13,10 @@ from tsuiseki.datamodules.scenes.single_clip import SingleClipSettings, draw_sin
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.evaluation.single import evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence
-from tsuiseki.tracking.single.combined import Combined
-from tsuiseki.tracking.single.constants import PRINTED, CombinedSettings, RegularisedSettings
+from tsuiseki.tracking.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.single.kcf import KcfSettings
+from tsuiseki.tracking.single.kcf_particle import PRINTED
+from tsuiseki.tracking.single.regularised import RegularisedSettings
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments import single_target as single
