@@ -11,8 +11,9 @@ recovers by itself. So here
   one of the hypotheses;
 * the particles of 3.2.3 to 3.2.5, each a place and the number of a filter (the present, the first, or a stored one),
   look for the target all around. Where the best one's response is higher elsewhere for several frames in a row, the
-  target is taken to be there, with that filter. All particles have the target's present size;
-* where the box shows what stood there before the target came, the status is lost (`seen_before`).
+  target is taken to be there, with that filter, unless the witness takes its old place for likelier, then or ten frames
+  later. All particles have the target's present size;
+* where the box does not look like the target but like what is around it, the status is lost (`witness`).
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ from tsuiseki.tracking.filters.kernelised_correlation import ComplexArray
 from tsuiseki.tracking.filters.motion.points import PlaneWalk
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.resampling import normalise
-from tsuiseki.tracking.single import regularised, seen_before
+from tsuiseki.tracking.single import regularised, witness
 from tsuiseki.tracking.single.regularised import Model, RegularisedSettings, RegularisedTarget
 from tsuiseki.tracking.single.response import ResponseMaps, maxima_of_each, peak
-from tsuiseki.tracking.single.seen_before import SeenBefore
 from tsuiseki.tracking.single.tracker import TargetState, box_centre
+from tsuiseki.tracking.single.witness import Witness
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
 COLOUR_DOUBT, SURE = 0.95, 0.75
@@ -50,8 +51,9 @@ STORED, STORE_INTERVAL = 3, 25
 PARTICLES, RENEWED, SPREAD, SHARPNESS = 200, 0.25, 0.25, 20.0
 """N; share of them drawn anew in every frame, at the maxima of all filters; deviation of their step, as a share of the
 target's sides; factor on the response in the log-likelihood."""
-MARGIN, WINS = 0.1, 3
-"""How much more than the filter's a challenger's response must be, and for how many frames in a row."""
+MARGIN, WINS, PROBATION = 0.1, 3, 10
+"""How much more than the filter's a challenger's response must be, and for how many frames in a row; frames after which
+what was won can be given back."""
 
 
 @dataclass(frozen=True)
@@ -115,10 +117,9 @@ class Combined:
         self._stored: deque[ComplexArray] = deque(maxlen=STORED)
         self._evidence = Evidence()
         self._particles: ParticleState | None = None
+        self._former: RegularisedTarget | None = None
         self._wins = self._frame = self.doubted = self.searched_frames = 0
-        self._seen_before = SeenBefore()
-        self._seen_before.look(image, np.asarray(box, dtype=np.float64))
-        self._on_background = False
+        self._witness = Witness(self._model, image, self.target)
 
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
@@ -128,8 +129,10 @@ class Combined:
             self._go_on_in_doubt(image, found)
         else:
             self._go_on(image, found)
-        if self._frame % seen_before.EVERY == 0:
-            self._on_background = self._seen_before.look(image, self.box(self.target))
+        if self._former is not None:
+            self._reconsider(image, self._former)
+        if self._frame % witness.EVERY == 0:
+            self._witness.look(image, self.target, sure=not self.doubted)
         return self.state()
 
     def state(self) -> TargetState:
@@ -163,8 +166,8 @@ class Combined:
     def go_on_at(self, there: RegularisedTarget) -> None:
         """Take the target to be where one of `heaviest_places` is; the doubt ends."""
         self.target = there
-        self.doubted, self._particles, self._on_background = 0, None, False
-        self._seen_before.forget()
+        self.doubted, self._particles = 0, None
+        self._witness.moved()
 
     def _doubts(self, found: RegularisedTarget) -> bool:
         response, colours = self._evidence.shares(found)
@@ -183,7 +186,6 @@ class Combined:
         if not self.doubted:
             self._stored.append(self.target.filters)  # the last filter from before the doubt
         self.doubted += 1
-        self.searched_frames += 1
         rate = DOUBTFUL_RATE * self._certainty(found, self.settings.doubt)
         self.target = self._learn(found, image, rate)
         self._search(image)
@@ -198,6 +200,7 @@ class Combined:
 
     def _search(self, image: ImageArray) -> None:
         """One frame of the particles; where they have won often enough, the target is theirs."""
+        self.searched_frames += 1
         target, bank = self.target, self._bank()
         maps = self._maps(image, bank)
         if self._particles is None:
@@ -208,10 +211,26 @@ class Combined:
         moved = bool((np.abs(there.centre - target.centre) > 0.5 * self._model.target * target.size).any())
         elsewhere = moved or int(heaviest[2]) > 0
         plausible = self._evidence.shares(there)[0] >= HIDDEN
-        won = elsewhere and plausible and there.peak > target.peak + MARGIN
+        better = there.peak > target.peak + MARGIN
+        won = elsewhere and plausible and better and self._likelier(image, there, target)
         self._wins = self._wins + 1 if won else 0
         if self._wins >= WINS:
             self.go_on_at(there)
+            self._former, self._until = target, self._frame + PROBATION
+
+    def _likelier(self, image: ImageArray, there: RegularisedTarget, target: RegularisedTarget) -> bool:
+        """Whether the witness, where it is heard, takes ``there`` for the target rather than ``target``."""
+        witness = self._witness
+        return not witness.heard or witness.answer(image, there) > witness.answer(image, target)
+
+    def _reconsider(self, image: ImageArray, former: RegularisedTarget) -> None:
+        """Follow on from where the filter was before a challenge won; after the probation the likelier place stays."""
+        self._former = regularised.locate(self._model, former, image)
+        if self._frame < self._until:
+            return
+        former, self._former = self._former, None
+        if self._witness.heard and self._likelier(image, former, self.target):
+            self.go_on_at(former)
 
     def _renewed(self, state: ParticleState, maps: ResponseMaps) -> ParticleState:
         """``state`` with a share of its particles at the present maxima: a target may come back where none are left."""
@@ -267,7 +286,7 @@ class Combined:
         return ParticleState(drawn, np.full(PARTICLES, -np.log(PARTICLES)))
 
     def _status(self) -> Status:
-        if self._on_background:
+        if self._witness.lost:
             return "lost"
         if self.doubted == 0:
             return "tracking"
