@@ -169,6 +169,11 @@ class Combined:
         self.doubted, self._particles = 0, None
         self._witness.moved()
 
+    def take_over(self, there: RegularisedTarget) -> None:
+        """`go_on_at` for a probation, after which the target's present place may be taken again."""
+        self._former, self._until = self.target, self._frame + PROBATION
+        self.go_on_at(there)
+
     def _doubts(self, found: RegularisedTarget) -> bool:
         response, colours = self._evidence.shares(found)
         if self.doubted:
@@ -215,8 +220,7 @@ class Combined:
         won = elsewhere and plausible and better and self._likelier(image, there, target)
         self._wins = self._wins + 1 if won else 0
         if self._wins >= WINS:
-            self.go_on_at(there)
-            self._former, self._until = target, self._frame + PROBATION
+            self.take_over(there)
 
     def _likelier(self, image: ImageArray, there: RegularisedTarget, target: RegularisedTarget) -> bool:
         """Whether the witness, where it is heard, takes ``there`` for the target rather than ``target``."""

@@ -143,7 +143,9 @@ class SearchView:
     proposals: FloatArray | None
 
     def log_likelihood(self, particles: FloatArray, size: FloatArray, known: Confidence) -> FloatArray:
-        """``(N,)`` equation (3.4); with the additions sharpened and joined with the colours.
+        """``(N,)`` equation (3.4), v being the greatest overlap with a box that looks like an object, equation (3.6).
+
+        With the additions it is sharpened and joined with the colours.
 
         Args:
             particles: ``(N, 3)`` x, y and number of a filter.
@@ -152,7 +154,6 @@ class SearchView:
         """
         boxes = np.concatenate([particles[:, :2] - size / 2, particles[:, :2] + size / 2], axis=1)
         response = self.maps.at(particles[:, :2], particles[:, 2].astype(np.int64))
-        # v of equation (3.6) is the greatest overlap with a box that looks like an object.
         overlap = 0.0 if self.proposals is None else iou_matrix(boxes, self.proposals).max(axis=1, initial=0)
         share = known.settings.response_share
         result = np.log(share * np.maximum(response, 0.0) + (1 - share) * overlap + SMALLEST_LIKELIHOOD)

@@ -5,8 +5,8 @@ tells people apart and is never taught from the video does not slide along: what
 what it said of the first box. Where the likeness falls far below what it was, the status is ``lost``, whatever the
 tracker says. Of the combined tracker, particles are drawn at the maxima of all filters all around as soon as the box
 looks strange, moved and weighed as in a search, and the network looks at the heaviest places. The one most like the
-first frame's box is the target, if it is like enough, and more so than the box. Otherwise the filter goes on as if
-nothing had been said.
+first frame's box is the target, if it is like enough, more so than the box, and not too far or of another size.
+Otherwise the filter goes on as if nothing had been said.
 
 The network knows people: where the likeness has never been high it is not heard, and where the first box is not as
 upright as a person it is not asked.
@@ -22,7 +22,7 @@ from statistics import median
 import numpy as np
 
 from tsuiseki.tracking.single.combined import Combined
-from tsuiseki.tracking.single.tracker import SingleTracker, TargetState
+from tsuiseki.tracking.single.tracker import SingleTracker, TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Describe = Callable[[ImageArray, FloatArray], FloatArray]
@@ -39,6 +39,9 @@ STRANGE_LOOKS = 2
 CANDIDATES, BETTER, ALIKE = 4, 0.1, 0.85
 """Places that the network looks at then, how much more alike than the box such a place must be, and the share of the
 running median from which on it may be the target."""
+FURTHEST, PACE, LARGER = 6.0, 0.5, 1.5
+"""Bounds of such a place from where the target was last usual: sides of the box away, at most and a frame since; factor
+on the size, up or down."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,7 @@ class Recognised:
         self.asked = height >= self.settings.upright * width
         if self.asked:
             self._first = self._features(image, np.asarray(box)[None])[0]
+        self._usual, self._usual_frame = np.asarray(box, dtype=np.float64), 0
         self._likenesses = deque([EXPECTED] * self.settings.trusted, maxlen=MEMORY)
         self._frame = self._strange = self._lost = self.found_again = 0
 
@@ -109,18 +113,28 @@ class Recognised:
         else:
             self._strange = 0
             self._likenesses.append(likeness)
+            self._usual, self._usual_frame = box, self._frame
         self._lost = self._lost + 1 if likeness < LOST_SHARE * usual else 0
         return likeness
 
     def _find_again(self, tracker: Combined, image: ImageArray, likeness: float) -> None:
         """Go to the place that looks most like the first box, if that is alike enough."""
-        places = tracker.heaviest_places(image, CANDIDATES)
+        places = [there for there in tracker.heaviest_places(image, CANDIDATES) if self._near(tracker.box(there))]
+        if not places:
+            return
         likenesses = self._likeness(image, np.array([tracker.box(there) for there in places]))
         best = int(np.argmax(likenesses))
         if likenesses[best] >= max(likeness + BETTER, ALIKE * median(self._likenesses)):
             tracker.go_on_at(places[best])
             self.found_again += 1
             self._strange = self._lost = 0  # the box counts as the target until it looks otherwise
+
+    def _near(self, box: FloatArray) -> bool:
+        """Whether the target can be at ``box`` ``(4,)``, by its place and size."""
+        sides, before = box[2:] - box[:2], self._usual[2:] - self._usual[:2]
+        away = np.abs(box_centre(box) - box_centre(self._usual)) / before
+        far = min(FURTHEST, 1 + PACE * (self._frame - self._usual_frame))
+        return bool((away <= far).all() and (np.abs(np.log(sides / before)) <= np.log(LARGER)).all())
 
     def _likeness(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         """``(N,)`` cosines of what ``boxes`` ``(N, 4)`` show and of the first box, in [-1, 1]."""

@@ -68,3 +68,24 @@ def test_the_same_seed_gives_the_same_boxes():
     images, boxes = clip(walk(30), hidden=range(12, 20))
     first, second = (run(Combined(seed=3), images, boxes[0]) for _ in range(2))
     assert [s.box.tolist() for s in first] == [s.box.tolist() for s in second]
+
+
+def test_a_challenge_that_was_won_wrongly_is_given_back():
+    """The target is taken to be where it is not: after the probation the place before is taken again."""
+    images, boxes = clip(walk(44))
+    tracker = Combined()
+    run(tracker, images[:24], boxes[0])
+    former = tracker.target
+    tracker.take_over(replace(former, centre=former.centre + 60))
+    for image in images[24:]:
+        found = tracker.follow(image)
+    assert iou_pairs(found.box, boxes[-1]) > 0.6
+
+
+def test_a_challenger_that_looks_like_the_surroundings_does_not_win():
+    images, boxes = clip(walk(24))
+    tracker = Combined()
+    run(tracker, images, boxes[0])
+    elsewhere = replace(tracker.target, centre=tracker.target.centre + 60)
+    assert not tracker._likelier(images[-1], elsewhere, tracker.target)
+    assert tracker._likelier(images[-1], tracker.target, elsewhere)

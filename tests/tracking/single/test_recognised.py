@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.single import recognised
 from tsuiseki.tracking.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.single.recognised import Recognised, RecognitionSettings
 
@@ -91,3 +92,12 @@ def test_of_what_is_not_upright_the_network_is_not_asked():
     assert not lying.asked
     np.testing.assert_array_equal(plain[0], unasked[0])
     assert plain[1] == unasked[1]
+
+
+def test_a_place_too_far_for_the_time_is_not_taken(monkeypatch):
+    """The target jumps four of its widths at once: it is alike there, but nobody moves so far in a look."""
+    monkeypatch.setattr(recognised, "PACE", 0.0)
+    images, boxes = jump()
+    tracker = Recognised(Combined(SURE), describe, EVERY)
+    assert follow(tracker, images, boxes)[0][-1] == 0
+    assert tracker.found_again == 0
