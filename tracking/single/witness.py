@@ -16,7 +16,8 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.features.hog import CHANNELS, hog
-from tsuiseki.tracking.single.regularised import CELL, Float32Array, Model, RegularisedTarget
+from tsuiseki.tracking.filters.kernelised_correlation import Float32Array
+from tsuiseki.tracking.single.regularised import CELL, Model, RegularisedTarget
 from tsuiseki.tracking.types import ImageArray, IntArray
 
 EVERY = 3
@@ -80,7 +81,7 @@ class Witness:
         rows, columns = model.shape
         wide, high = (max(round(float(side) / (CELL * model.scale)), 2) for side in model.target)
         self._sides = min(high, rows), min(wide, columns)
-        middle = np.array([rows, columns]) - self._sides
+        middle: IntArray = np.subtract(model.shape, self._sides)
         corners = np.stack(np.meshgrid(*(np.arange(n + 1) for n in middle), indexing="ij"), -1).reshape(-1, 2)
         off = np.abs(corners - middle // 2)
         shared = np.clip(np.array(self._sides) - off, 0, None).prod(axis=1)
