@@ -120,6 +120,11 @@ def standardised(
     height, width, channels = images[0].shape
     planes = np.empty((len(images), channels, height, width), dtype=np.float32)
     # A table look-up per channel writes the planes at once: several times faster than arithmetic and a transpose.
+    if isinstance(images, np.ndarray):
+        # Small pictures, one below the other, cost as few calls as one.
+        for channel, tall in enumerate(cv2.split(images.reshape(-1, width, channels))):
+            planes[:, channel] = cv2.LUT(tall, tables[:, channel]).reshape(-1, height, width)
+        return planes
     for image, target in zip(images, planes, strict=True):
         for channel, plane in enumerate(cv2.split(image)):
             cv2.LUT(plane, tables[:, channel], dst=target[channel])

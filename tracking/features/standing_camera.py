@@ -122,7 +122,7 @@ class _Compared:
         weight, middle = np.ones(len(wanted)), [(len(wanted) - 1) // 2, len(wanted) // 2]
         for _ in range(_ROUNDS):
             weighted = design * weight
-            found = np.linalg.lstsq(weighted @ design.T, weighted @ wanted, rcond=None)[0]
+            found = _solved(weighted @ design.T, weighted @ wanted)
             off = wanted - found @ design
             scale = max(1.5 * float(np.partition(np.abs(off), middle)[middle].mean()), _NOISE)
             weight = 1 / (1 + np.square(off / scale))
@@ -131,6 +131,14 @@ class _Compared:
         enough = self.seen >= _PLACES_OF_PART
         most = 2 * np.count_nonzero(2 * agreeing[enough] > self.seen[enough]) > np.count_nonzero(enough) >= _PARTS_SEEN
         return bool(most and _at_corners(found[2:], *self.shape) < _STILL)
+
+
+def _solved(matrix: FloatArray, values: FloatArray) -> FloatArray:
+    """``(6,)`` the solution of normal equations, the shortest one where there are several."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, values), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(matrix, values, rcond=None)[0])
 
 
 def _at_corners(motion: FloatArray, high: int, wide: int) -> float:
