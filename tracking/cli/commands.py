@@ -149,7 +149,7 @@ REPRODUCE = {
     "corrections": (".corrections:reproduce", "a simulated annotator who reviews results"),
     "omnidirectional": (".fisheye:reproduce", "people under ceiling fisheye cameras"),
     "stereo-sphere": (".sphere:reproduce", "a ball in space from two cameras"),
-    "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video"),
+    "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video, with peers"),
     "one-floor": (".one_floor:reproduce", "people on one floor through several cameras, on WILDTRACK and Shelf"),
     "sphere-points": (".sphere:points", "a thrown ball from its measured pixels"),
 }

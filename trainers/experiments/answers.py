@@ -1,26 +1,34 @@
-"""Counts, occupancy and stays against the truth of generated streets and labelled video (`reproduce answers`).
-
-Streets are planned crowds as boxes, a simulated detector's view of them, and exact answers.
-"""
+"""Counts, occupancy and stays against the truth of generated streets and labelled video (`reproduce answers`)."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings, plan_street
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings
 from tsuiseki.tracking.answers.counting import Answers, count
-from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
+from tsuiseki.tracking.answers.scene import Scene
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Track
+from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.trainers.experiments.answers_streets import (
+    Finding,
+    TrueAnswers,
+    dithering_people,
+    found_boxes,
+    plan_boxes,
+    scene_in,
+    true_answers,
+)
 from tsuiseki.trainers.experiments.given_sequences import GivenSequence, find_sets, given_detections, given_labels
+from tsuiseki.trainers.experiments.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.study import (
     Bench,
     Column,
@@ -33,31 +41,10 @@ from tsuiseki.trainers.experiments.study import (
     values_of,
 )
 
+PROGRAM = Path(__file__).with_name("answers_peers.py")
+PACKAGE = "the packages supervision and trackers"
 FIRST_SEED = 1000
 """Of the streets; smaller seeds, and those from 1100 on, fitted the intervals."""
-WIDE = 0.4
-"""Width of a person's box, in heights."""
-DITHER = 0.2
-"""Heights from a line within which going to and fro is no crossing."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What a simulated detector makes of true boxes.
-
-    Attributes:
-        missed: share of visible boxes that it misses.
-        hidden: visible share of a box below which it is missed.
-        noise: of a box's sides, in heights.
-        false: false boxes a frame.
-    """
-
-    missed: float = 0.0
-    hidden: float = 0.0
-    noise: float = 0.0
-    false: float = 0.0
-
-
 FINDINGS = {
     "all boxes": Finding(),
     "boxes of the visible": Finding(hidden=0.3),
@@ -67,13 +54,43 @@ FINDINGS = {
 
 
 @dataclass(frozen=True)
+class Way:
+    """A way to count.
+
+    Attributes:
+        peer: that counts, over our tracks or its own; None is ours.
+        own_tracks: the peer tracks, too.
+        corners: all corners of a box must cross for the peer, as is its default; or the middle of the lower edge.
+    """
+
+    peer: Peer | None = None
+    own_tracks: bool = False
+    corners: bool = False
+
+
+@dataclass(frozen=True)
+class StreetUnit:
+    """A generated street as a detector sees it.
+
+    Attributes:
+        seed: of the street.
+        finding: what the detector makes of it.
+        frames: its length.
+    """
+
+    seed: int
+    finding: Finding
+    frames: int
+
+
+@dataclass(frozen=True)
 class Counted:
-    """How far the answers are from the truth of one video.
+    """How far the answers of one way are from the truth of one video.
 
     Attributes:
         errors: absolute, of each line and direction.
         true: crossings of each.
-        covered: 1 where the interval of 90 % holds the true number, likewise.
+        covered: 1 where the interval of 90 % holds the true number, likewise; NaN without intervals.
         occupancy: mean absolute error over frames, people.
         people: mean true occupancy.
         dwell: absolute error of the mean stay, seconds.
@@ -87,8 +104,10 @@ class Counted:
     dwell: float
 
 
-def reproduce(bench: Bench, data: Path = Path("../shared/data"), streets: int = 20, frames: int = 750) -> Outcome:
-    """Crossings, occupancy and stays on generated streets and labelled video.
+def reproduce(
+    bench: Bench, data: Path = Path("../shared/data"), streets: int = 20, frames: int = 750, peer: str | None = None
+) -> Outcome:
+    """Crossings, occupancy and stays on generated streets and labelled video, beside supervision's zones.
 
     The lines and the zone are the same shares of every picture. DIR gets results.json and tables.md.
 
@@ -96,23 +115,41 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), streets: int = 
         bench: where it works.
         data: folder that holds mot/mot17-val-half; without it only the streets are counted.
         streets: number of generated streets, each with all true boxes, with those of who is visible, and with those of
-            a good and a poor detector.
+            a good and a poor detector; and of lines on which people dither.
         frames: length of a street.
+        peer: python of an environment with the packages supervision and trackers; by default this one, if it has them.
 
     Raises:
-        RequestError: a number below 1.
+        RequestError: a number below 1, or a python without the packages.
     """
     at_least_one(streets=streets, frames=frames)
-    jobs = [(FIRST_SEED + number, frames) for number in range(streets)]
-    found = Study(FINDINGS, jobs, measure_street, f"{streets} streets").run(bench)
-    tables, values, notes = [_table(found, f"{streets} streets")], {"streets": values_of(found)}, list[str]()
+    environment = find_peer(peer, PROGRAM, PACKAGE)
+    rows = {"ours": Way()}
+    if environment is not None:
+        rows |= {
+            "LineZone, PolygonZone on our tracks": Way(environment),
+            "on its ByteTrack": Way(environment, own_tracks=True),
+            "on its ByteTrack, all corners": Way(environment, own_tracks=True, corners=True),
+        }
+    tables, values, notes = [], {}, []
+    seeds = [FIRST_SEED + number for number in range(streets)]
+    for name, finding in FINDINGS.items():
+        units = [StreetUnit(seed, finding, frames) for seed in seeds]
+        found = Study(rows, units, measure_street, name).run(bench)
+        tables.append(_table(found, f"{streets} streets, {name}"))
+        values[name] = values_of(found)
+    found = Study(rows, seeds, measure_dithering, "dithering people").run(bench)
+    tables.append(_table(found, f"{streets} lines on which people dither"))
+    values["dithering"] = values_of(found)
     sequences = [one for some in find_sets(data, ["mot17"]).values() for one in some] if data.is_dir() else []
     if sequences:
-        labelled = Study({"given detections": None}, sequences, measure_labelled, "labelled video").run(bench)
-        tables.append(_table(labelled, "MOT17 val-half"))
-        values["mot17"] = values_of(labelled)
+        found = Study(rows, sequences, measure_labelled, "labelled video").run(bench)
+        tables.append(_table(found, "MOT17 val-half, given detections"))
+        values["mot17"] = values_of(found)
     else:
         notes.append("MOT17 val-half: not in the data, passed over")
+    if environment is None:
+        notes.append(f"peers: skipped, {PACKAGE} are not installed here; name a python that has them as peer")
     return Outcome(values, tables, notes=notes)
 
 
@@ -125,7 +162,7 @@ def _table(found: dict[str, list[Counted]], title: str) -> Table:
         Column("dwell, s", "dwell"),
         Column("intervals that hold, %", lambda one: np.array(one.covered), ".0f", 100),
     ]
-    table = tabulated(found, columns, ("detections",), title)
+    table = tabulated(found, columns, ("counted by",), title)
     # The share of all crossings together: a street without any has none of its own.
     shares = {
         name: 100 * sum(sum(one.errors) for one in all_) / max(sum(sum(one.true) for one in all_), 1)
@@ -134,15 +171,61 @@ def _table(found: dict[str, list[Counted]], title: str) -> Table:
     return replace(table, rows=[[*row[:3], f"{shares[row[0]]:.1f}", *row[4:]] for row in table.rows])
 
 
-def measure_street(finding: Finding, unit: tuple[int, int]) -> Counted:
-    """The answers on the generated street of a seed and so many frames."""
-    seed, frames = unit
-    street = plan_boxes(StreetSettings(frames=frames, people=6 + seed % 12, occluders=0, samples=1), seed)
-    return _counted(found_boxes(street, finding, seed), street.tracks, street.size, street.frame_rate)
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """A video with its truth.
+
+    Attributes:
+        detections: of each frame.
+        tracks: ours over them.
+        scene: of the video.
+        truth: the answers.
+        rate: frames a second.
+    """
+
+    detections: Sequence[Detections]
+    tracks: Sequence[Track]
+    scene: Scene
+    truth: TrueAnswers
+    rate: float
 
 
-def measure_labelled(_: None, given: GivenSequence) -> Counted:
+def measure_street(way: Way, unit: StreetUnit) -> Counted:
+    """The answers on a generated street."""
+    return _measured(way, _street(unit))
+
+
+def measure_dithering(way: Way, seed: int) -> Counted:
+    """The answers on people who go to and fro on a line, by their true tracks."""
+    return _measured(way, _dithering(seed))
+
+
+def measure_labelled(way: Way, given: GivenSequence) -> Counted:
     """The answers on labelled video, from its given detections."""
+    return _measured(way, _labelled(given))
+
+
+@lru_cache(maxsize=1)
+def _street(unit: StreetUnit) -> _Case:
+    crowd = 6 + unit.seed % 12
+    street = plan_boxes(StreetSettings(frames=unit.frames, people=crowd, occluders=0, samples=1), unit.seed)
+    scene, rate = scene_in(street.size), street.frame_rate
+    truth = true_answers(street.tracks, scene, street.length, rate)
+    detections = found_boxes(street, unit.finding, unit.seed)
+    return _Case(detections, _tracked(detections, scene, rate), scene, truth, rate)
+
+
+@lru_cache(maxsize=1)
+def _dithering(seed: int) -> _Case:
+    size, rate = (640, 480), 25.0
+    tracks, scene = dithering_people(seed, size), scene_in(size)
+    length = len(tracks[0])
+    detections = [Detections(np.array([t.boxes[k] for t in tracks]), np.ones(len(tracks))) for k in range(length)]
+    return _Case(detections, tracks, scene, true_answers(tracks, scene, length, rate), rate)
+
+
+@lru_cache(maxsize=1)
+def _labelled(given: GivenSequence) -> _Case:
     labels = given_labels(given)
     labels = labels.select(labels.evaluated)
     tracks = [
@@ -150,28 +233,30 @@ def measure_labelled(_: None, given: GivenSequence) -> Counted:
         for number in np.unique(labels.ids)
         for own in [labels.ids == number]
     ]
-    return _counted(given_detections(given), tracks, given.size, given.rate)
+    scene, detections = scene_in(given.size), given_detections(given)
+    truth = true_answers(tracks, scene, len(detections), given.rate)
+    return _Case(detections, _tracked(detections, scene, given.rate), scene, truth, given.rate)
 
 
-def _counted(
-    detections: Sequence[Detections], true_tracks: Sequence[Track], size: tuple[int, int], rate: float
-) -> Counted:
-    """The answers over our tracks of the detections, beside those of the true tracks."""
-    scene, length = scene_in(size), len(detections)
-    truth = true_answers(true_tracks, scene, length, rate)
-    with tempfile.TemporaryDirectory() as folder:
-        write_sequence_info(Path(folder), "given", rate, length, *size)
-        tracks = list(track_people(folder, "flow", detections=detections))
-    found = count(Result(tracks, "", rate, size, frames={"frame": range(length)}), scene)
-    table = found.tables["lines"]
+def _measured(way: Way, case: _Case) -> Counted:
+    scene, truth, length = case.scene, case.truth, len(case.detections)
     true = [float(n) for line in scene.lines for n in truth.crossings[line.name].values()]
+    if way.peer is None:
+        found = count(Result(case.tracks, "", case.rate, scene.size, frames={"frame": range(length)}), scene)
+        table = found.tables["lines"]
+        numbers, occupancy, dwell = table["count"], found.occupancy[scene.zones[0].name], _mean_stay(found)
+        covered = [float(a <= n <= b) for a, n, b in zip(table["low"], true, table["high"], strict=True)]
+    else:
+        told = way.peer.answer(PROGRAM, _job(way, case))
+        numbers = [n for both in told["crossings"] for n in both]
+        occupancy, dwell, covered = np.array(told["occupancy"]), told["dwell"], [float("nan")] * len(true)
     return Counted(
-        tuple(abs(a - b) for a, b in zip(table["count"], true, strict=True)),
+        tuple(abs(a - b) for a, b in zip(numbers, true, strict=True)),
         tuple(true),
-        tuple(float(a <= n <= b) for a, n, b in zip(table["low"], true, table["high"], strict=True)),
-        float(np.abs(np.asarray(found.occupancy[scene.zones[0].name]) - truth.occupancy).mean()),
+        tuple(covered),
+        float(np.abs(np.asarray(occupancy) - truth.occupancy).mean()),
         float(np.mean(truth.occupancy)),
-        abs(_mean_stay(found) - truth.dwell),
+        abs(dwell - truth.dwell),
     )
 
 
@@ -183,151 +268,29 @@ def _mean_stay(found: Answers) -> float:
     return float(np.mean(list(seconds.values()))) if seconds else 0.0
 
 
-@dataclass(frozen=True)
-class StreetOfBoxes:
-    """A street without pictures.
-
-    Attributes:
-        tracks: true boxes of everybody, by id.
-        visible: visible share of each box, one array a track.
-        size: of the picture, pixels.
-        frame_rate: frames a second.
-        length: frames.
-    """
-
-    tracks: list[Track]
-    visible: list[FloatArray]
-    size: tuple[int, int]
-    frame_rate: float
-    length: int
+def _tracked(detections: Sequence[Detections], scene: Scene, rate: float) -> list[Track]:
+    """Our tracks over given boxes."""
+    assert scene.size is not None
+    with tempfile.TemporaryDirectory() as folder:
+        write_sequence_info(Path(folder), "given", rate, len(detections), *scene.size)
+        return list(track_people(folder, "flow", detections=detections))
 
 
-def plan_boxes(settings: StreetSettings, seed: int) -> StreetOfBoxes:
-    """The boxes of everybody in a planned street, who are at least half in the picture."""
-    clip = plan_street(settings, seed)
-    size = (settings.width, settings.height)
-    tracks = []
-    for number, walker in enumerate(clip.walkers):
-        boxes, ahead = _boxes(clip, walker.positions, walker.person.build.height)
-        frames = walker.first + np.arange(len(boxes))
-        middle = 0.5 * (boxes[:, :2] + boxes[:, 2:])
-        there = ahead & (middle >= 0).all(axis=1) & (middle < size).all(axis=1)
-        there &= (frames >= 0) & (frames < settings.frames)
-        if there.any():
-            tracks.append(Track(number + 1, frames[there], boxes[there], np.ones(int(there.sum()))))
-    return StreetOfBoxes(tracks, _visible(tracks, settings.frames), size, settings.frame_rate, settings.frames)
-
-
-def _boxes(clip: StreetClip, places: FloatArray, height: float) -> tuple[FloatArray, BoolArray]:
-    """``(T, 4)`` boxes of a person at ``(T, 2)`` places, and which are before the camera."""
-    feet, depth = clip.camera.project(np.insert(places, 2, 0.0, axis=1))
-    heads, _ = clip.camera.project(np.insert(places, 2, height, axis=1))
-    tall = np.maximum(feet[:, 1] - heads[:, 1], 1.0)
-    half = 0.5 * WIDE * tall
-    return np.column_stack([feet[:, 0] - half, feet[:, 1] - tall, feet[:, 0] + half, feet[:, 1]]), depth > 0.5
-
-
-def _visible(tracks: list[Track], length: int) -> list[FloatArray]:
-    """Share of each box that no box of a nearer person covers, by 8 x 8 points of it."""
-    shares = [np.ones(len(track)) for track in tracks]
-    rows = [(n, t) for n, track in enumerate(tracks) for t in range(len(track))]
-    frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
-    boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
-    grid = (np.arange(8) + 0.5) / 8
-    for frame in range(length):
-        here = np.flatnonzero(frames == frame)
-        own = boxes[here]
-        x = own[:, 0, None] + grid * (own[:, 2] - own[:, 0])[:, None]
-        y = own[:, 1, None] + grid * (own[:, 3] - own[:, 1])[:, None]
-        across = (x[:, None] > own[None, :, 0, None]) & (x[:, None] < own[None, :, 2, None])
-        down = (y[:, None] > own[None, :, 1, None]) & (y[:, None] < own[None, :, 3, None])
-        nearer = own[None, :, 3] > own[:, None, 3]
-        covered = ((across & nearer[..., None])[..., None, :] & down[..., None]).any(axis=1)
-        for row, share in zip(here.tolist(), 1 - covered.mean(axis=(1, 2)), strict=True):
-            shares[rows[row][0]][rows[row][1]] = share
-    return shares
-
-
-def found_boxes(street: StreetOfBoxes, finding: Finding, seed: int) -> list[Detections]:
-    """What a detector finds in each frame; who is less visible scores less."""
-    rng = np.random.default_rng([seed, 7])
-    frames = np.concatenate([track.frames for track in street.tracks])
-    boxes = np.concatenate([track.boxes for track in street.tracks])
-    visible = np.concatenate(street.visible)
-    kept = (visible >= finding.hidden) & (rng.random(len(frames)) >= finding.missed * (2 - visible))
-    frames, boxes, visible = frames[kept], boxes[kept], visible[kept]
-    tall = boxes[:, 3] - boxes[:, 1]
-    boxes = boxes + finding.noise * tall[:, None] * rng.normal(size=boxes.shape) * [0.4, 1, 0.4, 1]
-    scores = np.clip(0.5 + 0.45 * visible + 0.1 * finding.noise * rng.normal(size=len(boxes)), 0.05, 0.99)
-    count = rng.poisson(finding.false, street.length)
-    some = rng.integers(len(boxes), size=int(count.sum()))
-    moved = boxes[some] + np.tile(rng.uniform(-200, 200, (len(some), 2)), 2)
-    frames = np.append(frames, np.repeat(np.arange(street.length), count))
-    boxes, scores = np.vstack([boxes, moved]), np.append(scores, rng.uniform(0.1, 0.6, len(some)))
-    order = np.argsort(frames, kind="stable")
-    edges = np.searchsorted(frames[order], np.arange(street.length + 1))
-    good = (boxes[:, 2] > boxes[:, 0] + 1) & (boxes[:, 3] > boxes[:, 1] + 1)
-    parts = [order[a:b][good[order[a:b]]] for a, b in pairwise(edges)]
-    return [Detections(boxes[part], scores[part]) for part in parts]
-
-
-def scene_in(size: tuple[int, int]) -> Scene:
-    """Two lines and a zone, the same shares of every picture: they were chosen before any count was looked at."""
-    w, h = size
-
-    def at(*places: tuple[float, float]) -> FloatArray:
-        return np.array(places) * [w, h]
-
-    lines = [SceneLine("upright", at((0.4, 0.2), (0.4, 1.0))), SceneLine("level", at((0.05, 0.65), (0.95, 0.65)))]
-    return Scene(lines, [SceneZone("middle", at((0.45, 0.4), (0.85, 0.4), (0.85, 0.9), (0.45, 0.9)))], size)
-
-
-@dataclass(frozen=True)
-class TrueAnswers:
-    """What is true of a street.
-
-    Attributes:
-        crossings: number by line and direction.
-        occupancy: people in the zone in each frame.
-        dwell: mean seconds in the zone, over all who were in it; 0 where nobody was.
-    """
-
-    crossings: dict[str, dict[str, int]]
-    occupancy: list[int]
-    dwell: float
-
-
-def true_answers(tracks: Sequence[Track], scene: Scene, length: int, frame_rate: float) -> TrueAnswers:
-    """The answers by true boxes, one step after the other."""
-    counts = {line.name: dict.fromkeys(line.directions, 0) for line in scene.lines}
-    occupancy, seconds = np.zeros(length, dtype=np.int64), []
-    (x1, y1), (x2, y2) = scene.zones[0].corners.min(axis=0), scene.zones[0].corners.max(axis=0)
-    for track in tracks:
-        feet = np.column_stack([0.5 * (track.boxes[:, 0] + track.boxes[:, 2]), track.boxes[:, 3]])
-        within = (feet[:, 0] > x1) & (feet[:, 0] < x2) & (feet[:, 1] > y1) & (feet[:, 1] < y2)
-        occupancy[track.frames[within]] += 1
-        seconds += [float(within.sum()) / frame_rate] if within.any() else []
-        for line in scene.lines:
-            for _, side in true_crossings(feet, track.boxes[:, 3] - track.boxes[:, 1], line.ends):
-                counts[line.name][line.directions[0 if side > 0 else 1]] += 1
-    return TrueAnswers(counts, occupancy.tolist(), float(np.mean(seconds)) if seconds else 0.0)
-
-
-def true_crossings(feet: FloatArray, heights: FloatArray, ends: FloatArray) -> list[tuple[int, int]]:
-    """Row and side, 1 or -1, of each time that a way of feet meets a line for good."""
-    (ax, ay), (bx, by) = ends.tolist()
-    long = np.hypot(bx - ax, by - ay)
-    far = ((bx - ax) * (feet[:, 1] - ay) - (by - ay) * (feet[:, 0] - ax)) / long
-    met = list[tuple[int, int]]()
-    for t in range(1, len(far)):
-        if (far[t - 1] > 0) != (far[t] > 0):
-            place = feet[t - 1] + far[t - 1] / (far[t - 1] - far[t]) * (feet[t] - feet[t - 1])
-            share = ((place[0] - ax) * (bx - ax) + (place[1] - ay) * (by - ay)) / long**2
-            if 0 <= share <= 1:
-                side = 1 if far[t] > 0 else -1
-                since = met[-1][0] if met else 0
-                if met and met[-1][1] == -side and (np.abs(far[since:t]) <= DITHER * heights[since:t]).all():
-                    met.pop()
-                else:
-                    met.append((t, side))
-    return met
+def _job(way: Way, case: _Case) -> dict[str, Any]:
+    if way.own_tracks:
+        parts = [
+            np.column_stack([np.full(len(d), frame), np.full(len(d), -1), d.boxes, d.scores])
+            for frame, d in enumerate(case.detections)
+        ]
+    else:
+        parts = [np.column_stack([t.frames, np.full(len(t), t.id), t.boxes, t.scores]) for t in case.tracks]
+    rows = np.concatenate([np.empty((0, 7)), *parts])
+    return {
+        "rows": rows[np.argsort(rows[:, 0], kind="stable")].tolist(),
+        "track": way.own_tracks,
+        "corners": way.corners,
+        "lines": [line.ends.tolist() for line in case.scene.lines],
+        "zone": case.scene.zones[0].corners.tolist(),
+        "length": len(case.detections),
+        "rate": case.rate,
+    }

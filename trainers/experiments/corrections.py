@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from tsuiseki.tracking.association.marginals import marginals
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -22,7 +23,7 @@ from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.review.tracks import Reporter, track_ids
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.trainers.experiments.end_to_end import STREETS, write_streets
 from tsuiseki.trainers.experiments.given_sequences import (
     GivenSequence,
@@ -36,8 +37,8 @@ from tsuiseki.trainers.experiments.given_sequences import (
 from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
 
 OVERLAP, AROUND, SHORTEST = 0.3, 3, 3
-# Share of what the detections allow that is to be reached.
-REACHED = 0.99
+# Share of decisions that is looked at, and of what the detections allow that is reached.
+FIRST, REACHED = 0.05, 0.99
 NOBODY, IGNORED = -1, -2
 
 
@@ -47,6 +48,8 @@ class Course:
 
     Attributes:
         errors: wrong links between people, and tracks that should go on as another.
+        decisions: links, starts, ends and detections of tracks.
+        found: errors within the first decisions, or as many questions, by ranking.
         idf1: after each answer.
         hota: likewise.
         allowed: IDF1 with the right links over the same detections.
@@ -54,6 +57,8 @@ class Course:
     """
 
     errors: int
+    decisions: int
+    found: dict[str, float]
     idf1: list[float]
     hota: list[float]
     allowed: float
@@ -67,7 +72,7 @@ class Course:
 
 
 def reproduce(bench: Bench, data: Path = Path("../shared/data"), answers: int = 60, streets: int = 4) -> Outcome:
-    """How soon answers to the questions of a review mend what is wrong.
+    """Where a review looks first, and how soon answers mend what is wrong.
 
     Args:
         bench: where it works.
@@ -81,12 +86,21 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), answers: int = 
     for given in bench.watch.over([*sequences, *made], "corrections"):
         course = bench.store.recall(reviewed, given, answers)
         values[given.name] = course
+        shares = [f"{course.found[name]:.0f}" for name in RANKINGS]
         marks = [f"{course.idf1[min(n, len(course.idf1) - 1)]:.3f}" for n in (0, 10, 20, 40, answers)]
         needed = "–" if course.needed is None else str(course.needed)
-        lines.append([given.name, str(course.errors), *marks, f"{course.allowed:.3f}", needed, str(course.by_hand)])
-    columns = ("sequence", "errors", *(f"IDF1 at {n}" for n in (0, 10, 20, 40, answers)))
+        lines.append(
+            [given.name, str(course.errors), *shares, *marks, f"{course.allowed:.3f}", needed, str(course.by_hand)]
+        )
+    found = {name: sum(c.found[name] for c in values.values()) for name in RANKINGS}
+    total = sum(c.errors for c in values.values())
+    note = ", ".join(f"{name} {count / max(total, 1):.0%}" for name, count in found.items())
+    columns = ("sequence", "errors", *RANKINGS, *(f"IDF1 at {n}" for n in (0, 10, 20, 40, answers)))
     table = Table("", (*columns, "allowed", f"answers to {REACHED}", "clicks by hand"), lines)
-    return Outcome(values, [table])
+    return Outcome(values, [table], notes=[f"Errors within the first {FIRST:.0%} of decisions, by ranking: {note}."])
+
+
+RANKINGS = ("questions", "min-marginal", "link cost", "score", "random")
 
 
 def reviewed(given: GivenSequence, answers: int) -> Course:
@@ -100,7 +114,14 @@ def reviewed(given: GivenSequence, answers: int) -> Course:
     flow, reporter = CorrectedFlow(network), Reporter(tracks)
     ids = track_ids(network.track, flow.labels(), reporter.most)
     owners = owners_of_detections(network.frames, network.boxes, given)
-    wrong, by_hand = _errors(flow.network.frames, ids, owners)
+    wrong, by_hand = _errors(flow, ids, owners)
+    ranked = _rankings(flow, ids)
+    first = int(FIRST * len(ranked["random"]))
+    find = Finder(network.frames, network.boxes)
+    looked = {name: set(order[:first].tolist()) for name, order in ranked.items()}
+    early = Questioner(flow.network, flow.flow, ids).ranked(first)
+    looked["questions"] = {arc for question in early for arc in _arcs_of(question, find, flow)}
+    shares = {name: float(sum(bool(error & arcs) for error in wrong)) for name, arcs in looked.items()}
     right = np.where((ids > 0) & (owners >= 0), owners + 1, 0)
     allowed = combined_scores(track_sums(given, reporter.tracks(flow.network, right, {}))[None])["idf1"]
     idf1, hota, said, asked = list[float](), list[float](), list[Correction](), set[str]()
@@ -119,7 +140,7 @@ def reviewed(given: GivenSequence, answers: int) -> Course:
             said += [] if correction is None else [correction]
         except RequestError:
             flow.correct(said)
-    return Course(wrong, idf1, hota, allowed, by_hand)
+    return Course(len(wrong), len(ranked["random"]), shares, idf1, hota, allowed, by_hand)
 
 
 def answered(question: Question, find: Finder, owners: IntArray) -> Correction | None:
@@ -164,25 +185,59 @@ def owners_of_detections(frames: IntArray, boxes: FloatArray, given: GivenSequen
     return owners
 
 
-def _errors(frames: IntArray, ids: IntArray, owners: IntArray) -> tuple[int, int]:
-    """How many errors there are, and the clicks that mending all by hand takes."""
-    splits, pieces = 0, dict[int, list[tuple[int, bool, bool]]]()
+def _errors(flow: CorrectedFlow, ids: IntArray, owners: IntArray) -> tuple[list[set[int]], int]:
+    """Arcs of which each error is one at least, and the clicks that mending all by hand takes."""
+    count, frames, link = flow.flow.count, flow.network.frames, flow.flow.link
+    errors, pieces = list[set[int]](), dict[int, list[tuple[IntArray, bool, bool]]]()
     for number in np.unique(ids[ids > 0]).tolist():
         rows = np.flatnonzero(ids == number)
         rows = rows[np.argsort(frames[rows], kind="stable")]
         known = np.flatnonzero(owners[rows] >= 0)
         smooth = [_most(owners[rows[known[max(n - AROUND, 0) : n + AROUND + 1]]]) for n in range(len(known))]
         runs = [run for run in np.split(known, np.flatnonzero(np.diff(smooth)) + 1) if len(run) >= SHORTEST]
-        splits += max(len(runs) - 1, 0)
+        for one, other in itertools.pairwise(runs):
+            way = rows[one[-1] - AROUND : other[0] + AROUND + 1].tolist()
+            errors.append({link(a, b) for a, b in itertools.pairwise(way)})
         for n, run in enumerate(runs):
-            piece = int(frames[rows[0]]), n == 0, n == len(runs) - 1
-            pieces.setdefault(_most(owners[rows[run]]), []).append(piece)
-    joins = sum(len(every) - 1 for every in pieces.values())
-    ordered = [sorted(every, key=lambda piece: piece[0]) for every in pieces.values()]
-    broken = sum(one[2] and other[1] for every in ordered for one, other in itertools.pairwise(every))
-    return splits + broken, splits + 2 * joins
+            owner = _most(owners[rows[run]])
+            pieces.setdefault(owner, []).append((rows, n == 0, n == len(runs) - 1))
+    splits, joins = len(errors), sum(len(every) - 1 for every in pieces.values())
+    for every in pieces.values():
+        every.sort(key=lambda piece: int(frames[piece[0][0]]))
+        for (one, _, last), (other, first, _) in itertools.pairwise(every):
+            if last and first:
+                errors.append({2 * count + int(one[-1]), count + int(other[0])})
+    return errors, splits + 2 * joins
 
 
 def _most(owners: Sequence[int] | IntArray) -> int:
     values, counts = np.unique(owners, return_counts=True)
     return int(values[counts.argmax()])
+
+
+def _rankings(flow: CorrectedFlow, ids: IntArray) -> dict[str, IntArray]:
+    """Decisions of the reported tracks in the order of each ranking.
+
+    Margins and costs rank what may be an identity error, detections last; a margin counts less the longer the gap.
+    """
+    network, solved = flow.network, flow.flow
+    count, margins = solved.count, marginals(solved, 6.0)
+    owner = np.concatenate([np.tile(np.arange(count), 3), network.graph.tail])
+    used: BoolArray = solved.used & (ids[owner] > 0)
+    arcs = np.flatnonzero(used | (np.arange(len(used)) < count))
+    gap = np.concatenate([np.ones(3 * count), network.frames[network.graph.head] - network.frames[network.graph.tail]])
+    margin = np.where(arcs < count, np.inf, margins.cost[arcs] - np.log2(gap[arcs]))
+    cost = np.where(arcs < 3 * count, np.inf, -solved.cost[arcs])
+    scores = np.nan_to_num(network.scores)[owner[arcs]]
+    keys = (margin, cost, scores, np.random.default_rng(0).random(len(arcs)))
+    return {name: arcs[np.argsort(key, kind="stable")] for name, key in zip(RANKINGS[1:], keys, strict=True)}
+
+
+def _arcs_of(question: Question, find: Finder, flow: CorrectedFlow) -> set[int]:
+    """The decisions that a question is about."""
+    count, arcs = flow.flow.count, set[int]()
+    for part in question.yes.parts or (question.yes,):
+        rows = [find(box) for box in part.there]
+        arcs |= {flow.flow.link(i, j) for i, j in itertools.pairwise(rows)}
+        arcs |= {2 * count + rows[0], count + rows[-1]} if part.kind == "not_same" else set()
+    return arcs

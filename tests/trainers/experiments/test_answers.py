@@ -7,17 +7,19 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.types import Track
-from tsuiseki.trainers.experiments.answers import scene_in, true_answers, true_crossings
+from tsuiseki.trainers.experiments.answers_streets import scene_in, true_answers, true_crossings
 
 
 def test_a_street_is_counted_and_told(tmp_path, capsys):
     words = ["--streets", "1", "--frames", "60", "--data", str(tmp_path / "none"), "--cache", str(tmp_path / "cache")]
     assert main(["reproduce", "answers", *words, "--out", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
-    assert "all boxes" in told
+    assert "1 streets, all boxes" in told
     assert "passed over" in told
     values = json.loads((tmp_path / "out/results.json").read_text())
-    assert values["streets"][0]["runs"][0]["errors"] == [0, 0, 0, 0]
+    assert values["all boxes"][0]["runs"][0]["errors"] == [0, 0, 0, 0]
+    (dithering,) = values["dithering"][0]["runs"]
+    assert (dithering["errors"], dithering["true"]) == ([0, 0, 0, 0], [0, 0, 10, 0])
 
 
 def test_the_truth_in_closed_form():
