@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.settings import PeopleMethod
 from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.people.tracking import track_people
@@ -22,6 +23,7 @@ from tsuiseki.trainers.experiments.given_sequences import (
     GivenSequence,
     as_written,
     combined_scores,
+    filled,
     find_sets,
     given_detections,
     right_sums,
@@ -43,8 +45,9 @@ RATES = (30.0, 15.0, 10.0, 5.0)
 SETS = ("mot17", "mot15", "kitti-pedestrians", "kitti-cars", "pets", "tud")
 # Seconds after which the flow answers; None is the end.
 DELAYS = {"flow, all": None, "0.5 s": 0.5, "1 s": 1.0, "2 s": 2.0, "5 s": 5.0}
-PARTS = ("methods", "rates", "delays")
-# Longest gap that the right links bridge, seconds.
+PARTS = ("methods", "filled", "rates", "delays")
+# Longest gap that the flow fills, and that the right links bridge, seconds.
+FILL = FlowSettings().fill
 GAP = 2.0
 PROGRAM = Path(__file__).with_name("association_peers.py")
 PACKAGE = "the package trackers"
@@ -81,8 +84,9 @@ def reproduce(
         data: folder that holds mot/mot17-val-half, mot/mot15, mot/kitti and so on; a set that is not there is passed
             over.
         sets: of mot17, mot15, kitti-pedestrians, kitti-cars, pets and tud, separated by commas.
-        parts: methods (all rows), rates (mot17 at 30, 15, 10 and 5 frames a second), delays (the flow that answers
-            after 0.5, 1, 2 and 5 seconds on mot17 and pets), separated by commas.
+        parts: methods (all rows), filled (the other methods, gaps of up to 2 seconds filled
+            on straight lines, as the flow fills its own), rates (mot17 at 30, 15, 10 and 5 frames a second), delays
+            (the flow that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), separated by commas.
         peer: python of an environment with the package trackers, whose ByteTrack, C-BIoU, SORT and OC-SORT are measured
             beside; by default this one, if it has the package.
 
@@ -97,10 +101,11 @@ def reproduce(
     for one, sequences in there.items():
         tracks, settings = _tracks(bench, one, sequences, environment)
         rows = _scored(bench, sequences, tracks)
-        limit = np.array([bench.store.recall(right_sums, given, GAP, False) for given in sequences])
-        rows[f"right links up to {GAP:g} s"] = limit
+        for way in (False, True):
+            limit = np.array([bench.store.recall(right_sums, given, GAP, way) for given in sequences])
+            rows[f"right links up to {GAP:g} s{', filled' if way else ''}"] = limit
         values[one.key] = {name: _values(sequences, sums) for name, sums in rows.items()}
-        tables += _set_tables(bench, one, sequences, rows, settings, parts)
+        tables += _set_tables(bench, one, sequences, tracks, rows, settings, parts)
     missing = [one for one in DATA_SETS if one.key in sets and one not in there]
     notes = [f"{one.title}: no {one.folder} in the data, passed over" for one in missing]
     if environment is None:
@@ -113,6 +118,7 @@ def _set_tables(
     bench: Bench,
     one: DataSet,
     sequences: Sequence[GivenSequence],
+    tracks: dict[str, list[list[Track]]],
     rows: dict[str, FloatArray],
     settings: dict[str, str],
     parts: Sequence[str],
@@ -121,6 +127,15 @@ def _set_tables(
     tables = list[Table]()
     if "methods" in parts:
         tables.append(score_table(one.title, rows, (FLOW,), settings))
+    if "filled" in parts:
+        others = {n: t for n, t in tracks.items() if n not in (UNFILLED, BOXES_ALONE)}
+        straight = {
+            n: [t if n == FLOW else as_written(filled(t, round(FILL * given.rate))) for given, t in
+                zip(sequences, each, strict=True)]
+            for n, each in others.items()
+        }  # fmt: skip
+        title = f"{one.title}, gaps filled"
+        tables.append(score_table(title, _scored(bench, sequences, straight), (FLOW,), settings))
     if "rates" in parts and one.key == "mot17":
         tables += [_rate_table(bench, one, sequences, rate) for rate in RATES]
     if "delays" in parts and one.key in ("mot17", "pets"):
