@@ -105,7 +105,7 @@ def refused(words, capsys, expected):
         (["--init", "700,100,0,0"], "--init: expected a place in the image of 640x480, got 700,100"),
         (["--init", "-1,100,0,0"], "expected a place in the image"),
         (["--init", "100,100,0"], "--init: expected a,b,theta,phi as 4 finite numbers"),
-        (["--init", "100,100,0,.nan"], "--init: expected a number below 1e+06, got nan"),
+        (["--init", "100,100,0,nan"], "--init: expected a number below 1e+06, got nan"),
         (["--init", "100,100,0,3"], "--init: expected phi from -1.57 to 1.57, got 3"),
         (["--init", "here"], "--init: expected numbers separated by commas"),
         (["--preset", "learnt"], "--preset learnt needs --motion"),
