@@ -123,6 +123,7 @@ def listening(port: int) -> socket.socket:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             opened.bind((HOST, number))
+            opened.listen()  # before its address is shown
             return opened
         except OSError as error:
             opened.close()
