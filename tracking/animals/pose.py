@@ -36,7 +36,7 @@ FEWEST = 8
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedAnimal:
     """An animal as the frames before showed it.
 
     Attributes:
@@ -101,7 +101,7 @@ class AnimalPose:
         return own, float(away[0] * np.cos(own) + away[1] * np.sin(own))
 
 
-def pose_of(pixels: FloatArray, contrast: FloatArray, touched: Expected | None = None) -> AnimalPose:
+def pose_of(pixels: FloatArray, contrast: FloatArray, touched: ExpectedAnimal | None = None) -> AnimalPose:
     """The pose of an animal.
 
     Args:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.animals.linking import Animal, link_animals
-from tsuiseki.tracking.animals.pose import AnimalPose, Expected, pose_of
+from tsuiseki.tracking.animals.pose import AnimalPose, ExpectedAnimal, pose_of
 from tsuiseki.tracking.animals.settings import AnimalSettings
 from tsuiseki.tracking.features.background_difference import Background, Shape, shape_of
 from tsuiseki.tracking.types import FloatArray, Frame, IntArray
@@ -33,7 +33,7 @@ REACH = 0.5
 
 
 def find_animals(
-    difference: NDArray[np.uint8], background: Background, usual: float, smallest: float, expected: list[Expected]
+    difference: NDArray[np.uint8], background: Background, usual: float, smallest: float, expected: list[ExpectedAnimal]
 ) -> list[AnimalPose]:
     """The animals in a frame, in no particular order.
 
@@ -77,7 +77,7 @@ def _pixels(labels: NDArray[np.int32], stats: NDArray[np.int32], label: int) -> 
     return np.stack([columns + left, rows + top], axis=1).astype(np.int64)
 
 
-def _regions_of(where: dict[int, IntArray], labels: NDArray[np.int32], expected: list[Expected]) -> list[int]:
+def _regions_of(where: dict[int, IntArray], labels: NDArray[np.int32], expected: list[ExpectedAnimal]) -> list[int]:
     """The region that each expected animal is in, 0 for none."""
     height, width = labels.shape
     found = []
@@ -101,7 +101,7 @@ def _like_one(core: FloatArray, usual: Shape | None) -> bool:
     return shape.fill >= FILLED * usual.fill and ASPECTS[0] <= shape.aspect / usual.aspect <= ASPECTS[1]
 
 
-def _apart(points: FloatArray, count: int) -> list[Expected]:
+def _apart(points: FloatArray, count: int) -> list[ExpectedAnimal]:
     """``count`` animals of equal size in a region that nobody was expected in."""
     cv2.setRNGSeed(0)
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.1)
@@ -110,10 +110,10 @@ def _apart(points: FloatArray, count: int) -> list[Expected]:
     )
     parts = [points[label[:, 0] == n] for n in range(count)]
     poses = [pose_of(part, np.ones(len(part))) for part in parts]
-    return [Expected(pose.core, pose.axis, pose.spread, 0.0, pose.length) for pose in poses]
+    return [ExpectedAnimal(pose.core, pose.axis, pose.spread, 0.0, pose.length) for pose in poses]
 
 
-def _told_apart(points: FloatArray, core: FloatArray, own: list[Expected]) -> IntArray:
+def _told_apart(points: FloatArray, core: FloatArray, own: list[ExpectedAnimal]) -> IntArray:
     """``(P,)`` which of the animals each pixel shows, by expectation and maximisation with sizes that stay.
 
     Args:
@@ -165,7 +165,7 @@ PATIENCE = 5
 class _Seen:
     """An animal as the frames before showed it, and how it moved in the last."""
 
-    expected: Expected
+    expected: ExpectedAnimal
     step: FloatArray = field(default_factory=lambda: np.zeros(2))
     unseen: int = 0
 
@@ -206,7 +206,7 @@ class AnimalTracker:
         return link_animals(self.poses, self.frames, self.settings, self.frame_rate, (width, height))
 
 
-def _remembered(seen: list[_Seen], expected: list[Expected], found: list[AnimalPose]) -> list[_Seen]:
+def _remembered(seen: list[_Seen], expected: list[ExpectedAnimal], found: list[AnimalPose]) -> list[_Seen]:
     """Who is expected in the next frame: animals found, paired with the nearest of those before, and those missed."""
     pairs = []
     if seen and found:
@@ -217,14 +217,14 @@ def _remembered(seen: list[_Seen], expected: list[Expected], found: list[AnimalP
     for j, pose in enumerate(found):
         if j not in before:
             axis, shift = pose.pointing(pose.axis)
-            after.append(_Seen(Expected(pose.core, axis, pose.spread, shift, pose.length)))
+            after.append(_Seen(ExpectedAnimal(pose.core, axis, pose.spread, shift, pose.length)))
             continue
         old = seen[before[j]]
         axis, shift = pose.pointing(old.expected.axis)
         # What was told apart by a fit to what is remembered teaches nothing.
         share = 0.0 if pose.contact else REMEMBERED
         kept = old.expected
-        known = Expected(
+        known = ExpectedAnimal(
             pose.core,
             axis,
             (1 - share) * kept.spread + share * pose.spread,

@@ -15,7 +15,7 @@ LEAST_SECONDS = 3.0
 
 
 @dataclass(frozen=True)
-class Gathering:
+class SocialGroup:
     """People near to each other.
 
     Attributes:
@@ -35,7 +35,7 @@ class Gathering:
     y: float
 
 
-def gatherings_of(paths: Paths, reach: float, frame_rate: float) -> list[Gathering]:
+def gatherings_of(paths: Paths, reach: float, frame_rate: float) -> list[SocialGroup]:
     """The gatherings, looked for once a second.
 
     Args:
@@ -84,8 +84,8 @@ def _groups(paths: Paths, rows: IntArray, reach: float) -> list[tuple[int, IntAr
     return sorted(((int(paths.frames[part[0]]), part) for part in large), key=lambda one: one[0])
 
 
-def _gathering(paths: Paths, parts: list[tuple[int, IntArray]]) -> Gathering:
+def _gathering(paths: Paths, parts: list[tuple[int, IntArray]]) -> SocialGroup:
     rows = np.concatenate([part for _, part in parts])
     x, y = paths.points[rows].mean(axis=0).tolist()
     ids = frozenset(paths.ids[rows].tolist())
-    return Gathering(parts[0][0], parts[-1][0], ids, max(len(part) for _, part in parts), x, y)
+    return SocialGroup(parts[0][0], parts[-1][0], ids, max(len(part) for _, part in parts), x, y)

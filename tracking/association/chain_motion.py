@@ -216,7 +216,7 @@ def followed(
     """
     own = np.where(labels < 0, int(labels.max(initial=-1)) + 1 + np.arange(len(table)), labels)
     order = np.argsort(own, kind="stable")
-    stretch = Stretches.of(own[order])
+    stretch = TrackRows.of(own[order])
     before, after = table.rows(known.follower), table.rows(follower)
     past = stretch.any_within((_came_from(before) != _came_from(after))[order], reach, 0)
     future = stretch.any_within((before != after)[order], 0, reach)
@@ -248,7 +248,7 @@ def _came_from(after: IntArray) -> IntArray:
 
 
 @dataclass(frozen=True)
-class Stretches:
+class TrackRows:
     """Rows of which those of one track follow each other.
 
     Attributes:
@@ -260,7 +260,7 @@ class Stretches:
     last: IntArray
 
     @classmethod
-    def of(cls, track: IntArray) -> Stretches:
+    def of(cls, track: IntArray) -> TrackRows:
         """For ``(N,)`` numbers from 0 on, the same ones side by side."""
         starts = np.flatnonzero(np.diff(track, prepend=-1))
         length = np.diff(np.append(starts, len(track)))

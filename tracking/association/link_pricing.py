@@ -11,7 +11,7 @@ from tsuiseki.tracking.association.chain_motion import Beliefs
 from tsuiseki.tracking.association.costs import TransitionCost, cosine_distances, inner_products, pair_features
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.link_cost import MOST_WORTH, LinkCost, Mismatch
-from tsuiseki.tracking.association.nearby import Hiding, Pairs
+from tsuiseki.tracking.association.nearby import Occluders, Pairs
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 # Pairs that are priced together: as many as the processor holds close by.
@@ -103,7 +103,7 @@ def priced(
         doing = (table.actions, table.actions)
         if labels is not None:
             doing = cost.action.means(table.frames, labels, table.actions, table.frame_rate)
-    hiding = Hiding.of(table.frames, table.image, table.size)
+    hiding = Occluders.of(table.frames, table.image, table.size)
     prices = _Prices(table, by, (past, future), mismatch, hiding, means, doing, labels is not None)
     if hidden is None:
         # A view of one number.
@@ -129,7 +129,7 @@ class _Prices:
     by: Pricing
     beliefs: tuple[Beliefs, Beliefs]
     mismatch: Mismatch
-    hiding: Hiding
+    hiding: Occluders
     means: tuple[FloatArray, FloatArray] | None
     doing: tuple[FloatArray, FloatArray] | None
     along: bool

@@ -233,7 +233,7 @@ def hidden_parts(frames: IntArray, boxes: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Hiding:
+class Occluders:
     """What hides people: the boxes of all frames, and the borders of the image.
 
     Attributes:
@@ -251,7 +251,7 @@ class Hiding:
     size: tuple[int, int] | None
 
     @classmethod
-    def of(cls, frames: IntArray, boxes: FloatArray, size: tuple[int, int] | None) -> Hiding:
+    def of(cls, frames: IntArray, boxes: FloatArray, size: tuple[int, int] | None) -> Occluders:
         """By ``(N, 4)`` boxes of ``(N,)`` increasing frames."""
         columns = boxes.T.copy()
         strips = Strips.of(frames, columns[0], np.arange(len(boxes)))

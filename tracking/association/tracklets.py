@@ -26,7 +26,7 @@ from tsuiseki.tracking.association.evidence import link_evidence
 from tsuiseki.tracking.association.learnt_costs import CostChanges
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.link_pricing import LinkParts
-from tsuiseki.tracking.association.nearby import Hiding, Pairs
+from tsuiseki.tracking.association.nearby import Occluders, Pairs
 from tsuiseki.tracking.association.network_flow import FlowSolution, track_labels
 from tsuiseki.tracking.geometry import shared_with_all
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
@@ -220,7 +220,7 @@ def join_parts(
     seconds = np.asarray((table.frames[heads] - table.frames[tails]) * one_frame, dtype=np.float64)
     wander = table.measured.wander[heads] - table.measured.wander[tails]
     mismatch = link.mismatch(past, future, tails, heads, table.seconds(tails, heads), wander)
-    hidden = Hiding.of(table.frames, table.image, table.size).between(tails, heads)
+    hidden = Occluders.of(table.frames, table.image, table.size).between(tails, heads)
     cost = mismatch + link.waiting(seconds, one_frame, hidden)
     action = np.full(len(i), np.nan)
     if link.action is not None and table.actions is not None:

@@ -1,6 +1,6 @@
 """Who does the tasks: processes of this machine, or Ray here or on a cluster. A task whose process died is done again.
 
-What a task reads and leaves lies in files; only its `Outcome` comes back.
+What a task reads and leaves lies in files; only its `TaskOutcome` comes back.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol
 
-from tsuiseki.tracking.batch.tasks import Outcome, Task, do
+from tsuiseki.tracking.batch.tasks import BatchTask, TaskOutcome, do
 from tsuiseki.tracking.errors import RequestError, RunError
 
 LOST = "its process was ended from outside, perhaps for want of memory"
@@ -38,17 +38,17 @@ class Executor(Protocol):
     def free(self) -> bool:
         """Whether another task would soon be begun."""
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: BatchTask) -> None:
         """Take a task."""
 
-    def finished(self, seconds: float) -> Iterable[tuple[Task, Outcome]]:
+    def finished(self, seconds: float) -> Iterable[tuple[BatchTask, TaskOutcome]]:
         """What was finished, after so many seconds at most."""
 
     def close(self) -> None:
         """End what is under way."""
 
 
-def _do(task: Task) -> Outcome:
+def _do(task: BatchTask) -> TaskOutcome:
     """Do a task with one thread for OpenCV, which prints no lines of its own."""
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
@@ -66,7 +66,7 @@ class _Worker:
         context = get_context("spawn")
         self.pipe, other = context.Pipe()
         self.process = context.Process(target=_work, args=(other,), daemon=True)
-        self.task: Task | None = None
+        self.task: BatchTask | None = None
         unset = os.environ.setdefault(THREADS, "1") if THREADS not in os.environ else ""
         try:
             self.process.start()
@@ -111,7 +111,7 @@ class Processes:
         """See `Executor.free`."""
         return len(self._workers) < self.count or any(worker.task is None for worker in self._workers)
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: BatchTask) -> None:
         """See `Executor.submit`."""
         worker = next((worker for worker in self._workers if worker.task is None), None)
         if worker is None:
@@ -121,11 +121,11 @@ class Processes:
         with suppress(OSError):  # it has died while it had nothing to do, which `finished` finds
             worker.pipe.send(task)
 
-    def finished(self, seconds: float) -> list[tuple[Task, Outcome]]:
+    def finished(self, seconds: float) -> list[tuple[BatchTask, TaskOutcome]]:
         """See `Executor.finished`."""
         busy = [worker for worker in self._workers if worker.task is not None]
         wait([each for worker in busy for each in (worker.pipe, worker.process.sentinel)], seconds)
-        found: list[tuple[Task, Outcome]] = []
+        found: list[tuple[BatchTask, TaskOutcome]] = []
         for worker in busy:
             task, outcome, alive = worker.task, None, worker.process.is_alive()
             assert task is not None
@@ -135,7 +135,7 @@ class Processes:
                 worker.task = None
                 found.append((task, outcome))
             elif not alive:
-                found.append((task, Outcome("lost", LOST)))
+                found.append((task, TaskOutcome("lost", LOST)))
                 self._workers.remove(worker)
                 worker.end()
         return found
@@ -164,7 +164,7 @@ class RayTasks:
             import ray
         except ImportError as error:
             raise RequestError("`ray`: Ray is not installed; pip install 'tsuiseki[ray]'") from error
-        self._ray, self._waiting = ray, dict[Any, Task]()
+        self._ray, self._waiting = ray, dict[Any, BatchTask]()
         os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
         how: dict[str, Any] = {"address": address}
@@ -188,11 +188,11 @@ class RayTasks:
         """See `Executor.free`."""
         return len(self._waiting) < int(self._asked(self._ray.cluster_resources).get("CPU", 1)) + AHEAD
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: BatchTask) -> None:
         """See `Executor.submit`."""
         self._waiting[self._asked(self._remote.remote, task)] = task
 
-    def finished(self, seconds: float) -> list[tuple[Task, Outcome]]:
+    def finished(self, seconds: float) -> list[tuple[BatchTask, TaskOutcome]]:
         """See `Executor.finished`."""
         ready, _ = self._asked(self._ray.wait, [*self._waiting], num_returns=1, timeout=seconds)
         found = []
@@ -200,13 +200,13 @@ class RayTasks:
             try:
                 outcome = self._ray.get(reference, timeout=PATIENCE)
             except self._ray.exceptions.RayTaskError as error:
-                outcome = Outcome("failed", f"{type(error.cause).__name__}: {error.cause}")
+                outcome = TaskOutcome("failed", f"{type(error.cause).__name__}: {error.cause}")
             except self._ray.exceptions.RayError as error:
                 # Not a worker that has gone, but what this process speaks to Ray by.
                 alone = isinstance(error, self._ray.exceptions.LocalRayletDiedError)
                 if alone or not any(node["Alive"] for node in self._asked(self._ray.nodes)):
                     raise RunError("Ray has gone from this machine; give the same command again: it goes on") from error
-                outcome = Outcome("lost", LOST)
+                outcome = TaskOutcome("lost", LOST)
             found.append((self._waiting.pop(reference), outcome))
         return found
 

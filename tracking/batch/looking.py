@@ -31,7 +31,7 @@ from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
 from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import Source, VideoFile
-from tsuiseki.tracking.video.stretch import Stretches
+from tsuiseki.tracking.video.stretch import SeekableVideo
 
 # Frames before a stretch that its camera is watched from: some that it is compared with in turn.
 WATCHED = 3
@@ -128,7 +128,7 @@ class LookingPlan:
         threshold: score from which boxes count; None where it is not chosen here.
         gave: whether pictures there gave boxes of any class.
         beginning: detections by frame from the first on.
-        stamps: of the video, see `Stretches`.
+        stamps: of the video, see `SeekableVideo`.
         times: likewise.
     """
 
@@ -155,10 +155,10 @@ class LookingPlan:
         seen = Observations.read(path)
         return cls(**seen.about, beginning=seen.found, **seen.arrays)
 
-    def stretches(self, source: Source) -> Stretches:
+    def stretches(self, source: Source) -> SeekableVideo:
         """Of the video, which is opened anew."""
         assert isinstance(source, VideoFile | ImageFolder)
-        return Stretches(source, len(self.stamps) or source.length or 0, self.stamps, self.times)
+        return SeekableVideo(source, len(self.stamps) or source.length or 0, self.stamps, self.times)
 
     def prepare(self, opened: OpenedPeople, first: int) -> None:
         """Let what was opened look as planned, from frame ``first`` on."""
@@ -205,7 +205,7 @@ def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float
     """
     opened = open_people(source, replace(finding, threads=1), linking, 0)
     inputs = opened.inputs
-    stretches = Stretches.of(source) if inputs.needs_images else None
+    stretches = SeekableVideo.of(source) if inputs.needs_images else None
     if stretches is None:
         return None
     wanted, known = stretches.wanted, dict[int, Detections]()
@@ -236,7 +236,7 @@ def _parts(first: int, last: int, length: int) -> list[tuple[int, int]]:
     return [(start, min(start + length - 1, last)) for start in range(first, last + 1, length)]
 
 
-def _look_at_views(detect: ViewedDetector, stretches: Stretches, first: int, last: int, batch: int) -> None:
+def _look_at_views(detect: ViewedDetector, stretches: SeekableVideo, first: int, last: int, batch: int) -> None:
     """Let the detector choose its tiles as if it were shown all batches from frame ``first`` on."""
     looks = next(iter(detect.looks.values()), None)
     before = 0 if looks is None else looks.frames
@@ -258,7 +258,7 @@ def look(plan: LookingPlan, part: int, source: Source, finding: PeopleFinding, l
     """What is to be seen in a stretch.
 
     Raises:
-        RunError: see `Stretches.frames`.
+        RunError: see `SeekableVideo.frames`.
     """
     opened = open_people(source, replace(finding, threads=1), linking, 0)
     stretches, inputs = plan.stretches(source), opened.inputs

@@ -14,7 +14,7 @@ from typing import IO, Any, Literal
 
 from tsuiseki.tracking.batch.executors import Executor
 from tsuiseki.tracking.batch.jobs import STATE, Job
-from tsuiseki.tracking.batch.tasks import Doing, Kind, Outcome, Task
+from tsuiseki.tracking.batch.tasks import BatchTask, Doing, Kind, TaskOutcome
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.output import held
 
@@ -83,7 +83,7 @@ class Schedule:
     def __init__(self, jobs: Sequence[Job], doing: Doing, journal: Journal) -> None:
         self.rows, self.last = [Row(job.name, job.source) for job in jobs], ""
         self._jobs, self._doing, self._journal = jobs, doing, journal
-        self._ready: list[Task] = []
+        self._ready: list[BatchTask] = []
         self._tries: Counter[str] = Counter()
         # Of files that follow each other: those whose result is there, and those that wait to be joined.
         self._there, self._joining = set[int](), set[int]()
@@ -112,9 +112,9 @@ class Schedule:
                 self._take(task, outcome)
 
     def _add(self, order: int, kind: Kind, part: int = 0, redo: bool = False) -> None:
-        heapq.heappush(self._ready, Task(order, TURNS[kind], part, kind, self._jobs[order], self._doing, redo))
+        heapq.heappush(self._ready, BatchTask(order, TURNS[kind], part, kind, self._jobs[order], self._doing, redo))
 
-    def _take(self, task: Task, outcome: Outcome) -> None:
+    def _take(self, task: BatchTask, outcome: TaskOutcome) -> None:
         row, facts = self.rows[task.order], outcome.facts
         row.seconds += outcome.seconds
         told = {"name": row.name, "kind": task.kind, "part": task.part, "seconds": round(outcome.seconds, 3)}
@@ -150,14 +150,14 @@ class Schedule:
             self._know(row, outcome)
             self._end(row, "done", outcome.line)
 
-    def _fail(self, task: Task, line: str) -> None:
+    def _fail(self, task: BatchTask, line: str) -> None:
         """Give up a video; where its files were to be joined, all of them."""
         for order in sorted(self._joining) if task.kind == "join" else [task.order]:
             self._end(self.rows[order], "failed", line)
         if task.kind in ("begin", "look"):
             self._join()
 
-    def _begun(self, task: Task, outcome: Outcome) -> None:
+    def _begun(self, task: BatchTask, outcome: TaskOutcome) -> None:
         row, order = self.rows[task.order], task.order
         parts, done = outcome.facts.get("parts", 0), outcome.facts.get("done", [])
         row.parts = [parts, len(done)]
@@ -203,7 +203,7 @@ class Schedule:
             self._doing = replace(self._doing, files=files)
             self._add(min(self._joining), "join")
 
-    def _know(self, row: Row, outcome: Outcome) -> None:
+    def _know(self, row: Row, outcome: TaskOutcome) -> None:
         row.frames, row.tracks = outcome.facts.get("frames", 0), outcome.facts.get("tracks")
 
     def _end(self, row: Row, status: Literal["done", "failed", "kept"], line: str) -> None:

@@ -56,7 +56,7 @@ class Doing:
 
 
 @dataclass(frozen=True, order=True)
-class Task:
+class BatchTask:
     """A piece of work; of several the smallest comes first.
 
     Attributes:
@@ -99,7 +99,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TaskOutcome:
     """What became of a task.
 
     Attributes:
@@ -116,13 +116,13 @@ class Outcome:
     seconds: float = 0.0
 
 
-def do(task: Task) -> Outcome:
+def do(task: BatchTask) -> TaskOutcome:
     """Do a task, whatever happens in it."""
     start = time.monotonic()
     return replace(_outcome(task), seconds=time.monotonic() - start)
 
 
-def _outcome(task: Task) -> Outcome:
+def _outcome(task: BatchTask) -> TaskOutcome:
     batch = task.doing.batch
     try:
         token = batch / STATE / TOKEN
@@ -131,48 +131,48 @@ def _outcome(task: Task) -> Outcome:
             raise RunError(f"the machine {node} does not see {batch}; give an `out` that all machines share")
         return WORK[task.kind](task)
     except UnfitIndexError as error:
-        return Outcome("unfit", str(error))
+        return TaskOutcome("unfit", str(error))
     except ImportError as error:
-        return Outcome("failed", str(explained(error) or error))
+        return TaskOutcome("failed", str(explained(error) or error))
     except LATE as error:
         causes = [error, error.__cause__, error.__context__]
         if any(isinstance(cause, OSError) and cause.errno in FULL for cause in causes):
-            return Outcome("full", f"no space is left for {batch}")
+            return TaskOutcome("full", f"no space is left for {batch}")
         known = isinstance(error, RequestError | RunError)
-        return Outcome("failed" if known else "lost", f"{said_of(error) or type(error).__name__}")
+        return TaskOutcome("failed" if known else "lost", f"{said_of(error) or type(error).__name__}")
 
 
-def _begin(task: Task) -> Outcome:
+def _begin(task: BatchTask) -> TaskOutcome:
     """Find out whether the result is there, and cut the video where it can be."""
     place, given, doing = task.place, task.job.source, task.doing
     people = task.job.command == ("track", "people")
     key = key_of(task.job, given, [doing.stretch if people else None, [(job.name, job.start) for job in doing.files]])
     if not place.begin(key, settings_of(task.job, given), doing.overwrite, task.redo):
-        return Outcome("done", facts={"there": True, **_known(place)})
+        return TaskOutcome("done", facts={"there": True, **_known(place)})
     source = task.source()
     if not people:
-        return Outcome("done", facts={"parts": 0})
+        return TaskOutcome("done", facts={"parts": 0})
     if not (place.state / PLAN).exists():
         found = task.job.arguments(source, place.folder)
         with _unsaid():
             plan = cut(found["video"].open(), found["finding"], found["linking"], doing.stretch)
         if plan is None:
-            return Outcome("done", facts={"parts": 0})
+            return TaskOutcome("done", facts={"parts": 0})
         plan.write(place.state / PLAN)
     parts = task.plan().parts
     done = [part for part in range(len(parts)) if task.file(part).exists()]
-    return Outcome("done", facts={"parts": len(parts), "done": done, "frames": [b + 1 - a for a, b in parts]})
+    return TaskOutcome("done", facts={"parts": len(parts), "done": done, "frames": [b + 1 - a for a, b in parts]})
 
 
-def _look(task: Task) -> Outcome:
+def _look(task: BatchTask) -> TaskOutcome:
     found = task.job.arguments(task.source(), task.place.folder)
     with _unsaid():
         seen = look(task.plan(), task.part, found["video"].open(), found["finding"], found["linking"])
     seen.write(task.file(task.part))
-    return Outcome("done", facts={"frames": len(seen.found)})
+    return TaskOutcome("done", facts={"frames": len(seen.found)})
 
 
-def _finish(task: Task) -> Outcome:
+def _finish(task: BatchTask) -> TaskOutcome:
     from tsuiseki.tracking.people.run import track
 
     place, plan = task.place, task.plan()
@@ -183,13 +183,13 @@ def _finish(task: Task) -> Outcome:
     return _ended(partial(track, **found, look=looked), task, place)
 
 
-def _join(task: Task) -> Outcome:
+def _join(task: BatchTask) -> TaskOutcome:
     tasks = [replace(task, job=job) for job in task.doing.files]
     join_files(task.doing.files, [each.source() for each in tasks], [each.place.state for each in tasks])
-    return Outcome("done")
+    return TaskOutcome("done")
 
 
-def _whole(task: Task) -> Outcome:
+def _whole(task: BatchTask) -> TaskOutcome:
     place, job = task.place, task.job
     place.folder.mkdir(parents=True, exist_ok=True)
     more: dict[str, Any] = {} if task.doing.alone else {"threads": 1}
@@ -201,20 +201,20 @@ def _whole(task: Task) -> Outcome:
     return _ended(partial(job.function, *places, **given), task, place)
 
 
-def _ended(call: Callable[[], int | None], task: Task, place: Place) -> Outcome:
+def _ended(call: Callable[[], int | None], task: BatchTask, place: Place) -> TaskOutcome:
     """Run a command's function to its end, and drop what was kept on the way."""
     with _quiet() as (said, errors):
         status = ended(call)
     lines = [line.removeprefix("tsuiseki: ") for line in errors.getvalue().splitlines() if line.strip()]
     complaints = [line for line in lines if not line.startswith("note: ")]
     if any(os.strerror(number) in line for line in complaints for number in FULL):
-        return Outcome("full", f"no space is left for {task.doing.batch}")
+        return TaskOutcome("full", f"no space is left for {task.doing.batch}")
     if status:
-        return Outcome("failed", complaints[-1] if complaints else f"ended with status {status}", _known(place))
+        return TaskOutcome("failed", complaints[-1] if complaints else f"ended with status {status}", _known(place))
     if not task.doing.files:  # those that follow each other may be needed again until all are finished
         place.clear()
     printed = [line for line in said.getvalue().splitlines() if line.strip()]
-    return Outcome("done", printed[-1] if printed else "", _known(place))
+    return TaskOutcome("done", printed[-1] if printed else "", _known(place))
 
 
 def _known(place: Place) -> dict[str, Any]:
@@ -247,6 +247,6 @@ def _unsaid() -> Iterator[None]:
         yield
 
 
-WORK: dict[Kind, Callable[[Task], Outcome]] = {
+WORK: dict[Kind, Callable[[BatchTask], TaskOutcome]] = {
     "begin": _begin, "look": _look, "join": _join, "finish": _finish, "whole": _whole
 }  # fmt: skip

@@ -17,7 +17,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, Placed, read_cameras, write_cameras
 from tsuiseki.tracking.cameras.path_matching import STEP, align, places_at
 from tsuiseki.tracking.cameras.people_bundle import placed, refined
-from tsuiseki.tracking.cameras.people_fit import People, fit_view
+from tsuiseki.tracking.cameras.people_fit import BodyHeights, fit_view
 from tsuiseki.tracking.cameras.people_views import DRIFT, OFFSET, PeopleView, feet, on_floor, picture, pinhole, view_of
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, rates_of, tracked
@@ -53,7 +53,7 @@ class PeopleCalibration:
     numbers: FloatArray
     deviations: FloatArray
     errors: FloatArray
-    people: People
+    people: BodyHeights
     given: Sequence[float | None] = field(default=())
 
     @property
@@ -155,7 +155,7 @@ def calibrate_people(
         RequestError: a source cannot be read, two are the same, too few people are seen or only at one distance, or a
             camera sees too few together with the others.
     """
-    people = People(person_height, person_spread)
+    people = BodyHeights(person_height, person_spread)
     if not sources:
         raise RequestError("expected a source or more, got none")
     rates = rates_of(frame_rates, len(sources))
@@ -196,7 +196,7 @@ def _refuse_twice(views: Sequence[PeopleView]) -> None:
             raise RequestError(f"expected a source for each camera, got the same people in {one.name} and {other.name}")
 
 
-def _together(views: Sequence[PeopleView], numbers: FloatArray, people: People, reach: float) -> FloatArray:
+def _together(views: Sequence[PeopleView], numbers: FloatArray, people: BodyHeights, reach: float) -> FloatArray:
     """The cameras over one floor, by aligning each two of them."""
     clocks = [view.times for view in views]
     length = min(np.ptp(clock) for clock in clocks)

@@ -17,7 +17,7 @@ import scipy
 from tsuiseki.tracking.cameras.path_matching import FEWEST, STEP, Alignment, places_at
 from tsuiseki.tracking.cameras.people_fit import (
     MOST_PEOPLE,
-    People,
+    BodyHeights,
     RobustFit,
     least_robust,
     lens_priors,
@@ -50,7 +50,7 @@ DIFFERENCE = 1e-5
 
 
 @dataclass(frozen=True)
-class Shared:
+class SharedPlaces:
     """Places of people whom two cameras see.
 
     Attributes:
@@ -116,7 +116,7 @@ def _inverse(one: Alignment) -> Alignment:
     return Alignment(-one.offset, back, -back * one.shift, one.score, one.rival)
 
 
-def refined(views: Sequence[PeopleView], cameras: FloatArray, people: People) -> Joint:
+def refined(views: Sequence[PeopleView], cameras: FloatArray, people: BodyHeights) -> Joint:
     """The cameras that explain best what they see together; the first one stays in its place.
 
     A drift of a clock is kept where it moves it by more than half a frame, and three times its deviation.
@@ -132,11 +132,13 @@ def refined(views: Sequence[PeopleView], cameras: FloatArray, people: People) ->
     drifting = (drift * length > 0.5 * frame) & (drift > 3 * deviations[:, DRIFT])
     cameras[~drifting, DRIFT] = 0
     cameras, problem, fit = _round(views, cameras, people, TOLERANCES[-1], drifting)
-    pairs = Pairs.of(views, matched(views, cameras, people, TOLERANCES[-1]))
+    pairs = CrossViewPairs.of(views, matched(views, cameras, people, TOLERANCES[-1]))
     return Joint(cameras, problem.deviations(fit), pairs.errors(cameras, people))
 
 
-def matched(views: Sequence[PeopleView], cameras: FloatArray, people: People, tolerance: float) -> list[Shared]:
+def matched(
+    views: Sequence[PeopleView], cameras: FloatArray, people: BodyHeights, tolerance: float
+) -> list[SharedPlaces]:
     """What each pair of cameras sees together: paths of root mean square distance below ``tolerance``, one to one."""
     clocks = [common_times(view.times, camera) for view, camera in zip(views, cameras, strict=True)]
     times = np.arange(min(c.min() for c in clocks), max(c.max() for c in clocks) + STEP, STEP)
@@ -174,7 +176,7 @@ def _partners(first: FloatArray, second: FloatArray, tolerance: float) -> IntArr
     return partner
 
 
-def _rows(views: Sequence[PeopleView], cameras: FloatArray, i: int, j: int, partner: IntArray) -> Shared:
+def _rows(views: Sequence[PeopleView], cameras: FloatArray, i: int, j: int, partner: IntArray) -> SharedPlaces:
     """The places of the pairs, evenly thinned to `MOST`."""
     first, second = views[i], views[j]
     rows = np.flatnonzero(partner[first.people] >= 0)
@@ -186,11 +188,11 @@ def _rows(views: Sequence[PeopleView], cameras: FloatArray, i: int, j: int, part
     inside &= (second.times[others] <= times) & (second.times[others + 1] - second.times[others] < GAP)
     rows, others = rows[inside], others[inside]
     kept = np.unique(np.linspace(0, len(rows) - 1, MOST).astype(np.int64)) if len(rows) > MOST else np.arange(len(rows))
-    return Shared(i, j, rows[kept], others[kept])
+    return SharedPlaces(i, j, rows[kept], others[kept])
 
 
 @dataclass(frozen=True)
-class Pairs:
+class CrossViewPairs:
     """Boxes of the same people in two cameras each, of all pairs of cameras.
 
     Attributes:
@@ -214,7 +216,7 @@ class Pairs:
     groups: IntArray
 
     @classmethod
-    def of(cls, views: Sequence[PeopleView], shared: Sequence[Shared]) -> Pairs:
+    def of(cls, views: Sequence[PeopleView], shared: Sequence[SharedPlaces]) -> CrossViewPairs:
         """The places of `matched`."""
         begin = np.cumsum([0, *(view.count for view in views)])
         parts = []
@@ -226,7 +228,7 @@ class Pairs:
             parts.append((*numbers, *boxes, begin[one.first] + view.people[one.rows]))
         return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
-    def apart(self, first: FloatArray, second: FloatArray, people: People) -> FloatArray:
+    def apart(self, first: FloatArray, second: FloatArray, people: BodyHeights) -> FloatArray:
         """``(M,)`` complex metres from the second camera's places to the first's, by ``(M, 11)`` cameras of each."""
         place = on_floor(first, self.boxes, people.height)
         common = self.times * (1 + first[:, DRIFT]) + first[:, OFFSET]
@@ -234,7 +236,7 @@ class Pairs:
         boxes = self.others + self.speed * (own - self.before)[:, None]
         return place - on_floor(second, boxes, people.height)
 
-    def errors(self, cameras: FloatArray, people: People) -> FloatArray:
+    def errors(self, cameras: FloatArray, people: BodyHeights) -> FloatArray:
         """``(C,)`` as of `Joint`; NaN where a camera shares nobody."""
         apart = self.apart(cameras[self.first], cameras[self.second], people)
         both = self.groups * len(cameras) + self.second
@@ -244,7 +246,7 @@ class Pairs:
         own = [away[(seen[0] == k) | (seen[1] == k)] for k in range(len(cameras))]
         return np.array([np.median(part) if len(part) else np.nan for part in own])
 
-    def whitening(self, cameras: FloatArray, noises: FloatArray, people: People) -> FloatArray:
+    def whitening(self, cameras: FloatArray, noises: FloatArray, people: BodyHeights) -> FloatArray:
         """``(M, 2, 2)`` that make `apart` independent of deviation `WEIGHT`."""
         spread = np.tile(FOOT**2 * np.eye(2), (len(self.first), 1, 1))
         for numbers, boxes in ((self.first, self.boxes), (self.second, self.others)):
@@ -258,23 +260,28 @@ class Pairs:
 
 
 def _round(
-    views: Sequence[PeopleView], cameras: FloatArray, people: People, tolerance: float, drifting: BoolArray
-) -> tuple[FloatArray, Problem, RobustFit]:
+    views: Sequence[PeopleView], cameras: FloatArray, people: BodyHeights, tolerance: float, drifting: BoolArray
+) -> tuple[FloatArray, BundleAdjustment, RobustFit]:
     """Match, then fit: ``(C, 11)`` cameras, and what was solved."""
     shared = matched(views, cameras, people, tolerance)
     if not shared:
         raise RequestError("expected people who are seen by two cameras at a time, found none; give longer videos")
-    pairs = Pairs.of(views, shared)
-    problem = Problem(views, cameras, people, pairs, drifting)
+    pairs = CrossViewPairs.of(views, shared)
+    problem = BundleAdjustment(views, cameras, people, pairs, drifting)
     fit = least_robust(problem.errors, problem.slopes, np.zeros(problem.free.sum()), 20, 1e-4)
     return problem.moved(fit.x), problem, fit
 
 
-class Problem:
+class BundleAdjustment:
     """What is made least in a round, as a function of the free numbers in units of `SCALE`."""
 
     def __init__(
-        self, views: Sequence[PeopleView], cameras: FloatArray, people: People, pairs: Pairs, drifting: BoolArray
+        self,
+        views: Sequence[PeopleView],
+        cameras: FloatArray,
+        people: BodyHeights,
+        pairs: CrossViewPairs,
+        drifting: BoolArray,
     ) -> None:
         self.views = [longest(view, MOST_PEOPLE) for view in views]
         self.cameras, self.people, self.pairs = cameras, people, pairs

@@ -37,7 +37,7 @@ DOWN = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
-class People:
+class BodyHeights:
     """How high people are, metres.
 
     Attributes:
@@ -53,7 +53,7 @@ class People:
             raise RequestError(f"expected a person's height in metres and its spread, got {self.height}, {self.spread}")
 
 
-def fit_view(view: PeopleView, people: People) -> tuple[FloatArray, FloatArray, float]:
+def fit_view(view: PeopleView, people: BodyHeights) -> tuple[FloatArray, FloatArray, float]:
     """`NUMBERS` of the camera at the origin, their ``(11, 11)`` covariance, and the noise of log heights.
 
     Raises:
@@ -89,7 +89,7 @@ def _refuse_too_few(view: PeopleView) -> None:
         )
 
 
-def residuals(view: PeopleView, people: People, noise: float) -> Callable[[FloatArray], FloatArray]:
+def residuals(view: PeopleView, people: BodyHeights, noise: float) -> Callable[[FloatArray], FloatArray]:
     """What `fit_view` makes least: heights of N boxes, speeds of steps, three priors; of log focal, tilt, roll, log
     height and log speed."""
     earlier, later = _steps(view)
@@ -127,7 +127,7 @@ def lens_priors(camera: FloatArray, view: PeopleView) -> FloatArray:
     return np.array([(camera[0] - np.log(FOCAL * side)) / FOCAL_SPREAD, *point, camera[4] / ROLL_SPREAD])
 
 
-def own_deviation(errors: FloatArray, numbers: IntArray, noise: float, people: People) -> FloatArray:
+def own_deviation(errors: FloatArray, numbers: IntArray, noise: float, people: BodyHeights) -> FloatArray:
     """``(N,)`` log heights of people, each with a height of their own, in units of the noise."""
     return whitened(errors, numbers, noise, people.spread / people.height)
 
@@ -261,7 +261,7 @@ def _camera(x: FloatArray, view: PeopleView) -> FloatArray:
     return camera
 
 
-def _starts(view: PeopleView, people: People) -> list[FloatArray]:
+def _starts(view: PeopleView, people: BodyHeights) -> list[FloatArray]:
     """From the line of heights by row, under three focal lengths."""
     slope, level = np.polyfit(view.boxes[:, 3], view.heights, 1)
     horizon = -level / slope if slope > 1e-3 else -view.size[1]

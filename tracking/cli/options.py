@@ -51,7 +51,7 @@ class Drawing(Shared):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Footage(Shared):
+class SourceOptions(Shared):
     """What to look at.
 
     Attributes:
@@ -106,11 +106,11 @@ class Footage(Shared):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Video(Footage, Drawing):
+class Video(SourceOptions, Drawing):
     """What to look at, and whether to draw."""
 
     def open(self, *, images: bool = False, replayable: bool = False, timed: bool = False) -> Source:
-        """See `Footage.open`; raises RequestError, too, where there is nothing to draw the overlay on."""
+        """See `SourceOptions.open`; raises RequestError, too, where there is nothing to draw the overlay on."""
         opened = super().open(images=images, replayable=replayable, timed=timed)
         if self.overlay and not opened.has_images:
             raise RequestError(f"{opened.name} has no images to draw on; leave `overlay` out")

@@ -20,7 +20,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
 from tsuiseki.tracking.filters.kalman import Gaussians
-from tsuiseki.tracking.floor.grouping import Expected, MomentPoints, PersonNodes, group, joined_nodes, weighed
+from tsuiseki.tracking.floor.grouping import ExpectedTracks, MomentPoints, PersonNodes, group, joined_nodes, weighed
 from tsuiseki.tracking.floor.measured_floor import FloorPoints, SensorRates, SensorView, shares
 from tsuiseki.tracking.floor.walking import (
     Expectations,
@@ -139,7 +139,7 @@ def _grouped(
             _alike(points, own, settings),
         )  # fmt: skip
         if expected is not None:
-            known, numbers = Expected(mean[there], covariance[there], away[there]), expected.track[there]
+            known, numbers = ExpectedTracks(mean[there], covariance[there], away[there]), expected.track[there]
         label = group(here, settings.density, known)
         nodes = weighed(here, label, moment)
         parts.append(replace(nodes, node=nodes.node + total))

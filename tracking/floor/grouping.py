@@ -52,7 +52,7 @@ class MomentPoints:
 
 
 @dataclass(frozen=True)
-class Expected:
+class ExpectedTracks:
     """Tracks that are expected at one moment.
 
     Attributes:
@@ -66,7 +66,7 @@ class Expected:
     missed: FloatArray
 
 
-def group(points: MomentPoints, density: float, expected: Expected | None = None) -> IntArray:
+def group(points: MomentPoints, density: float, expected: ExpectedTracks | None = None) -> IntArray:
     """``(N,)`` number of the group of each point.
 
     Args:
@@ -89,7 +89,7 @@ def group(points: MomentPoints, density: float, expected: Expected | None = None
 class _Climb:
     """One moment with what never changes about it."""
 
-    def __init__(self, points: MomentPoints, density: float, expected: Expected | None) -> None:
+    def __init__(self, points: MomentPoints, density: float, expected: ExpectedTracks | None) -> None:
         self.points, self.density = points, density
         self.tracks = 0 if expected is None else len(expected.places)
         places, covariances, missed = points.places, points.covariances, points.missed

@@ -16,7 +16,7 @@ from tsuiseki.tracking.cli.options import Output
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer, open_appearance
 from tsuiseki.tracking.formats.mot import write_tracks
-from tsuiseki.tracking.linking.transits import MARGIN, Links, Passages, linked, people_of
+from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of
 from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, rates_of, tracked
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import FloatArray, Track
@@ -161,7 +161,7 @@ def _centred(features: FloatArray) -> FloatArray:
 
 
 def _joined(
-    names: Sequence[str], results: Sequence[Result[Track]], passages: Passages, links: Links, margin: float
+    names: Sequence[str], results: Sequence[Result[Track]], passages: Passages, links: Transits, margin: float
 ) -> Linked:
     sure = links.margins >= margin
     ids = people_of(len(passages.view), links, sure.tolist())

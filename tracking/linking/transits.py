@@ -58,7 +58,7 @@ class Passages:
 
 
 @dataclass(frozen=True)
-class Links:
+class Transits:
     """Which track goes on in which.
 
     Attributes:
@@ -89,19 +89,19 @@ class Candidates:
     entries: IntArray
 
 
-def linked(passages: Passages) -> Links:
+def linked(passages: Passages) -> Transits:
     """The cheapest links; each track has one before and one after at most."""
     pairs = _candidates(passages)
     if not len(pairs.earlier):
         nothing, none = np.empty(0, np.int64), np.empty(0)
-        return Links(nothing, nothing, none, none, none)
+        return Transits(nothing, nothing, none, none, none)
     gains = learnt(pairs, passages)
     graph = build_graph(np.zeros(len(passages.view)), [(pairs.earlier, pairs.later, -gains)], 0.0, 0.0)
     best = solve(graph)
     chosen = np.flatnonzero(best.follower[pairs.earlier] == pairs.later)
     margins = [solve(_without(graph, pairs.earlier[k], pairs.later[k])).cost - best.cost for k in chosen]
     earlier, later, seconds = pairs.earlier[chosen], pairs.later[chosen], pairs.seconds[chosen]
-    return Links(earlier, later, seconds, np.array(margins), pairs.likeness[chosen])
+    return Transits(earlier, later, seconds, np.array(margins), pairs.likeness[chosen])
 
 
 def _without(graph: FlowGraph, tail: int, head: int) -> FlowGraph:
@@ -239,7 +239,7 @@ def _peaks(pairs: Candidates, ways: int) -> FloatArray:
     return found
 
 
-def people_of(count: int, links: Links, sure: Sequence[bool]) -> IntArray:
+def people_of(count: int, links: Transits, sure: Sequence[bool]) -> IntArray:
     """``(N,)`` ids from 1 in the order of the tracks, the same for tracks that sure links join."""
     kept = np.asarray(sure, dtype=np.bool_)
     ones = np.ones(int(kept.sum()))

@@ -38,7 +38,7 @@ FIT_EVERY = 5.0
 
 
 @dataclass(frozen=True)
-class People:
+class SettledPeople:
     """What is settled of K people.
 
     Attributes:
@@ -51,7 +51,7 @@ class People:
 
 
 @dataclass(frozen=True)
-class Answers(Columns):
+class ReportedBoxes(Columns):
     """The people of frames, by frame and id: boxes, scores, whether and which detection supports each, classes."""
 
     frames: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
@@ -63,7 +63,7 @@ class Answers(Columns):
     votes: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
 
     @classmethod
-    def of(cls, tracks: Sequence[Track], votes: Sequence[int], before: int) -> Answers:
+    def of(cls, tracks: Sequence[Track], votes: Sequence[int], before: int) -> ReportedBoxes:
         """Tracks up to a frame; ``votes`` are their classes."""
         every = cls()
         for track, vote in zip(tracks, votes, strict=True):
@@ -108,9 +108,9 @@ class DelayedFlow:
         # Of the detections that the window keeps: their scores, and whose they are; -1 where not settled, or nobody's.
         self._scores, self._owner = np.empty(0), np.empty(0, dtype=np.int64)
         self._origin = np.empty((0, 2), dtype=np.int64)
-        self._people = People()
+        self._people = SettledPeople()
         self._ids = self.clutter = 0
-        self._answers = Answers()
+        self._answers = ReportedBoxes()
         self._smoothing: SmoothingSettings | None = None
         self._fitted = 0
 
@@ -181,7 +181,7 @@ class DelayedFlow:
         features = None if table.features is None else mean_of(known.sums[:, 3:])
         return join(table, labels, features, self.window.costs.link, self.window.changes, known.ids > 0)
 
-    def _known(self, tracks: IntArray, rows: BoolArray) -> People:
+    def _known(self, tracks: IntArray, rows: BoolArray) -> SettledPeople:
         """What is known of M tracks: what is settled of the people in them, and detections besides."""
         count, owned = int(tracks.max(initial=-1)) + 1, self._owner >= 0
         track = np.full(len(self._people.ids), -1)
@@ -192,7 +192,7 @@ class DelayedFlow:
         np.maximum.at(ids, track[kept], self._people.ids[kept])
         np.add.at(sums[:, : self._people.sums.shape[1]], track[kept], self._people.sums[kept])
         np.add.at(sums, tracks[rows], new)
-        return People(ids, sums)
+        return SettledPeople(ids, sums)
 
     def _evidence(self, rows: BoolArray) -> FloatArray:
         """``(K, 3 + D)`` of detections: 1, the logit of the probability, whether described, and the features."""
@@ -221,7 +221,7 @@ class DelayedFlow:
         ids = known.ids.copy()
         ids[track[fresh[np.argsort(first[fresh])]]] = self._ids + 1 + np.arange(len(fresh))
         self._ids += len(fresh)
-        self._people = People(ids[track], self._known(tracks, bound).sums[track])
+        self._people = SettledPeople(ids[track], self._known(tracks, bound).sums[track])
         self._owner = self._owner.copy()
         self._owner[settled] = person
         order = settled[np.argsort(tracks[settled], kind="stable")]
@@ -253,7 +253,7 @@ class DelayedFlow:
             for track, image in zip(found, images, strict=True)
         ]
         votes = [track.class_id for track in found]
-        self._answers = self._answers.and_then(Answers.of(parts, votes, before))
+        self._answers = self._answers.and_then(ReportedBoxes.of(parts, votes, before))
 
     def _strength(self, tracks: list[Track]) -> SmoothingSettings | None:
         """How far these tracks are smoothed: chosen anew every few seconds."""

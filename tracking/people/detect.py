@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
-from tsuiseki.tracking.cli.options import Footage
+from tsuiseki.tracking.cli.options import SourceOptions
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.cli.run import count, frames_expected
 from tsuiseki.tracking.devices import Device
@@ -69,7 +69,7 @@ def network_detections(
     return PeopleInputs(source, detect, batch_size=finding.batch_size, threads=finding.threads).found(frames)
 
 
-def detect(video: Footage, output: OutputFile, looking: Looking) -> int:
+def detect(video: SourceOptions, output: OutputFile, looking: Looking) -> int:
     """Write what a network detects in a video, without tracking.
 
     FILE becomes MOTChallenge text (det.txt), with the class in column 8. Where its name ends in .csv, it gets the

@@ -468,12 +468,12 @@ def check_corrections(path: Path, source: Source) -> None:
     Raises:
         RequestError: they are, or cannot be read.
     """
-    from tsuiseki.tracking.review.corrections import Video, read_corrections
+    from tsuiseki.tracking.review.corrections import CorrectedVideo, read_corrections
 
     wanted = source.frames_wanted
     length = source.length or getattr(source, "promised", 0)
     frames = wanted.last + 1 if wanted.last is not None else int(length or 0)
-    video = Video(Path(source.name).name, image_size(source), frames)
+    video = CorrectedVideo(Path(source.name).name, image_size(source), frames)
     read_corrections(path, video, getattr(source, "slack", 0.0) if wanted.last is None else 0.0)
 
 
@@ -502,12 +502,12 @@ def correction_files(
     files: dict[str, Writer] = {} if network is None else {NETWORK_FILE: lambda path, _: network.write(path)}
     if corrections is None:
         return tracks, files, {}, []
-    from tsuiseki.tracking.review.corrections import CORRECTIONS_FILE, Video
+    from tsuiseki.tracking.review.corrections import CORRECTIONS_FILE, CorrectedVideo
     from tsuiseki.tracking.review.session import FILL, SOLVED_FILE
     from tsuiseki.tracking.review.tracks import replayed
 
     last = max([*frames, *(int(track.frames[-1]) for track in tracks)], default=-1)
-    video = Video(Path(source.name).name, image_size(source), last + 1)
+    video = CorrectedVideo(Path(source.name).name, image_size(source), last + 1)
     rate = source.frame_rate
     known = network_of_tracks(tracks, round(FILL * rate), rate) if network is None else network
     found = replayed(tracks, known, corrections, video)

@@ -127,7 +127,7 @@ class Correction:
 
 
 @dataclass(frozen=True)
-class Video:
+class CorrectedVideo:
     """Of which video corrections speak.
 
     Attributes:
@@ -140,7 +140,7 @@ class Video:
     size: tuple[int, int] | None
     frames: int
 
-    def check(self, other: Video, path: Path, slack: float = 0.0) -> None:
+    def check(self, other: CorrectedVideo, path: Path, slack: float = 0.0) -> None:
         """Refuse corrections of ``other`` for this video, whose frames are known but for ``slack``.
 
         Raises:
@@ -172,7 +172,7 @@ class CorrectionLog:
         return CorrectionLog((*self.said, *self.undone[-1:]), self.undone[:-1])
 
 
-def read_corrections(path: Path, of: Video | None = None, slack: float = 0.0) -> CorrectionLog:
+def read_corrections(path: Path, of: CorrectedVideo | None = None, slack: float = 0.0) -> CorrectionLog:
     """The corrections in a file; a last line that a crash cut short is left out.
 
     Args:
@@ -195,7 +195,9 @@ def read_corrections(path: Path, of: Video | None = None, slack: float = 0.0) ->
             row = json.loads(line)
             if number == 1:
                 size = row["size"]
-                about = Video(str(row["video"]), None if size is None else (size[0], size[1]), int(row["frames"]))
+                about = CorrectedVideo(
+                    str(row["video"]), None if size is None else (size[0], size[1]), int(row["frames"])
+                )
                 if of is not None:
                     of.check(about, path, slack)
             else:
@@ -215,7 +217,7 @@ def _is_json(line: str) -> bool:
     return True
 
 
-def append(path: Path, rows: Iterable[Correction | Literal["undo", "redo"]], of: Video) -> None:
+def append(path: Path, rows: Iterable[Correction | Literal["undo", "redo"]], of: CorrectedVideo) -> None:
     """Append lines to the file, which begins with its video, and wait until the disk has them.
 
     Raises:

@@ -22,7 +22,7 @@ LARGEST, QUALITY, KEPT = 1280, 82, 400
 """Pixels of the longer side of a picture, its quality from 0 to 100, and how many pictures are kept."""
 
 
-class Pictures:
+class JpegFrames:
     """JPEG pictures by frame, for any thread.
 
     Args:

@@ -34,7 +34,7 @@ def review(result: Path, /, video: Path | None = None) -> int:
         raise RequestError(f"reviewing needs {needs}; install the extra: pip install 'tsuiseki[review]'")
     import uvicorn
 
-    from tsuiseki.tracking.review.pictures import Pictures
+    from tsuiseki.tracking.review.pictures import JpegFrames
     from tsuiseki.tracking.review.reviewed import Reviewed
     from tsuiseki.tracking.review.server import HOST, application, listening
 
@@ -42,7 +42,7 @@ def review(result: Path, /, video: Path | None = None) -> int:
     try:
         pictures, note = None, "Boxes are on a plain background, for the video is not there; --video names it."
         if session.source is not None:
-            pictures, note = Pictures(session.source, session.n_frames), ""
+            pictures, note = JpegFrames(session.source, session.n_frames), ""
         reviewed, token = Reviewed(session, result.resolve().name, note), token_of(result)
         opened = listening(PORTS[int(token, 16) % len(PORTS)])
         port = opened.getsockname()[1]

@@ -22,7 +22,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.review.pictures import Pictures
+from tsuiseki.tracking.review.pictures import JpegFrames
 from tsuiseki.tracking.review.reviewed import Reviewed
 
 HOST = "127.0.0.1"
@@ -41,7 +41,7 @@ HEADERS = {
 mimetypes.add_type("text/javascript", ".js")
 
 
-def application(reviewed: Reviewed, pictures: Pictures | None, token: str, port: int) -> Starlette:
+def application(reviewed: Reviewed, pictures: JpegFrames | None, token: str, port: int) -> Starlette:
     """The page and its data, for ``http://127.0.0.1:PORT/TOKEN/``."""
 
     async def data(_: Request) -> Response:

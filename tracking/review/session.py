@@ -24,10 +24,10 @@ from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.review.corrections import (
     CORRECTIONS_FILE,
     Box,
+    CorrectedVideo,
     Correction,
     CorrectionLog,
     Kind,
-    Video,
     append,
     boxes_of,
     read_corrections,
@@ -102,7 +102,7 @@ class Session:
         self.n_frames = max([last, *self._result.frames.get("frame", ())]) + 1
         self.size = self._result.size
         self._find_video(source)
-        self._video = Video(self._result.name if self._result.source else "", self.size, self.n_frames)
+        self._video = CorrectedVideo(self._result.name if self._result.source else "", self.size, self.n_frames)
         path, fill = self.folder / NETWORK_FILE, round(FILL * self.frame_rate)
         self._network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill, self.frame_rate)
         self.corrections_file = self.folder / CORRECTIONS_FILE

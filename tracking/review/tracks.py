@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.review.corrections import Correction, Video, append, read_corrections
+from tsuiseki.tracking.review.corrections import CorrectedVideo, Correction, append, read_corrections
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
@@ -178,14 +178,14 @@ class Replayed:
     said: int
     done: Sequence[Correction]
     left_out: Sequence[str]
-    video: Video
+    video: CorrectedVideo
 
     def write(self, path: Path) -> None:
         """Write what was done as corrections of this result."""
         append(path, self.done, self.video)
 
 
-def replayed(tracks: Sequence[Track], network: SolvedNetwork, path: Path, video: Video) -> Replayed:
+def replayed(tracks: Sequence[Track], network: SolvedNetwork, path: Path, video: CorrectedVideo) -> Replayed:
     """Do corrections again, as far as they apply; they find their detections by their boxes.
 
     Args:

@@ -23,10 +23,10 @@ def boxes_said(path: Path, source: Source) -> dict[int, FloatArray]:
     Raises:
         RequestError: the file cannot be read, speaks of a video of another size, or moves or adds no box.
     """
-    from tsuiseki.tracking.review.corrections import Video, read_corrections
+    from tsuiseki.tracking.review.corrections import CorrectedVideo, read_corrections
     from tsuiseki.tracking.review.demands import corners
 
-    said = read_corrections(path, Video(Path(source.name).name, image_size(source), 0)).said
+    said = read_corrections(path, CorrectedVideo(Path(source.name).name, image_size(source), 0)).said
     parts = [part for one in said for part in (one.parts or (one,)) if part.kind == "box"]
     if not parts:
         raise RequestError(f"{path}: expected boxes that show where the target is, got none")

@@ -61,7 +61,7 @@ def times_of(video: VideoFile, stamps: FloatArray) -> list[float]:
 
 
 @dataclass(frozen=True)
-class Stretches:
+class SeekableVideo:
     """A video whose frames can be read from any number on.
 
     Attributes:
@@ -77,7 +77,7 @@ class Stretches:
     times: FloatArray
 
     @classmethod
-    def of(cls, video: object) -> Stretches | None:
+    def of(cls, video: object) -> SeekableVideo | None:
         """None where it can only be read from the beginning.
 
         Raises:

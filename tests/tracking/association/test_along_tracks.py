@@ -10,8 +10,8 @@ import pytest
 from tsuiseki.tracking.association.chain_motion import (
     RUN_UP,
     MotionNoise,
-    Stretches,
     TrackMotion,
+    TrackRows,
     beliefs_alone,
     beliefs_along,
     followed,
@@ -123,7 +123,7 @@ def test_the_price_of_two_alone_is_that_of_chains_of_one(wander: float) -> None:
 
 
 def test_flags_reach_no_other_track() -> None:
-    stretches = Stretches.of(np.array([0, 0, 0, 1, 1, 4, 4, 4]))
+    stretches = TrackRows.of(np.array([0, 0, 0, 1, 1, 4, 4, 4]))
     flags = np.array([0, 0, 1, 0, 0, 1, 0, 0], dtype=np.bool_)
     assert stretches.any_within(flags, 1, 0).astype(int).tolist() == [0, 0, 1, 0, 0, 1, 1, 0]
     assert stretches.any_within(flags, 0, 9).astype(int).tolist() == [1, 1, 1, 0, 0, 1, 0, 0]

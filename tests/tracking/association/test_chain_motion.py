@@ -6,7 +6,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.chain_motion import MotionNoise, beliefs_along
 from tsuiseki.tracking.association.detection_tables import Measurements
-from tsuiseki.tracking.association.nearby import Hiding, hidden_parts
+from tsuiseki.tracking.association.nearby import Occluders, hidden_parts
 from tsuiseki.tracking.association.video_evidence import ScoreCalibration, found_again
 
 NOISE = MotionNoise()
@@ -60,9 +60,9 @@ def test_hidden_parts_are_those_behind_lower_boxes() -> None:
     np.testing.assert_allclose(hidden_parts(np.array([0, 0, 1]), boxes), [0.5, 0, 0])
     boxes = np.array([[0.0, 0, 10, 20], [-5, 0, 5, 30], [0, 0, 10, 20]])
     frames, tails, heads = np.array([0, 1, 2]), np.array([0]), np.array([2])
-    np.testing.assert_allclose(Hiding.of(frames, boxes, None).between(tails, heads), [0.5])
+    np.testing.assert_allclose(Occluders.of(frames, boxes, None).between(tails, heads), [0.5])
     boxes = np.array([[-5.0, 0, 5, 20], [90, 0, 95, 30], [-5, 0, 5, 20]])
-    np.testing.assert_allclose(Hiding.of(frames, boxes, (100, 100)).between(tails, heads), [0.5])
+    np.testing.assert_allclose(Occluders.of(frames, boxes, (100, 100)).between(tails, heads), [0.5])
 
 
 def test_scores_are_worth_how_often_they_are_found_again() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.nearby import MOST_CELLS, Hiding, Strips, near_pairs, ranges, sizes
+from tsuiseki.tracking.association.nearby import MOST_CELLS, Occluders, Strips, near_pairs, ranges, sizes
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -78,5 +78,5 @@ def test_what_hides_a_place_is_all_nearer_boxes_and_the_border(size: tuple[int, 
         for a1, b1, a2, b2 in boxes[(frame == middle) & (boxes[:, 3] > y2)]:
             lost += max(min(x2, a2) - max(x1, a1), 0) * max(min(y2, b2) - max(y1, b1), 0)
         expected.append(min(lost / area, 1) if frame[j] - frame[i] > 1 else 0)
-    np.testing.assert_allclose(Hiding.of(frame, boxes, size).between(tails, heads), expected, atol=1e-12)
+    np.testing.assert_allclose(Occluders.of(frame, boxes, size).between(tails, heads), expected, atol=1e-12)
     assert 0 < np.mean(expected) < 1

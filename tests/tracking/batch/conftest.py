@@ -13,7 +13,7 @@ import pytest
 from onnx import numpy_helper
 
 from tsuiseki.tracking.batch import run
-from tsuiseki.tracking.batch.tasks import Outcome, Task, do
+from tsuiseki.tracking.batch.tasks import BatchTask, TaskOutcome, do
 
 FRAMES = 60
 
@@ -22,17 +22,17 @@ class Here:
     """Does tasks in this process, one after the other, and keeps what it did."""
 
     def __init__(self) -> None:
-        self.tasks: list[Task] = []
-        self.outcomes: list[tuple[Task, Outcome]] = []
+        self.tasks: list[BatchTask] = []
+        self.outcomes: list[tuple[BatchTask, TaskOutcome]] = []
 
     def free(self) -> bool:
         return not self.outcomes
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: BatchTask) -> None:
         self.tasks.append(task)
         self.outcomes.append((task, do(task)))
 
-    def finished(self, _: float) -> list[tuple[Task, Outcome]]:
+    def finished(self, _: float) -> list[tuple[BatchTask, TaskOutcome]]:
         done, self.outcomes = self.outcomes, []
         return done
 

@@ -18,7 +18,7 @@ from tsuiseki.tracking.batch import run
 from tsuiseki.tracking.batch.executors import Processes
 from tsuiseki.tracking.batch.jobs import STATE, Job
 from tsuiseki.tracking.batch.run import BatchOptions, run_batch
-from tsuiseki.tracking.batch.tasks import Task
+from tsuiseki.tracking.batch.tasks import BatchTask
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 
@@ -64,7 +64,7 @@ def test_a_killed_process_costs_its_stretch(videos: Path, networks: list[str], t
     class Deadly(Processes):
         killed = 0
 
-        def submit(self, task: Task) -> None:
+        def submit(self, task: BatchTask) -> None:
             super().submit(task)
             if task.kind == "look" and task.part == 1 and self.killed < 2:
                 self.killed += 1
@@ -84,7 +84,7 @@ def test_a_killed_process_costs_its_stretch(videos: Path, networks: list[str], t
 
 def test_what_kills_every_process_is_one_failed_row(videos: Path, networks: list[str], tmp_path: Path) -> None:
     class Fatal(Processes):
-        def submit(self, task: Task) -> None:
+        def submit(self, task: BatchTask) -> None:
             super().submit(task)
             if task.job.name == "web":
                 os.kill(self._workers[0].process.pid or 0, signal.SIGKILL)

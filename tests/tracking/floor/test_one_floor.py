@@ -14,7 +14,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
 from tsuiseki.tracking.floor.floor_flow import FloorFlow
 from tsuiseki.tracking.floor.foot_points import FootNoise, expected_boxes, on_floor
-from tsuiseki.tracking.floor.grouping import Expected, MomentPoints, group
+from tsuiseki.tracking.floor.grouping import ExpectedTracks, MomentPoints, group
 from tsuiseki.tracking.floor.measured_floor import measured_floor
 from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.run import track_floor
@@ -120,7 +120,7 @@ def test_certain_names_keep_apart():
 
 
 def test_points_go_to_the_track_that_is_expected_there():
-    expected = Expected(
+    expected = ExpectedTracks(
         np.array([[0.0, 0.0], [0.8, 0.0]]), np.tile(0.04 * np.eye(2), (2, 1, 1)), np.log(np.full((2, 3), 0.2))
     )
     label = group(points_at([[0.1, 0], [0.7, 0], [0.75, 0.05]], [0, 0, 1]), 0.05, expected)

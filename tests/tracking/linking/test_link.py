@@ -13,7 +13,7 @@ import tsuiseki
 from tests.tracking.answers.walkers import walker
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.linking.transits import MARGIN, Links, Passages, linked, people_of
+from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of
 from tsuiseki.tracking.people.tracked import tracked
 from tsuiseki.tracking.result import Result
 
@@ -42,7 +42,7 @@ def street(seed: int, people: int = 40, every: float = 20.0, likeness: float = 0
     return Passages(*columns[:6]), columns[6]
 
 
-def scored(links: Links, who: np.ndarray) -> tuple[float, float]:
+def scored(links: Transits, who: np.ndarray) -> tuple[float, float]:
     """Precision and recall of the sure joins."""
     right, sure = who[links.earlier] == who[links.later], links.margins >= MARGIN
     return (right & sure).sum() / sure.sum(), (right & sure).sum() / (len(who) - len(set(who)))
@@ -83,7 +83,7 @@ def test_the_margin_is_what_the_best_solution_without_the_link_costs_more():
 
 
 def test_joined_tracks_have_one_id():
-    links = Links(np.array([0, 2]), np.array([2, 3]), np.zeros(2), np.ones(2), np.zeros(2))
+    links = Transits(np.array([0, 2]), np.array([2, 3]), np.zeros(2), np.ones(2), np.zeros(2))
     assert people_of(5, links, [True, True]).tolist() == [1, 2, 1, 1, 3]
     assert people_of(5, links, [True, False]).tolist() == [1, 2, 1, 3, 4]
 

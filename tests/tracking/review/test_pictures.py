@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.review.pictures import Pictures
+from tsuiseki.tracking.review.pictures import JpegFrames
 
 av = pytest.importorskip("av")
 SIZE, FRAMES, STRIPE = (64, 48), 50, 4
@@ -59,7 +59,7 @@ def test_any_order_gives_the_frames_of_playing(tmp_path, name, codec, options, v
     played, capture = [], cv2.VideoCapture(str(path))
     while (found := capture.read())[0]:
         played.append(number_in(cv2.imencode(".png", found[1])[1].tobytes()))
-    pictures = Pictures(path)
+    pictures = JpegFrames(path)
     assert size_of(pictures) == SIZE
     assert pictures.length == len(played)
     got = [number_in(pictures.jpeg(frame)) for frame in ORDER if frame < len(played)]
@@ -75,7 +75,7 @@ def test_a_telephone_that_was_turned_is_turned_back(tmp_path, matrix):
     for number, value in zip((0, 1, 3, 4), matrix, strict=True):
         content[place + 4 * number : place + 4 * number + 4] = (value << 16).to_bytes(4, "big", signed=True)
     path.write_bytes(content)
-    pictures, capture = Pictures(path), cv2.VideoCapture(str(path))
+    pictures, capture = JpegFrames(path), cv2.VideoCapture(str(path))
     played = [capture.read()[1] for _ in range(6)][5]
     assert size_of(pictures) == played.shape[1::-1]
     got = cv2.imdecode(np.frombuffer(pictures.jpeg(5), np.uint8), cv2.IMREAD_COLOR)
@@ -86,4 +86,4 @@ def test_a_source_without_pictures_is_refused(tmp_path):
     (tmp_path / "a.txt").write_text("nothing")
     for name in ("a.txt", "b.mp4", "."):
         with pytest.raises(RequestError):
-            Pictures(tmp_path / name)
+            JpegFrames(tmp_path / name)

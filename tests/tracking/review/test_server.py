@@ -16,7 +16,7 @@ from starlette.testclient import TestClient
 
 from tests.tracking.review.conftest import FRAMES, PEOPLE, SIZE
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.review.pictures import Pictures
+from tsuiseki.tracking.review.pictures import JpegFrames
 from tsuiseki.tracking.review.reviewed import Reviewed
 from tsuiseki.tracking.review.server import application
 from tsuiseki.tracking.review.session import Session
@@ -30,7 +30,7 @@ ADDRESS = f"http://{HOST}/{TOKEN}/"
 def client(reviewable):
     session = Session(reviewable)
     reviewed = Reviewed(session, "result")
-    yield TestClient(application(reviewed, Pictures(session.source), TOKEN, 8000), base_url=ADDRESS)
+    yield TestClient(application(reviewed, JpegFrames(session.source), TOKEN, 8000), base_url=ADDRESS)
     session.close()
 
 

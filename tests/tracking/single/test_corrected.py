@@ -8,7 +8,7 @@ from tests.tracking.single.moving_texture import clip, walk
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.review.corrections import Box, Correction, Video, append
+from tsuiseki.tracking.review.corrections import Box, CorrectedVideo, Correction, append
 
 SHAPE, GONE, FOUND = (160, 320), range(15, 20), 35
 
@@ -26,7 +26,7 @@ def jumping(tmp_path):
 
 
 def said(folder, *corrections, size=SHAPE[::-1]):
-    append(folder / "corrections.jsonl", corrections, Video("clip", size, 50))
+    append(folder / "corrections.jsonl", corrections, CorrectedVideo("clip", size, 50))
     return ["--corrections", str(folder / "corrections.jsonl")]
 
 

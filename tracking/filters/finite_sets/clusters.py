@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 
 from tsuiseki.tracking.filters.base import TargetEstimates
-from tsuiseki.tracking.filters.finite_sets.pairs import Pairs
+from tsuiseki.tracking.filters.finite_sets.pairs import GatedPairs
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 
@@ -125,7 +125,7 @@ class Clusters:
     """
 
     starts: IntArray
-    pairs: Pairs
+    pairs: GatedPairs
     share: FloatArray
     measurements: FloatArray
     claimed: IntArray

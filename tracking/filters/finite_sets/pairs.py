@@ -18,7 +18,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class Pairs:
+class GatedPairs:
     """Gated pairs of groups and measurements, and their entries: one for each particle of each pair.
 
     Attributes:
@@ -55,7 +55,7 @@ class Pairs:
         return np.bincount(self.particle, values, minlength=count).astype(np.float64)
 
 
-def find_pairs(particles: FloatArray, starts: IntArray, measurements: FloatArray, sensor: GaussianSensor) -> Pairs:
+def find_pairs(particles: FloatArray, starts: IntArray, measurements: FloatArray, sensor: GaussianSensor) -> GatedPairs:
     """The gated pairs of groups and measurements.
 
     Args:
@@ -66,7 +66,7 @@ def find_pairs(particles: FloatArray, starts: IntArray, measurements: FloatArray
     """
     if len(particles) == 0 or len(measurements) == 0:
         nothing = np.empty(0, dtype=np.int64)
-        return Pairs(nothing, nothing, nothing, nothing, nothing, np.empty(0))
+        return GatedPairs(nothing, nothing, nothing, nothing, nothing, np.empty(0))
     projected = sensor.project(particles)
     groups, chosen = _gate(projected, starts, measurements, sensor)
     sizes = np.diff(np.append(starts, len(particles)))[groups]
@@ -74,7 +74,7 @@ def find_pairs(particles: FloatArray, starts: IntArray, measurements: FloatArray
     particle = np.repeat(starts[groups] - first, sizes) + np.arange(int(sizes.sum()))
     measurement = np.repeat(chosen, sizes)
     log_likelihood = sensor.log_likelihood(projected, particle, measurements, measurement)
-    return Pairs(groups, chosen, first, particle, measurement, log_likelihood)
+    return GatedPairs(groups, chosen, first, particle, measurement, log_likelihood)
 
 
 def groups_near(particles: FloatArray, starts: IntArray, measurements: FloatArray, sensor: GaussianSensor) -> BoolArray:
@@ -103,7 +103,7 @@ def _gate(
 
 
 def draw_by_measurement(
-    pairs: Pairs, joint: FloatArray, mass: FloatArray, count: int, rng: np.random.Generator
+    pairs: GatedPairs, joint: FloatArray, mass: FloatArray, count: int, rng: np.random.Generator
 ) -> IntArray:
     """Indices of particles ``(M, count)`` drawn for each measurement in proportion to ``joint`` of its entries.
 
