@@ -23,8 +23,7 @@ from tsuiseki.tracking.formats.rotated import RotatedBoxes, about_bodies
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments.fisheye import ROOMS, VALIDATION_SEEDS
-from tsuiseki.trainers.experiments.fisheye_rows import CeilingClip
+from tsuiseki.trainers.experiments.fisheye import ROOMS, VALIDATION_SEEDS, CeilingClip
 
 VISIBLE, EVERY, LEAST_SCORE = 0.3, 5, 0.05
 

@@ -6,57 +6,101 @@ the same over the sequences that are given, so levels differ and the shapes of t
 
 from __future__ import annotations
 
+import hashlib
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, lru_cache, partial
 from operator import itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes.single_clip import draw_single_clip
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.single import OVERLAPS
-from tsuiseki.tracking.formats.single import find_single_sequences
+from tsuiseki.tracking.evaluation.single import OVERLAPS, evaluate_boxes
+from tsuiseki.tracking.features.exported import Appearance
+from tsuiseki.tracking.formats.single import SingleSequence, find_single_sequences
+from tsuiseki.tracking.geometry import corners_from_xywh, iou_pairs, xywh_from_corners
 from tsuiseki.tracking.single import kcf
-from tsuiseki.tracking.single.combined import CombinedSettings
-from tsuiseki.tracking.single.kcf_particle import PRINTED, ROBUST
+from tsuiseki.tracking.single.combined import Combined, CombinedSettings
+from tsuiseki.tracking.single.kcf_particle import PRINTED, ROBUST, KcfParticle
 from tsuiseki.tracking.single.particles import KcfParticleSettings
-from tsuiseki.tracking.single.regularised import RegularisedSettings
-from tsuiseki.tracking.single.settings import SingleMethod
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.single.recognised import Recognised
+from tsuiseki.tracking.single.regularised import RegularisedSettings, RegularisedTracker
+from tsuiseki.tracking.single.settings import SingleMethod, make_tracker
+from tsuiseki.tracking.single.tracker import SingleTracker
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.experiments import study
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.single_passes import (
-    CSRT,
-    WAYS,
-    ClipScores,
-    Csrt,
-    Entrant,
-    Recognising,
-    TargetClip,
-    area,
-    chase,
-    clip_scores,
-    passes,
-    searches,
-    success,
+from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Bench, Column, Curve, Name, Outcome, tabulated
+
+CSRT = Path(__file__).with_name("single_csrt.py")
+WITHIN, FOLLOWED = 10, 0.5
+"""Frames without overlap that are a loss, to be noticed within them; overlap above which a target is followed."""
+AFTERWARDS = 10
+WAYS = ("KCF", "Fix", "Proposed")
+"""Of going on at the start of a search (Fig. 3.10): KCF, a box that stands still, and the particles."""
+
+
+@dataclass(frozen=True)
+class TargetClip:
+    """A sequence with its images in memory."""
+
+    sequence: SingleSequence
+    images: list[ImageArray]
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """The same for the same labels and images."""
+        digest = hashlib.sha256(np.ascontiguousarray(self.sequence.boxes).tobytes())
+        for image in self.images:
+            digest.update(repr(image.shape).encode() + np.ascontiguousarray(image).tobytes())
+        return digest.hexdigest()
+
+
+@lru_cache(maxsize=4)
+def _drawn(number: int) -> TargetClip:
+    made = draw_single_clip(np.random.default_rng([17, number]))
+    return TargetClip(SingleSequence(f"chase-{number}", (), made.boxes), list(made.images))
+
+
+@dataclass(frozen=True)
+class GeneratedClip:
+    """A generated sequence by its number, drawn where it is needed: all together would fill the memory."""
+
+    number: int
+    sequence = property(lambda self: _drawn(self.number).sequence)
+    images = property(lambda self: _drawn(self.number).images)
+
+
+AnyClip: TypeAlias = TargetClip | GeneratedClip
+
+
+@dataclass(frozen=True)
+class Recognising:
+    """The tracker ``combined`` that recognises a person by an appearance ``network``."""
+
+    network: Path
+
+
+@dataclass(frozen=True)
+class Csrt:
+    """CSRT of OpenCV-contrib in the environment of ``peer``; it tries so many ``scales``, and 1 keeps the first."""
+
+    peer: Peer
+    scales: int
+
+
+Entrant: TypeAlias = (
+    CombinedSettings | KcfParticleSettings | RegularisedSettings | kcf.KcfSettings | SingleMethod | Recognising | Csrt
 )
-from tsuiseki.trainers.experiments.study import (
-    Bench,
-    Column,
-    Curve,
-    Name,
-    Outcome,
-    at_least_one,
-    curves,
-    mean_only,
-    some_of,
-    tabulated,
-    with_bootstrap,
-    with_deviation,
-)
+"""A tracker of an experiment: ours, the thesis's, their filters alone, one of chapter 2, or the peer."""
+
 
 PARTS = ("unseen", "status", "sweeps", "comparison", "intervals")
 BASELINES: tuple[SingleMethod, ...] = (
@@ -194,18 +238,22 @@ def reproduce(
     Raises:
         RequestError: an unknown part, a number below 1, no sequence with images, or no OpenCV-contrib in ``contrib``.
     """
-    some_of(PARTS, parts=parts)
-    at_least_one(seeds=seeds, sweep_seeds=sweep_seeds)
-    clips = _clips(data)
+    study.some_of(PARTS, parts=parts)
+    study.at_least_one(seeds=seeds, sweep_seeds=sweep_seeds)
+    clips: Sequence[AnyClip] = [GeneratedClip(number) for number in range(4)]
+    if data:
+        sequences = [s for folder in data for s in find_single_sequences(folder) if s.images]
+        clips = [TargetClip(s, [read_image(path) for path in s.images]) for s in sequences]
+    if not clips:
+        raise RequestError("`data`: expected sequences with images, found none")
     peer = find_peer(str(contrib), CSRT, "opencv-contrib-python-headless", "`contrib`") if contrib else None
     run: Mapping[str, Any] = {
-        "unseen": partial(unseen, bench, clips, range(seeds), peer),
-        "status": partial(lost_status, bench, clips, range(seeds)),
-        "sweeps": partial(sweeps, bench, clips, range(sweep_seeds)),
-        "comparison": partial(comparison, bench, clips, range(seeds)),
-        "intervals": partial(intervals, bench, clips, range(seeds)),
-    }
-    found: list[Outcome] = [run[part]() for part in PARTS if part in parts]
+        "unseen": partial(unseen, peer=peer), "status": lost_status, "sweeps": sweeps, "comparison": comparison,
+        "intervals": intervals,
+    }  # fmt: skip
+    found: list[Outcome] = [
+        run[part](bench, clips, range(sweep_seeds if part == "sweeps" else seeds)) for part in PARTS if part in parts
+    ]
     values = {name: value for one in found for name, value in (one.values or {}).items()}
     return Outcome(
         {"sequences": [clip.sequence.name for clip in clips], **values},
@@ -215,34 +263,24 @@ def reproduce(
     )
 
 
-def _clips(data: Sequence[Path] | None) -> list[TargetClip]:
-    if not data:
-        return [chase(number) for number in range(4)]
-    sequences = [s for folder in data for s in find_single_sequences(folder) if s.images]
-    if not sequences:
-        raise RequestError("`data`: expected sequences with images, found none")
-    return [TargetClip(s, [read_image(path) for path in s.images]) for s in sequences]
-
-
 def scored(
-    bench: Bench, clips: Sequence[TargetClip | int], entrants: Mapping[str, Entrant], seeds: Sequence[int], what: str
+    bench: Bench, clips: Sequence[AnyClip], entrants: Mapping[str, Entrant], seeds: Sequence[int], what: str
 ) -> dict[str, list[ClipScores]]:
-    """Scores of each tracker on each clip, or on the chase of a number."""
+    """Scores of each tracker on each clip."""
     found: dict[str, list[ClipScores]] = {name: [] for name in entrants}
     jobs = [(clip, name) for clip in clips for name in entrants]
     for clip, name in bench.watch.over(jobs, what, len(jobs)):
-        own = passes(bench.store, clip, entrants[name], seeds)
-        found[name].append(clip_scores(chase(clip) if isinstance(clip, int) else clip, own))
+        found[name].append(clip_scores(clip, passes(bench.store, clip, entrants[name], seeds)))
     return found
 
 
 def by_seed(scores: Sequence[ClipScores]) -> list[dict[str, float]]:
     """Mean areas over the clips, one a seed."""
-    means = {name: np.mean([getattr(one, name) for one in scores], axis=0) for name in ("auc_11", "auc_21")}
-    return [{name: float(areas[seed]) for name, areas in means.items()} for seed in range(len(means["auc_11"]))]
+    means = np.mean([(one.auc_11, one.auc_21) for one in scores], axis=0)
+    return [{"auc_11": eleven, "auc_21": twenty_one} for eleven, twenty_one in means.T.tolist()]
 
 
-def unseen(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int], peer: Peer | None = None) -> Outcome:
+def unseen(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int], peer: Peer | None = None) -> Outcome:
     """What the combined tracker gains over KCF on sequences that its settings were not tuned on.
 
     Of a few candidates the one with the best mean over all *other* sequences, with the first seed, is scored on a
@@ -276,7 +314,7 @@ def unseen(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int], peer
 
 
 def _gain(gains: FloatArray, form: str) -> str:
-    return f"{with_bootstrap(gains, form)}, worst {gains.min():{form}}"
+    return f"{study.with_bootstrap(gains, form)}, worst {gains.min():{form}}"
 
 
 def areas(scores: Iterable[ClipScores]) -> FloatArray:
@@ -295,16 +333,16 @@ def leave_one_out(candidates: Mapping[str, FloatArray]) -> list[str]:
     return [names[k] for k in np.argmax(others, axis=0)]
 
 
-def lost_status(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -> Outcome:
+def lost_status(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> Outcome:
     """Whether ``lost`` says the truth: within ten frames of losing the target, and not while it is followed."""
     last = max(high for _, high in CHASES)
     given = scored(bench, clips, STATUS, seeds, "status, given clips")
-    drawn = scored(bench, range(last), STATUS, seeds, "status, generated clips")
+    drawn = scored(bench, [GeneratedClip(k) for k in range(last)], STATUS, seeds, "status, generated clips")
     found = {("given clips", name): of for name, of in given.items()}
     for low, high in CHASES:
         found |= {(f"generated clips {low + 1} to {high}", name): of[low:high] for name, of in drawn.items()}
     columns = [
-        Column("AUC [%]", lambda one: one.auc_21.mean(), ".1f", gain=with_bootstrap),
+        Column("AUC [%]", lambda one: one.auc_21.mean(), ".1f", gain=study.with_bootstrap),
         Column("losses noticed within 10 frames", lambda one: [one.noticed, one.losses], "d", show=_of),
         Column("called lost while followed [% of frames]", lambda one: [one.alarms, one.followed], ".1f", show=_share),
     ]
@@ -329,14 +367,14 @@ def _share(values: FloatArray, form: str) -> str:
     return f"{100 * part / whole if whole else 0.0:{form}}"
 
 
-def sweeps(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -> Outcome:
+def sweeps(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> Outcome:
     """Figs. 3.6 to 3.8 and Table 3.4."""
     tables, panels, values = [], {}, {}
     for name, sweep in SWEEPS.items():
         entrants = {f"{value:g}": sweep.settings(value) for value in sweep.values}
         found = {value: by_seed(of) for value, of in scored(bench, clips, entrants, seeds, name).items()}
         paper: Mapping[Name, float] = {f"{value:g}": area for value, area in sweep.paper.items()}
-        columns = [Column("here", "auc_11", show=with_deviation, paper=paper, beside="thesis")]
+        columns = [Column("here", "auc_11", show=study.with_deviation, paper=paper, beside="thesis")]
         tables.append(tabulated(found, columns, ("value",), f"{sweep.figure}, {name}: AUC with 11 thresholds [%]"))
         here = [np.array([one["auc_11"] for one in of]) for of in found.values()]
         lines = [Curve("here", sweep.values, [float(a.mean()) for a in here], [float(a.std()) for a in here])]
@@ -344,39 +382,39 @@ def sweeps(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -> O
             lines.append(Curve("thesis, TB-50", list(sweep.paper), list(sweep.paper.values()), style="s--"))
         panels[sweep.figure if sweep.paper else f"{sweep.figure}, by score"] = lines
         values[name] = {v: {"paper": paper.get(v), "here": [one["auc_11"] for one in of]} for v, of in found.items()}
-    figure = curves(panels, list(SWEEPS), "AUC, 11 thresholds [%]", (3.2, 3.2))
+    figure = study.curves(panels, list(SWEEPS), "AUC, 11 thresholds [%]", (3.2, 3.2))
     return Outcome({"sweeps": values}, tables, {"sweeps": figure})
 
 
-def comparison(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -> Outcome:
+def comparison(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> Outcome:
     """Fig. 3.9."""
     found = scored(bench, clips, COMPARED, seeds, "comparison")
     rows = {name: by_seed(of) for name, of in found.items()}
     columns = [
-        Column("11 thresholds", "auc_11", show=with_deviation, paper=PAPER, beside="thesis"),
-        Column("21 thresholds", "auc_21", show=with_deviation),
+        Column("11 thresholds", "auc_11", show=study.with_deviation, paper=PAPER, beside="thesis"),
+        Column("21 thresholds", "auc_21", show=study.with_deviation),
     ]
     tables = [tabulated(rows, columns, ("tracker",), "Fig. 3.9: AUC [%]")]
     ranked = sorted(found, key=lambda name: -float(np.mean([one["auc_11"] for one in rows[name]])))
     lines = [
         Curve(
-            f"{name} [{mean_only(np.array([one['auc_11'] for one in rows[name]]), '.1f')}]", OVERLAPS,
+            f"{name} [{np.mean([one['auc_11'] for one in rows[name]]):.1f}]", OVERLAPS,
             100 * np.mean([curve for one in found[name] for curve in one.success], axis=0),
             style=("-", "--", ":")[place // 6 % 3],
         )
         for place, name in enumerate(ranked)
     ]  # fmt: skip
-    plots = {"comparison": curves({"Fig. 3.9": lines}, ["overlap threshold"], "frames above it [%]", (9, 5))}
+    plots = {"comparison": study.curves({"Fig. 3.9": lines}, ["overlap threshold"], "frames above it [%]", (9, 5))}
     values = {name: {"by_seed": rows[name], "clips": areas(of).tolist()} for name, of in found.items()}
     return Outcome({"comparison": values}, tables, plots)
 
 
-def intervals(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -> Outcome:
+def intervals(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> Outcome:
     """Fig. 3.10: overlaps in the frames of search and in the ten frames after, by what is done in the search."""
     tables, plots, values = [], {}, {}
     for name, settings in SEARCHES.items():
         jobs = [(clip, settings, seed) for clip in clips for seed in seeds]
-        found = [bench.store.recall(searches, *job) for job in bench.watch.over(jobs, f"searches, {name}", len(jobs))]
+        found = bench.each(searches, jobs, f"searches, {name}")
         panels, cells = {}, {}
         for part, title in enumerate(("during the search", "10 frames after")):
             own = {way: np.concatenate([np.array(one[part][way]) for one in found]) for way in WAYS}
@@ -387,6 +425,179 @@ def intervals(bench: Bench, clips: Sequence[TargetClip], seeds: Sequence[int]) -
             ]
         columns = [Column("frames", "frames", ".0f"), *(Column(way, way, ".1f") for way in WAYS)]
         tables.append(tabulated(cells, columns, ("",), f"Fig. 3.10, {name}: AUC with 11 thresholds [%]"))
-        plots[f"intervals-{name}"] = curves(panels, ["overlap threshold"] * 2, "frames above it [%]")
+        plots[f"intervals-{name}"] = study.curves(panels, ["overlap threshold"] * 2, "frames above it [%]")
         values[name] = {title: own[0] for title, own in cells.items()}
     return Outcome({"intervals": values}, tables, plots)
+
+
+@dataclass(frozen=True)
+class Pass:
+    """A tracker's way through a sequence.
+
+    Attributes:
+        boxes: ``(T, 4)``.
+        lost: ``(T,)`` whether the status was ``lost``.
+        drew: whether random numbers were drawn; else every seed gives the same boxes.
+    """
+
+    boxes: FloatArray
+    lost: BoolArray
+    drew: bool
+
+
+def start(entrant: Entrant, seed: int) -> SingleTracker:
+    """A new tracker."""
+    if isinstance(entrant, Recognising):
+        return Recognised(Combined(seed=seed), Appearance(entrant.network, threads=1).describe)
+    if isinstance(entrant, CombinedSettings):
+        return Combined(entrant, seed)
+    if isinstance(entrant, KcfParticleSettings):
+        return KcfParticle(entrant, seed)
+    if isinstance(entrant, RegularisedSettings):
+        return RegularisedTracker(entrant)
+    assert not isinstance(entrant, Csrt)
+    return kcf.KcfTracker(entrant) if isinstance(entrant, kcf.KcfSettings) else make_tracker(entrant, seed=seed)
+
+
+def passes(store: Store, clip: AnyClip, entrant: Entrant, seeds: Sequence[int]) -> list[Pass]:
+    """Passes over a clip, one a seed; one where the tracker never draws random numbers."""
+    draws = isinstance(entrant, CombinedSettings | KcfParticleSettings | Recognising) or entrant == "colour-particle"
+    first = store.recall(follow, clip, entrant, 0)
+    return [store.recall(follow, clip, entrant, seed) if first.drew else first for seed in (seeds if draws else (0,))]
+
+
+def follow(clip: AnyClip, entrant: Entrant, seed: int) -> Pass:
+    """One pass."""
+    first = clip.sequence.boxes[0]
+    if isinstance(entrant, Csrt):
+        boxes = follow_with_csrt(entrant, clip.images, first)
+        return Pass(boxes, np.zeros(len(boxes), dtype=np.bool_), drew=False)
+    tracker = start(entrant, seed)
+    tracker.start(clip.images[0], first)
+    states = [tracker.follow(image) for image in clip.images[1:]]
+    boxes = np.array([first] + [state.box for state in states])
+    lost = np.array([False] + [state.status == "lost" for state in states])
+    # Particles are the only ones that draw, and these two count the frames in which they have any.
+    searched = getattr(tracker, "searched_frames", None)
+    return Pass(boxes, lost, drew=searched is None or searched > 0)
+
+
+def follow_with_csrt(settings: Csrt, images: Sequence[ImageArray], box: FloatArray) -> FloatArray:
+    """Boxes ``(T, 4)`` from the first one on; where it reports a failure the box before stands."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "images.npy"
+        np.save(path, np.stack(images)[..., ::-1])
+        job = {"images": str(path), "box": xywh_from_corners(box).tolist(), "scales": settings.scales}
+        found = np.array(settings.peer.answer(CSRT, job), dtype=np.float64)
+    return np.asarray(np.concatenate([box[None], corners_from_xywh(found)]))
+
+
+@dataclass(frozen=True)
+class ClipScores:
+    """One tracker on one clip.
+
+    Attributes:
+        auc_11, auc_21: ``(S,)`` by seed, areas under the success curve with so many thresholds, percent.
+        success: ``(S, 21)`` success curves.
+        losses: stretches of ten frames and more without any overlap, of all seeds together.
+        noticed: of them, those called lost within ten frames.
+        followed: frames with an overlap above 0.5.
+        alarms: of them, those called lost.
+    """
+
+    auc_11: FloatArray
+    auc_21: FloatArray
+    success: FloatArray
+    losses: int
+    noticed: int
+    followed: int
+    alarms: int
+
+
+def clip_scores(clip: AnyClip, found: Sequence[Pass]) -> ClipScores:
+    """Scores of the passes over a clip, one a seed."""
+    truth = clip.sequence.boxes
+    scores = [evaluate_boxes(truth, one.boxes) for one in found]
+    counts = np.zeros(4, dtype=np.int64)
+    for one in found:
+        overlaps = iou_pairs(truth[1:], one.boxes[1:])
+        overlaps[~np.isfinite(truth[1:]).all(axis=1)] = np.nan
+        counts += count_losses(overlaps, one.lost[1:])
+    return ClipScores(
+        100 * np.array([one.thesis_auc for one in scores]),
+        100 * np.array([one.auc for one in scores]),
+        np.array([one.success for one in scores]),
+        *counts.tolist(),
+    )
+
+
+def count_losses(overlaps: FloatArray, lost: BoolArray) -> tuple[int, int, int, int]:
+    """Losses, those noticed, followed frames, and those called lost, of one pass.
+
+    Args:
+        overlaps: ``(T,)`` with the true box, in [0, 1]; NaN without label, which ends a stretch.
+        lost: ``(T,)`` whether the status was ``lost``.
+    """
+    gone = np.concatenate([[False], overlaps <= 0, [False]]).astype(np.int8)
+    starts, ends = np.flatnonzero(np.diff(gone) == 1), np.flatnonzero(np.diff(gone) == -1)
+    long = ends - starts >= WITHIN
+    noticed = sum(bool(lost[begin : begin + WITHIN].any()) for begin in starts[long])
+    followed = overlaps > FOLLOWED
+    return int(long.sum()), noticed, int(followed.sum()), int((followed & lost).sum())
+
+
+def searches(clip: AnyClip, settings: KcfParticleSettings, seed: int) -> list[dict[str, list[float]]]:
+    """Overlaps during the searches of one pass, and in the ten frames after each, by what is done in the search.
+
+    At each start of a search, KCF and a box that stands still go on from the same state beside the particles.
+    """
+    tracker, truth = KcfParticle(settings, seed), clip.sequence.boxes
+    during: dict[str, list[float]] = {way: [] for way in WAYS}
+    after: dict[str, list[float]] = {way: [] for way in WAYS}
+    tracker.start(clip.images[0], truth[0])
+    boxes, searching, states = [truth[0]], [False], [tracker.target]
+    for image in clip.images[1:]:
+        count = tracker.searched_frames
+        boxes.append(tracker.follow(image).box)
+        searching.append(tracker.searched_frames > count)
+        states.append(tracker.target)
+    for begin in [t for t in range(1, len(searching)) if searching[t] and not searching[t - 1]]:
+        end = next((t for t in range(begin, len(searching)) if not searching[t]), len(searching))
+        stop = next((t for t in range(end, len(searching)) if searching[t]), len(searching))
+        last = min(end + AFTERWARDS, stop)
+        frames, before = range(begin, last), states[begin - 1]
+        found = (
+            _kcf_boxes(clip, tracker, before, frames, learn_from=begin),
+            _kcf_boxes(clip, tracker, before, frames, learn_from=end),
+            boxes[begin:last],
+        )
+        labelled: BoolArray = np.asarray(np.isfinite(truth[begin:last]).all(axis=1))
+        for way, path in zip(WAYS, found, strict=True):
+            overlaps = iou_pairs(truth[begin:last], np.array(path))
+            during[way] += overlaps[: end - begin][labelled[: end - begin]].tolist()
+            after[way] += overlaps[end - begin :][labelled[end - begin :]].tolist()
+    return [during, after]
+
+
+def _kcf_boxes(
+    clip: AnyClip, tracker: KcfParticle, state: kcf.KcfState, frames: range, learn_from: int
+) -> list[FloatArray]:
+    """KCF from ``learn_from`` on; before that the box stands still."""
+    boxes = []
+    for t in frames:
+        if t >= learn_from:
+            state = kcf.step(tracker.model, state, clip.images[t])
+        boxes.append(tracker.model.box(state.centre, state.size))
+    return boxes
+
+
+def success(overlaps: FloatArray) -> FloatArray:
+    """``(21,)`` percent of the frames with a greater overlap than each threshold; NaN without frames."""
+    if not len(overlaps):
+        return np.full(len(OVERLAPS), np.nan)
+    return np.array([100 * (overlaps > threshold).mean() for threshold in OVERLAPS])
+
+
+def area(overlaps: FloatArray) -> float:
+    """Area under the success curve with 11 thresholds, percent; NaN without frames."""
+    return float(success(overlaps)[::2].mean())

@@ -64,6 +64,10 @@ class Bench:
     store: Store
     watch: Watch = field(default_factory=Watch)
 
+    def each(self, compute: Callable[..., T], jobs: Sequence[Iterable[Any]], what: str) -> list[T]:
+        """``compute(*job)`` of every job, from the store where it is there; ``what`` names them."""
+        return [self.store.recall(compute, *job) for job in self.watch.over(jobs, what, len(jobs))]
+
 
 @dataclass(frozen=True)
 class Study(Generic[OneName, Row, Unit, Found]):

@@ -9,33 +9,42 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.multi import evaluate_sequences
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import FloorDetections
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments import fisheye, fisheye_rows
-from tsuiseki.trainers.experiments.fisheye import SIDE, _strip, first_switch, named, reproduce, tables
-from tsuiseki.trainers.experiments.fisheye_rows import (
+from tsuiseki.trainers.experiments import fisheye
+from tsuiseki.trainers.experiments.fisheye import (
     GATED,
     ROWS,
+    SIDE,
     STAGES,
     STARTS,
     CeilingClip,
     CeilingModels,
     Graded,
     Observed,
+    _strip,
     best_choice,
     each_second,
+    first_switch,
     grades,
     lowest_score,
+    named,
     observe,
     pair_of,
-    run_row,
-    score,
+    reproduce,
+    tables,
+    tracked,
 )
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import Bench
+
+
+def score(pair):
+    return evaluate_sequences([pair]).combined
 
 
 def observed(seconds=12, seed=0):
@@ -67,7 +76,7 @@ def test_every_row_tracks(row):
     choices = list(row.choices())
     # Neither the narrowest gates nor the widest.
     choice = choices[len(choices) // 2]
-    scores = score([pair_of("a", some, run_row(row, some, choice, 0.1))])
+    scores = score(pair_of("a", some, tracked((row.name, choice, 0.1), some)))
     assert scores.labelled == 36
     if row.name in ("world", "both", GATED, "track fisheye"):
         assert scores.id_switches == 0
@@ -77,7 +86,7 @@ def test_every_row_tracks(row):
 def test_looks_alone_exchange_those_in_the_same_clothes():
     some = observed()
     switches = {
-        name: score([pair_of("a", some, run_row(ROWS[name], some, choice, 0.1))]).id_switches
+        name: score(pair_of("a", some, tracked((name, choice, 0.1), some))).id_switches
         for name, choice in (
             ("rectification", {"feature_gate": 0.5}),
             ("both", {"feature_gate": 0.5, "reach": 0.9, "speed": 1.4}),
@@ -89,7 +98,7 @@ def test_looks_alone_exchange_those_in_the_same_clothes():
 
 def test_the_best_choice_on_validation_is_taken():
     row = ROWS["world"]
-    found = best_choice(row, lambda choices: grades("world", [observed(), observed(seed=1)], choices, 0.1))
+    found = best_choice(row, lambda choices: grades("world", [observed(), observed(seed=1)], 0.1, choices))
     assert found.mota > 0.9
     assert set(found.choice) == {"reach", "speed", "start_score"}
 
@@ -111,12 +120,12 @@ def test_the_score_to_start_is_chosen_before_the_grid_and_after():
 
 
 def test_the_lowest_score_is_chosen_with_scores_to_start(tmp_path, monkeypatch):
-    monkeypatch.setattr(fisheye_rows, "grades", weak_ones_start_nothing)
+    monkeypatch.setattr(fisheye, "grades", weak_ones_start_nothing)
     # Weak detections are of people, and cost nothing where they start no track.
     assert lowest_score(Store(tmp_path), ["baseline", "world"], []) == 0.2
 
 
-def weak_ones_start_nothing(name, clips, choices, least) -> list[Graded]:
+def weak_ones_start_nothing(name, clips, least, choices) -> list[Graded]:
     """Stands for `grades`: the more detections the better, if a track starts from 0.5 on."""
     del name, clips
     return [Graded(c, 1 - least if c["start_score"] >= 0.5 else least, 0.0) for c in choices]
@@ -156,7 +165,7 @@ MIDDLES = {name: (choices := list(row.choices()))[len(choices) // 2] for name, r
 def test_the_command_goes_to_the_end(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(fisheye, "observe", three_people)
     # The middle of each grid alone, on one room: choosing well is for other tests.
-    monkeypatch.setattr(fisheye_rows.FloorRow, "choices", lambda row: iter([MIDDLES[row.name]]))
+    monkeypatch.setattr(fisheye.RoomRow, "choices", lambda row: iter([MIDDLES[row.name]]))
     monkeypatch.setattr(fisheye, "VALIDATION_SEEDS", fisheye.VALIDATION_SEEDS[:1])
     words = ["--seeds", "1", "--seconds", "6", "--fast-seeds", "0"]
     out = ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
@@ -173,11 +182,10 @@ def test_only_frames_with_a_truth_are_scored():
 
 def test_boxes_outside_a_region_do_not_count():
     some = observed()
-    row = ROWS["world"]
-    tracks = run_row(row, some, {"reach": 0.9, "speed": 1.4}, 0.1)
+    tracks = tracked(("world", {"reach": 0.9, "speed": 1.4}, 0.1), some)
     left = pair_of("a", some, tracks, lambda boxes: boxes[:, 1] < 400)
     assert 0 < len(left.truth) < 36
-    assert score([left]).mota > 0.9
+    assert score(left).mota > 0.9
 
 
 def test_a_prevented_switch_is_one_that_the_other_does_not_have():
@@ -196,7 +204,7 @@ def test_a_room_is_drawn_observed_and_shown():
     assert len(some.truth) > 3
     for each in some.described("upright", 0.2):
         assert np.allclose(np.linalg.norm(each.detections.features, axis=1), 1)
-    tracks = run_row(ROWS["world"], some, {"reach": 0.9, "speed": 1.4}, 0.2)
+    tracks = tracked(("world", {"reach": 0.9, "speed": 1.4}, 0.2), some)
     person = next(p for p in some.truth.ids.tolist() if (some.truth.ids == p).sum() == 3)
     assert _strip(clip, some, (2, person), [tracks]).shape == (SIDE, 3 * SIDE, 3)
 
@@ -210,9 +218,9 @@ def test_no_box_is_shown_for_two():
 
 
 def test_tables_of_one_room_have_no_interval():
-    row = {"mota": [50.0], "idf1": [50.0], "hota": [40.0], "id_switches": [3]}
+    row = {"mota": 50.0, "idf1": 50.0, "hota": 40.0, "id_switches": 3}
     values = {
-        "rows": {"large 1 fps": {"both": row, "SORT": {**row, "mota": [41.5]}}},
+        "rows": {"large 1 fps": {"both": [row], "SORT": [{**row, "mota": 41.5}]}},
         "where": {"rim": {"row": "world", "against": "SORT", "by_seed": [2.0]}},
         "milliseconds": {"large": dict.fromkeys((*STAGES, "associate"), 1.0)},
     }

@@ -21,18 +21,22 @@ from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments import single_target as single
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.single_passes import (
+from tsuiseki.trainers.experiments.single_target import (
     CSRT,
+    SWEEPS,
     Csrt,
+    GeneratedClip,
     Recognising,
     TargetClip,
     area,
+    by_seed,
     count_losses,
     follow,
     follow_with_csrt,
+    leave_one_out,
+    scored,
     searches,
 )
-from tsuiseki.trainers.experiments.single_target import SWEEPS, by_seed, leave_one_out, scored
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import Bench
 
@@ -138,7 +142,7 @@ def test_the_table_of_the_status_has_given_clips_and_generated_ones(
     tracker = RegularisedSettings(sizes=1)
     monkeypatch.setattr(single, "CHASES", ((0, 1), (1, 2), (0, 2)))
     monkeypatch.setattr(single, "STATUS", {"filter": tracker})
-    given = single.chase(0)
+    given = GeneratedClip(0)
     outcome = single.lost_status(Bench(Store(tmp_path)), [given], [0])
     first, second, third, both = outcome.tables[0].rows
     assert first[2:] == second[2:]
