@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +27,10 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.formats.result_folder import POINTS
+from tsuiseki.tracking.report.overlay import draw_marks
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import Frame, ImageArray
+from tsuiseki.tracking.types import Frame
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
 from tsuiseki.tracking.video.source import Source, SourceLike, named
 
@@ -63,8 +64,6 @@ def track_animals(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    if contrast not in get_args(Contrast):
-        raise RequestError(f"`contrast`: expected {', '.join(get_args(Contrast))}, got {contrast!r}")
     opened = Video.given(source, frames).open(images=True, replayable=True)
     skeleton = skeleton or SkeletonSettings()
     made = {"contrast": contrast, "source": named(source), "seed": seed}
@@ -92,8 +91,7 @@ def animal_result(
         times: of the run.
         made: settings of the run.
     """
-    settings, scale = choice.animals, choice.scale
-    facts: dict[str, Any] = {"frame_rate": source.frame_rate}
+    settings, facts = choice.animals, dict[str, Any](frame_rate=source.frame_rate)
     tracker = None
     if skeleton.points is None:
         with times.measure("background"):
@@ -115,14 +113,9 @@ def animal_result(
         seen = tracker.poses if tracker else _poses_by_points(table, skeleton, numbers) if table else []
         found, placed = _finished(seen, numbers, skeleton, table, linked)
     tracks, fields = [one.track for one in found], list(FIELDS)
-    if scale is not None:
-        tracks, fields = in_millimetres(tracks, scale, source)
-
-    def draw(frame: Frame) -> ImageArray:
-        from tsuiseki.tracking.report.overlay import draw_marks
-
-        return draw_marks(frame, tracks, fields, placed)
-
+    if choice.scale is not None:
+        tracks, fields = in_millimetres(tracks, choice.scale, source)
+    files: dict[str, Writer] = {"states.csv": lambda path, _: write_states(path, tracks, fields)}
     result = Result[BodyTrack].of(
         source,
         tracks,
@@ -130,16 +123,13 @@ def animal_result(
         facts=facts,
         seconds=times.seconds,
         frames={"frame": numbers, "animals": [len(poses) for poses in seen]},
-        files={
-            "states.csv": lambda path, _: write_states(path, tracks, fields),
-            **({} if placed is None else _point_files(placed, numbers[-1] + 1)),
-        },
-        painter=draw,
+        files=files if placed is None else files | _point_files(placed, numbers[-1] + 1),
+        painter=lambda frame: draw_marks(frame, tracks, fields, placed),
         names=tuple(fields),
         points=placed,
     )
-    metres = None if scale is None else Scene(scale=scale / 1000)
-    return with_page(result, nouns=("animal", "animals"), scene=metres)
+    scene = None if choice.scale is None else Scene(scale=choice.scale / 1000)
+    return with_page(result, nouns=("animal", "animals"), scene=scene)
 
 
 def _poses_by_points(table: PointTable, skeleton: SkeletonSettings, frames: Sequence[int]) -> list[list[AnimalPose]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 
@@ -43,7 +43,6 @@ from tsuiseki.tracking.weights import shipped
 
 # Probability above which an action is named.
 NAMED = 0.4
-METHODS: tuple[DroneMethod, ...] = ("flow", "flow-saf", "flow-maf")
 DronePreset = Literal["default", "printed"]
 DRONE = DroneSettings()
 
@@ -90,8 +89,6 @@ def track_drone(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    if method not in METHODS:
-        raise RequestError(f"expected the method {', '.join(METHODS)}, got {method!r}")
     opened = Video.given(source, frames).open(images=True, replayable=True)
     given: Any = {"detections": detections, "detector": detector}
     finding = FindingOptions(**given, threads=threads, device=device, view="auto")
@@ -109,8 +106,6 @@ def link_costs(
     affinity: str | Path | None, preset: DronePreset, method: DroneMethod, threads: int
 ) -> CostNetwork | PrintedFlow | None:
     """Costs learnt on whole tracks, or the flow of the preset printed, which learns its costs on pairs."""
-    if preset not in get_args(DronePreset):
-        raise RequestError(f"expected the preset {' or '.join(get_args(DronePreset))}, got {preset!r}")
     if preset == "printed":
         chosen = (
             shipped("affinity_printed_drone" if method == "flow" else "affinity_printed_drone_action")
@@ -171,28 +166,21 @@ def link(
     from tsuiseki.tracking.drone.page import action_timelines, captions_of
     from tsuiseki.tracking.report.overlay import Overlay
 
-    watching = models.observers
-    log, facts = FrameLog(), dict[str, Any](devices_of(watching.detect, watching.describe, watching.recognise))
-    logged = _logged(observations, log)
-    files: dict[str, Writer] = {}
+    watching, log = models.observers, FrameLog()
+    facts = dict[str, Any](devices_of(watching.detect, watching.describe, watching.recognise))
+    logged, network = _logged(observations, log), None
     if models.given is not None:
         people = _named(logged, models, models.given, settings, source.frame_rate, log)
     else:
-        printed = costs if isinstance(costs, PrintedFlow) else None
-        changes = None if isinstance(costs, PrintedFlow) else costs
-        tracker = DroneTracker(suited(settings, method), source.frame_rate, image_size(source), changes, printed)
-        for one in logged:
-            actions = None if one.actions is None or method == "flow" else averaged(one.actions)
-            with times.measure("link"):
-                tracker.update(replace(one.detections, actions=actions), one.motion)
-        with times.measure("link"):
-            people = [replace(one, track=shifted(one.track, log.frames[0])) for one in tracker.people()]
-        facts["flow"] = tracker.facts()
-        network = tracker.network()
-        if network is not None:
-            moved = replace(network, frames=network.frames + log.frames[0])
-            files[NETWORK_FILE] = lambda path, _: moved.write(path)
+        tracker = DroneTracker(suited(settings, method), source.frame_rate, image_size(source), costs)
+        people = _linked(logged, tracker, method, times, log)
+        facts["flow"], network = tracker.facts(), tracker.network()
     tracks = [person.track for person in people]
+    files: dict[str, Writer] = {"tracks.txt": lambda path, _: write_tracks(path, tracks)}
+    files["tracks.json"] = lambda path, _: write_acting_tracks(path, people, models.names)
+    if network is not None:
+        moved = replace(network, frames=network.frames + log.frames[0])
+        files[NETWORK_FILE] = lambda path, _: moved.write(path)
     result: DroneResult = DroneResult.of(
         source,
         people,
@@ -200,16 +188,24 @@ def link(
         facts=facts,
         seconds=times.seconds,
         frames=log.columns(tracks),
-        files={
-            "tracks.txt": lambda path, _: write_tracks(path, tracks),
-            "tracks.json": lambda path, _: write_acting_tracks(path, people, models.names),
-            **files,
-        },
+        files=files,
         painter=Overlay(tracks, source.frame_rate, captions_of(people, models.names, threshold), 0.0).draw,
         names=models.names,
         threshold=threshold,
     )
     return with_page(result, more=lambda: [action_timelines(result)])
+
+
+def _linked(
+    observations: Iterable[Observation], tracker: DroneTracker, method: DroneMethod, times: StageTimes, log: FrameLog
+) -> list[ActingTrack]:
+    """The people whom ``tracker`` finds."""
+    for one in observations:
+        actions = None if one.actions is None or method == "flow" else averaged(one.actions)
+        with times.measure("link"):
+            tracker.update(replace(one.detections, actions=actions), one.motion)
+    with times.measure("link"):
+        return [replace(one, track=shifted(one.track, log.frames[0])) for one in tracker.people()]
 
 
 def _logged(observations: Iterable[Observation], log: FrameLog) -> Iterator[Observation]:
@@ -311,10 +307,9 @@ def drone(
     models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)
     with output.run() as run:
         tell_models(run, models.observers.detect, models.observers.describe, models.observers.recognise)
-        kept = None if cache is None else (video.source, cache)
-        steps = run.steps(observations(run, source, models, kept), total=frames_expected(source))
-        made = output.settings
-        result = link(steps, source, models, method, drone, run.times, made, costs, threshold)
+        seen = observations(run, source, models, None if cache is None else (video.source, cache))
+        steps = run.steps(seen, total=frames_expected(source))
+        result = link(steps, source, models, method, drone, run.times, output.settings, costs, threshold)
         if unknown := result.facts.get("flow", {}).get("camera_unknown"):
             print(line_on_camera(unknown))
         tell_blank(models.observers.detect)

@@ -31,8 +31,8 @@ class DroneTracker:
         settings: of the flow and of what is reported.
         frame_rate: frames a second.
         size: width and height of the image, so that leaving it is told from being missed; None where not known.
-        changes: by how much costs learnt on whole tracks differ from the settings'; by default not at all.
-        printed: the thesis's flow, in place of that of the settings; it leaves the camera's motion in.
+        costs: by how much costs learnt on whole tracks differ from the settings', by default not at all; or the
+            thesis's flow in place of that of the settings, which leaves the camera's motion in.
     """
 
     def __init__(
@@ -40,14 +40,16 @@ class DroneTracker:
         settings: DroneSettings | None = None,
         frame_rate: float = 25.0,
         size: tuple[int, int] | None = None,
-        changes: CostChanges | None = None,
-        printed: PrintedFlow | None = None,
+        costs: CostChanges | PrintedFlow | None = None,
     ) -> None:
         self.settings = settings or DroneSettings()
         self._path = CameraPath()
-        self._flow = printed or FlowTracker(
-            self.settings.flow, frame_rate=frame_rate, size=size, camera=self._path, changes=changes
-        )
+        self._flow: FlowTracker | PrintedFlow
+        if isinstance(costs, PrintedFlow):
+            self._flow = costs
+        else:
+            flow = self.settings.flow
+            self._flow = FlowTracker(flow, frame_rate=frame_rate, size=size, camera=self._path, changes=costs)
         self._frame_rate = frame_rate
 
     def update(self, detections: Detections, motion: CameraStep | None = None) -> None:

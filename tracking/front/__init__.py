@@ -77,9 +77,9 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.result import convert as convert
     from tsuiseki.tracking.single.run import follow_single as follow_single
     from tsuiseki.tracking.single.run import track_single as track_single
+    from tsuiseki.tracking.sphere.points import track_sphere_points as track_sphere_points
     from tsuiseki.tracking.sphere.run import follow_sphere as follow_sphere
     from tsuiseki.tracking.sphere.run import track_sphere as track_sphere
-    from tsuiseki.tracking.sphere.run import track_sphere_points as track_sphere_points
     from tsuiseki.tracking.sphere.settings import SphereSettings as SphereSettings
     from tsuiseki.tracking.types import Detections as Detections
     from tsuiseki.tracking.types import Estimate as Estimate

@@ -12,28 +12,31 @@ from typing import TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective_cameras
-from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cameras.triangulation import triangulate
+from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.volume import check_volume, common_volume, in_sight
 from tsuiseki.tracking.cli.options import Drawing, SeededOutput
 from tsuiseki.tracking.cli.run import Run
-from tsuiseki.tracking.errors import RequestError, a_path
-from tsuiseki.tracking.filters.resampling import Covering
-from tsuiseki.tracking.formats.world_tables import read_ball_points
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.world_tables import read_path3d
 from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.page import distances_to_truth, sphere_painter, sphere_result
+from tsuiseki.tracking.sphere.points import sphere_points_run
 from tsuiseki.tracking.sphere.search import find_ball
-from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, chosen_motion, frame_times
+from tsuiseki.tracking.sphere.settings import (
+    FrameTimes,
+    SphereSettings,
+    as_place,
+    cameras_of,
+    chosen_motion,
+    frame_times,
+)
 from tsuiseki.tracking.sphere.tracker import Seen, SphereLog, SphereRun, SphereTracker, Start
 from tsuiseki.tracking.sphere.views import (
     BackgroundLikelihood,
-    PointLikelihood,
     PrintedContourLikelihood,
     SphereContourLikelihood,
     ViewLikelihood,
-    Views,
     median_background,
 )
 from tsuiseki.tracking.stages import StageTimes
@@ -121,7 +124,8 @@ def sphere_run(
     settings, backgrounds = keywords.get("settings") or SphereSettings(), keywords.get("backgrounds")
     if not 0 < radius < 10:
         raise RequestError(f"`radius`: expected metres above 0 (and below 10), got {radius:g}")
-    placed, videos = _opened(sources, cameras)
+    placed = cameras_of(cameras, len(sources), "videos")
+    videos = [open_source(source) for source in sources]
     live, times = all(video.live for video in videos), keywords.get("times") or FrameTimes()
     if live and (times.offsets or times.timestamps):
         raise RequestError("`offsets` and `timestamps`: expected only with recorded videos; live frames have their own")
@@ -147,17 +151,6 @@ def sphere_run(
     return SphereRun(placed, stamps, settings.tolerance, tracker, start, seen, radius, videos)
 
 
-def _opened(sources: Sequence[SourceLike], cameras: str | Path) -> tuple[Sequence[PlacedCamera], Sequence[Source]]:
-    """The cameras of a file and the video of each."""
-    placed = read_projective_cameras(a_path(cameras, "cameras"))
-    if len(sources) != len(placed) or len(sources) < 2:
-        raise RequestError(
-            f"expected at least two videos and one camera for each, got {len(sources)} videos and {len(placed)} "
-            f"cameras in {cameras}; give the videos in the order of its entries"
-        )
-    return placed, [open_source(source) for source in sources]
-
-
 def _start(
     start: ArrayLike | None,
     volume: ArrayLike | None,
@@ -175,16 +168,9 @@ def _start(
                 "`start`: expected x, y, z with the preset paper, which measures where the ball is at first"
             )
         return None, box
-    place = _place(start)
+    place = as_place(start)
     check_start(place, placed)
     return place, box
-
-
-def _place(start: ArrayLike) -> FloatArray:
-    place = np.asarray(start, dtype=np.float64)
-    if place.shape != (3,):
-        raise RequestError(f"`start`: expected x, y, z in metres, got shape {place.shape}")
-    return place
 
 
 def check_start(position: FloatArray, cameras: Sequence[PlacedCamera]) -> None:
@@ -270,104 +256,6 @@ def _box(volume: ArrayLike) -> FloatArray:
     return np.stack([low, high])
 
 
-# A detector seldom misses for long, so a view opens again soon; where all disagree the ball is looked for anew.
-COVERING = Covering(covers=0.05, opens=5.0, floor=0.01)
-STAGES, PATIENCE = 4, 0.2
-SPEED = 5.0
-"""Standard deviation of the velocity of a ball that was just found, along each axis, m/s."""
-
-
-def track_sphere_points(
-    files: Sequence[str | Path],
-    cameras: str | Path,
-    *,
-    start: ArrayLike | None = None,
-    settings: SphereSettings | None = None,
-    deviation: float = 2.0,
-    radius: float = 0.0,
-    seed: int = 0,
-) -> Result[Position]:
-    """Where a ball is in space, from its pixels in every camera.
-
-    Args:
-        files: a CSV for each camera (`tracking.formats.world_tables`), in the order of the cameras.
-        cameras: ``cameras.yaml`` with one entry per file, each with its frame_rate.
-        start: ``(3,)`` the ball at first, metres; by default where two cameras that see it say.
-        settings: see `SphereSettings`; no preset and no likelihood, for there is no image.
-        deviation: standard deviation of a measured pixel along x and y.
-        radius: of the ball, metres, for its bounces.
-        seed: of all random numbers.
-
-    Raises:
-        RequestError: something of this cannot be used; the message says what and why.
-        RunError: no two cameras show the ball at about one time.
-    """
-    chosen, times = sphere_points_run(files, cameras, start, settings, deviation, radius), StageTimes()
-    log = chosen.run(np.random.default_rng(seed), times)
-    return sphere_result(chosen, log, times, {"points": [str(file) for file in files], "seed": seed})
-
-
-def sphere_points_run(
-    files: Sequence[str | Path],
-    cameras: str | Path,
-    start: ArrayLike | None = None,
-    settings: SphereSettings | None = None,
-    deviation: float = 2.0,
-    radius: float = 0.0,
-    times: FrameTimes | None = None,
-) -> SphereRun:
-    """A run of `track_sphere_points`; ``times`` of the frames are by default as the camera file says.
-
-    Raises:
-        RequestError: something of this cannot be used; the message says what and why.
-    """
-    settings = settings or SphereSettings()
-    for name, expected in (("preset", "extended"), ("likelihood", "contour"), ("faint", None)):
-        if getattr(settings, name) != expected:
-            raise RequestError(
-                f"`{name}`: expected none with `points`, which have no image to weigh; got {getattr(settings, name)}"
-            )
-    placed = read_projective_cameras(a_path(cameras, "cameras"))
-    if len(files) != len(placed) or len(files) < 2:
-        raise RequestError(
-            f"`points`: expected at least two files and one camera for each, got {len(files)} files and {len(placed)} "
-            f"cameras in {cameras}; give the files in the order of its entries"
-        )
-    if not 0 < deviation < np.inf or not 0 <= radius < 10:
-        raise RequestError(f"expected a `deviation` above 0 and a `radius` from 0, got {deviation:g} and {radius:g}")
-    pixels = [read_ball_points(Path(file)) for file in files]
-    stamps = (times or FrameTimes()).of_pixels(pixels, placed)
-    pinholes = [p.camera for p in placed]
-    likelihood = PointLikelihood(pinholes, np.full(len(placed), float(deviation)))
-    tracker = SphereTracker(likelihood, chosen_motion(settings, radius), COVERING, patience=PATIENCE, stages=STAGES)
-
-    def search(views: Views, rng: np.random.Generator) -> FloatArray:
-        return _placed_by_rays(pinholes, views, deviation, settings.particles, rng)
-
-    def seen(moments: Sequence[Moment]) -> Iterator[Seen]:
-        for moment in moments:
-            found = [None if f is None else p[f] for f, p in zip(moment.frames, pixels, strict=True)]
-            yield moment, [None if f is None or np.isnan(f[0]) else f for f in found]
-
-    place = None if start is None else _place(start)
-    begin = Start(place, settings.spread, settings.particles, search, SPEED)
-    return SphereRun(placed, stamps, settings.tolerance, tracker, begin, seen, radius)
-
-
-def _placed_by_rays(
-    cameras: Sequence[PinholeCamera], views: Views, deviation: float, count: int, rng: np.random.Generator
-) -> FloatArray:
-    """``(count, 3)`` positions about where the rays of the pixels meet; far off where they do not."""
-    pixels = np.array([[np.nan, np.nan] if view is None else view for view in views])
-    points, covariances = triangulate(cameras, pixels[None], deviation)
-    if np.isnan(points[0, 0]):
-        middle = np.mean([camera.position + 3 * camera.rotation[2] for camera in cameras], axis=0)
-        return np.asarray(middle + rng.standard_normal((count, 3)))
-    # The frames of a search lie up to some hundredths of a second apart.
-    spread = np.linalg.cholesky(covariances[0] + 0.05**2 * np.eye(3))
-    return np.asarray(points[0] + rng.standard_normal((count, 3)) @ spread.T)
-
-
 NO_SOURCES: list[str] = []
 
 
@@ -407,39 +295,30 @@ def sphere(
         backgrounds: one picture of the empty scene per video, separated by commas; by default the median of the video.
         truth: CSV with the columns time, x, y, z (seconds, metres) to compare with in the report.
     """
-    from tsuiseki.tracking.formats.world_tables import read_path3d
-
     true_path = None if truth is None else read_path3d(truth)
-    chosen: SphereRun
     if points is None:
-        chosen = sphere_run(
-            source, cameras, _needed(radius), start=start, volume=_corners(volume), settings=settings,
-            backgrounds=backgrounds, times=times,
-        )  # fmt: skip
+        if radius is None:
+            raise RequestError("`radius`: expected the ball's radius in metres, got none")
+        box = _corners(volume)
+        keywords = SphereKeywords(start=start, volume=box, settings=settings, backgrounds=backgrounds, times=times)
+        chosen = sphere_run(source, cameras, radius, **keywords)
     elif source or drawing.overlay or backgrounds or volume:
         raise RequestError("`points`: expected no videos, `overlay`, `backgrounds` or `volume` beside it")
     else:
         chosen = sphere_points_run(points, cameras, start, settings, deviation, radius or 0.0, times)
     if drawing.overlay and chosen.length is None:
         raise RequestError("`overlay`: expected recorded videos, which can be played again; got live cameras")
-    rng = np.random.default_rng(output.seed)
     with output.run() as run:
         run.sources += chosen.sources
 
         def watched(seen: Iterable[Seen]) -> Iterator[Seen]:
             return run.steps(seen if chosen.length else run.unending(seen), total=chosen.length)
 
-        log = chosen.run(rng, run.times, watched)
+        log = chosen.run(np.random.default_rng(output.seed), run.times, watched)
         result = sphere_result(chosen, log, run.times, output.settings, true_path)
         run.save(result, partial(_draw, run, drawing, chosen, log))
         run.done(_summary(result, true_path, output.out / "track3d.csv"))
     return run.status
-
-
-def _needed(radius: float | None) -> float:
-    if radius is None:
-        raise RequestError("`radius`: expected the ball's radius in metres, got none")
-    return radius
 
 
 def _summary(positions: Sequence[Position], truth: Path3D | None, file: Path) -> str:

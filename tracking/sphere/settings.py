@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from tsuiseki.tracking.cameras.camera_files import CameraOverFloor
-from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, PlacedCamera, read_projective_cameras
+from tsuiseki.tracking.errors import InputWarning, RequestError, RunError, a_path
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.motion.points import Ballistic, ConstantVelocity3D, RandomWalk3D
 from tsuiseki.tracking.options import Shared
@@ -78,6 +79,29 @@ class SphereSettings(Shared):
             raise RequestError(f"`bounce`: expected 0 to 1, got {self.bounce:g}")
         if not 0 <= self.drag < np.inf:
             raise RequestError(f"`drag`: expected a number from 0, got {self.drag:g}")
+
+
+def cameras_of(path: str | Path, count: int, what: str, option: str = "") -> Sequence[PlacedCamera]:
+    """The cameras of a file, one for each of ``count`` videos or files, as ``what`` says.
+
+    Raises:
+        RequestError: there are fewer than two, or another number of cameras; it names the ``option``.
+    """
+    placed = read_projective_cameras(a_path(path, "cameras"))
+    if count != len(placed) or count < 2:
+        raise RequestError(
+            f"{option}expected at least two {what} and one camera for each, got {count} {what} and {len(placed)} "
+            f"cameras in {path}; give the {what} in the order of its entries"
+        )
+    return placed
+
+
+def as_place(start: ArrayLike) -> FloatArray:
+    """``(3,)`` metres; raises RequestError where it is something else."""
+    place = np.asarray(start, dtype=np.float64)
+    if place.shape != (3,):
+        raise RequestError(f"`start`: expected x, y, z in metres, got shape {place.shape}")
+    return place
 
 
 def chosen_motion(settings: SphereSettings, radius: float) -> Motion:

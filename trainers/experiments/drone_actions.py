@@ -288,7 +288,7 @@ def tracker_for(
     if method in AS_PRINTED:
         pairs = Affinity(shipped("affinity_printed_drone" + ("" if method.startswith("MCF") else "_action")), 1)
         printed = PrintedFlow(pairs, AS_PRINTED[method] if rounds is None else rounds + 1)
-        return _fed(DroneTracker(None, sequence.frame_rate, size, printed=printed), clip, acting=pairs.acting)
+        return _fed(DroneTracker(None, sequence.frame_rate, size, printed), clip, acting=pairs.acting)
     named: DroneMethod = "flow-maf" if method.startswith("flow-maf") else method  # type: ignore[assignment]
     chosen = suited(DroneSettings(), named)
     costs = chosen.flow.costs

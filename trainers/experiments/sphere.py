@@ -31,7 +31,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.resampling import Covering
-from tsuiseki.tracking.sphere.run import track_sphere_points
+from tsuiseki.tracking.sphere.points import track_sphere_points
 from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.tracker import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.sphere.views import (

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tsuiseki import track_drone
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
 from tsuiseki.tracking.drone.models import DroneModels
-from tsuiseki.tracking.drone.run import track_drone
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.mot import read_ground_truth
@@ -78,7 +78,7 @@ def test_a_bare_word_names_a_shipped_detector(flight: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "sort"}, "expected the method flow, flow-saf, flow-maf"),
+        ({"method": "sort"}, "`method`: expected flow or flow-saf or flow-maf"),
         ({"detections": [], "detector": "x.onnx"}, "expected `detections` or `detector`, got both"),
         ({"actions": ["nowhere.onnx"]}, "nowhere.onnx"),
         ({"detector": lambda _: None}, "what the detector <lambda> returned"),

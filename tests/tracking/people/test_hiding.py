@@ -19,7 +19,8 @@ from tsuiseki.tracking.answers import page
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
-from tsuiseki.tracking.people.hiding import GREY, Hiding, Places, Wanted, paint, places_of
+from tsuiseki.tracking.people.hidden_places import GREY, Places, paint, places_of
+from tsuiseki.tracking.people.hiding import Hiding, Wanted
 from tsuiseki.tracking.report import overlay
 from tsuiseki.tracking.report.pictures import Pictures
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Track

@@ -14,7 +14,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import distance_to_position
 from tsuiseki.tracking.formats.world_tables import read_ball_points, read_path3d, write_path3d
-from tsuiseki.tracking.sphere.run import track_sphere_points
+from tsuiseki.tracking.sphere.points import track_sphere_points
 from tsuiseki.tracking.sphere.settings import SphereSettings
 from tsuiseki.tracking.types.tracks import Path3D
 

@@ -1,0 +1,115 @@
+"""A ball in space by its measured pixels in two or more calibrated cameras: `track_sphere_points`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.cameras.triangulation import triangulate
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.filters.resampling import Covering
+from tsuiseki.tracking.formats.world_tables import read_ball_points
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.sphere.page import sphere_result
+from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, as_place, cameras_of, chosen_motion
+from tsuiseki.tracking.sphere.tracker import Seen, SphereRun, SphereTracker, Start
+from tsuiseki.tracking.sphere.views import PointLikelihood, Views
+from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types import FloatArray, Position
+from tsuiseki.tracking.video.synchronise import Moment
+
+# A detector seldom misses for long, so a view opens again soon; where all disagree the ball is looked for anew.
+COVERING = Covering(covers=0.05, opens=5.0, floor=0.01)
+STAGES, PATIENCE = 4, 0.2
+SPEED = 5.0
+"""Standard deviation of the velocity of a ball that was just found, along each axis, m/s."""
+
+
+def track_sphere_points(
+    files: Sequence[str | Path],
+    cameras: str | Path,
+    *,
+    start: ArrayLike | None = None,
+    settings: SphereSettings | None = None,
+    deviation: float = 2.0,
+    radius: float = 0.0,
+    seed: int = 0,
+) -> Result[Position]:
+    """Where a ball is in space, from its pixels in every camera.
+
+    Args:
+        files: a CSV for each camera (`tracking.formats.world_tables`), in the order of the cameras.
+        cameras: ``cameras.yaml`` with one entry per file, each with its frame_rate.
+        start: ``(3,)`` the ball at first, metres; by default where two cameras that see it say.
+        settings: see `SphereSettings`; no preset and no likelihood, for there is no image.
+        deviation: standard deviation of a measured pixel along x and y.
+        radius: of the ball, metres, for its bounces.
+        seed: of all random numbers.
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+        RunError: no two cameras show the ball at about one time.
+    """
+    chosen, times = sphere_points_run(files, cameras, start, settings, deviation, radius), StageTimes()
+    log = chosen.run(np.random.default_rng(seed), times)
+    return sphere_result(chosen, log, times, {"points": [str(file) for file in files], "seed": seed})
+
+
+def sphere_points_run(
+    files: Sequence[str | Path],
+    cameras: str | Path,
+    start: ArrayLike | None = None,
+    settings: SphereSettings | None = None,
+    deviation: float = 2.0,
+    radius: float = 0.0,
+    times: FrameTimes | None = None,
+) -> SphereRun:
+    """A run of `track_sphere_points`; ``times`` of the frames are by default as the camera file says.
+
+    Raises:
+        RequestError: something of this cannot be used; the message says what and why.
+    """
+    settings = settings or SphereSettings()
+    for name, expected in (("preset", "extended"), ("likelihood", "contour"), ("faint", None)):
+        if getattr(settings, name) != expected:
+            raise RequestError(
+                f"`{name}`: expected none with `points`, which have no image to weigh; got {getattr(settings, name)}"
+            )
+    placed = cameras_of(cameras, len(files), "files", "`points`: ")
+    if not 0 < deviation < np.inf or not 0 <= radius < 10:
+        raise RequestError(f"expected a `deviation` above 0 and a `radius` from 0, got {deviation:g} and {radius:g}")
+    pixels = [read_ball_points(Path(file)) for file in files]
+    stamps = (times or FrameTimes()).of_pixels(pixels, placed)
+    pinholes = [p.camera for p in placed]
+    likelihood = PointLikelihood(pinholes, np.full(len(placed), float(deviation)))
+    tracker = SphereTracker(likelihood, chosen_motion(settings, radius), COVERING, patience=PATIENCE, stages=STAGES)
+
+    def search(views: Views, rng: np.random.Generator) -> FloatArray:
+        return _placed_by_rays(pinholes, views, deviation, settings.particles, rng)
+
+    def seen(moments: Sequence[Moment]) -> Iterator[Seen]:
+        for moment in moments:
+            found = [None if f is None else p[f] for f, p in zip(moment.frames, pixels, strict=True)]
+            yield moment, [None if f is None or np.isnan(f[0]) else f for f in found]
+
+    place = None if start is None else as_place(start)
+    begin = Start(place, settings.spread, settings.particles, search, SPEED)
+    return SphereRun(placed, stamps, settings.tolerance, tracker, begin, seen, radius)
+
+
+def _placed_by_rays(
+    cameras: Sequence[PinholeCamera], views: Views, deviation: float, count: int, rng: np.random.Generator
+) -> FloatArray:
+    """``(count, 3)`` positions about where the rays of the pixels meet; far off where they do not."""
+    pixels = np.array([[np.nan, np.nan] if view is None else view for view in views])
+    points, covariances = triangulate(cameras, pixels[None], deviation)
+    if np.isnan(points[0, 0]):
+        middle = np.mean([camera.position + 3 * camera.rotation[2] for camera in cameras], axis=0)
+        return np.asarray(middle + rng.standard_normal((count, 3)))
+    # The frames of a search lie up to some hundredths of a second apart.
+    spread = np.linalg.cholesky(covariances[0] + 0.05**2 * np.eye(3))
+    return np.asarray(points[0] + rng.standard_normal((count, 3)) @ spread.T)
