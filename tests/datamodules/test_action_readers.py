@@ -96,8 +96,10 @@ def test_the_command_line_trains_on_drone_action(
     assert main(words) == 2
     assert "expected clips with 12 actions, got 13: clapping, hitting_bottle" in capsys.readouterr().err
     assert main([*words, "--model.actions=13"]) == 0
-    state = torch.load(tmp_path / "out/checkpoints/best.ckpt", weights_only=True)
+    best = tmp_path / "out/checkpoints/best.ckpt"
+    state = torch.load(best, weights_only=True)
     assert tuple(state["action_names"]) == DRONE_ACTION_CLASSES
+    assert main(["export", "action", "--checkpoint", str(best), "--out", str(tmp_path / "action.onnx")]) == 0
 
 
 def test_another_clip_of_the_same_name_is_cut_anew(drone_action: Path, tmp_path: Path) -> None:

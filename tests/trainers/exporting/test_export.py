@@ -15,6 +15,7 @@ import torch
 from torch import Tensor, nn
 from torchvision.models.detection.ssdlite import ssdlite320_mobilenet_v3_large
 
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard, OnnxModel
@@ -108,7 +109,6 @@ def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
-@pytest.mark.thesis_size
 def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -> None:
     torch.manual_seed(0)
     module = DetectorTraining(
@@ -124,7 +124,8 @@ def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -
         checkpoint,
     )
     path = tmp_path / "detector.onnx"
-    export_detector(ModelFile(out=path, training_data="noise"), checkpoint)
+    words = ["--checkpoint", str(checkpoint), "--out", str(path), "--training-data", "noise"]
+    assert main(["export", "detector", *words]) == 0
     detector = Detector(path, score_threshold=0.0, threads=1)
     assert detector.model.card.training_data == "noise"
     assert detector.model.card.settings == {"variances": [0.1, 0.2]}
