@@ -4,13 +4,13 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-browser test-thesis lint docs wheel clean help
+.PHONY: demo test test-browser test-slow lint docs wheel clean help
 
 help:
 	@echo "make demo         set up the base installation (no torch) and run the whole path on a generated clip"
 	@echo "make test         set up the train and dev extras and run the tests"
 	@echo "make test-browser the tests of pages in the system's Chromium"
-	@echo "make test-thesis  the tests of networks as large as the papers'"
+	@echo "make test-slow    the tests that take over 5 seconds, after make test"
 	@echo "make lint         ruff and mypy --strict"
 	@echo "make docs         build the manual into out/site"
 	@echo "make wheel        build the wheel and check what is in it"
@@ -20,13 +20,13 @@ demo: $(VENV)/.base
 	$(BIN)/tsuiseki demo --out out/demo --overwrite
 
 test: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "not gpu and not thesis_size and not browser"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "not gpu and not slow and not browser"
 
 test-browser: $(VENV)/.dev
 	$(BIN)/python -m pytest -m browser tests
 
-test-thesis: $(VENV)/.dev
-	$(BIN)/python -m pytest -m "thesis_size and not gpu" tests
+test-slow: $(VENV)/.dev
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "slow and not gpu and not browser"
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

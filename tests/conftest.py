@@ -22,8 +22,8 @@ from tsuiseki.tracking.formats.okutama import actions_of, write_okutama
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-# The marks of `make test`.
-BY_DEFAULT = ("", "not gpu and not thesis_size and not browser")
+# The marks of `make test`, of `make test-slow`, and of both at once.
+QUICK, SLOW, ALL = "not gpu and not slow and not browser", "slow and not gpu and not browser", ""
 # Commands that ended well, in this process and in those of pytest-xdist.
 RAN: set[str] = set()
 
@@ -141,15 +141,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
-    """A run of everything fails where a command never ended well; on CI also where real data was there and not used."""
+    """`make test-slow`, after `make test`, fails where a command ended well in neither.
+
+    On CI both fail where real data was there and not used.
+    """
     config = session.config
     if hasattr(config, "workeroutput"):
         config.workeroutput["commands"] = sorted(RAN)
     reporter = config.pluginmanager.get_plugin("terminalreporter")
     if reporter is None or config.args_source.name == "ARGS" or config.option.collectonly:
         return
-    chosen = config.option.keyword or config.option.deselect or config.option.markexpr not in BY_DEFAULT
-    if exitstatus == pytest.ExitCode.OK and not chosen and (missing := never_run(RAN)):
+    marks, passed_all = config.option.markexpr, exitstatus == pytest.ExitCode.OK
+    whole = passed_all and not config.option.keyword and not config.option.deselect
+    if whole and marks == QUICK:
+        config.cache.set("tsuiseki/commands", sorted(RAN))
+    before = config.cache.get("tsuiseki/commands", []) if marks == SLOW else []
+    if whole and (before or marks == ALL) and (missing := never_run({*RAN, *before})):
         reporter.write_line(f"no test runs these commands with good input: {', '.join(missing)}", red=True)
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
     folder = Path(os.environ.get("TSUISEKI_DATA", REPOSITORY.parent / "shared" / "data"))

@@ -234,6 +234,7 @@ def webcam(clips: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(LiveSource, "frames", frames)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("webcam")
 @pytest.mark.parametrize("name", ["README.md", "docs/how-to/python.md"])
 def test_the_python_lines_run(

@@ -99,7 +99,7 @@ def test_ssdlite320_keeps_the_person_of_torchvision_exactly() -> None:
     _compare(model.eval(), 320, coco_person_detector("ssdlite320", model.state_dict()))
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 def test_ssd300_keeps_the_person_of_torchvision_exactly() -> None:
     model = ssd300_vgg16(weights=None, weights_backbone=None, num_classes=91)
     detector = coco_person_detector("ssd300", model.state_dict())

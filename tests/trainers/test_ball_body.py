@@ -15,6 +15,8 @@ from tsuiseki.tracking.filters.motion.bodies import Noise, RandomWalk
 from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.trainers.learn_motion import learn_motion
 
+pytestmark = pytest.mark.slow
+
 BODY = Ball()
 EXTRACTION = Extraction(parse_colour("red"))
 

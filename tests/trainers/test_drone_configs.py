@@ -26,7 +26,7 @@ CONFIGS = Path(str(resources.files("tsuiseki.configs")))
 TINY = ["--trainer.accelerator=cpu", "--trainer.max_epochs=1", "--trainer.limit_val_batches=1", "--data.workers=0"]
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 def test_ssd512_trains_on_okutamas_layout(tmp_path):
     settings = DroneSceneSettings(width=320, height=180, frames=4, people=3, clutter=0, layout="okutama")
     folder = write_clip(tmp_path / "okutama", plan_drone(settings, 0))
@@ -46,7 +46,7 @@ def test_ssd512_trains_on_okutamas_layout(tmp_path):
     track(frames, tmp_path / "tracks", "flow", *given)
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["appearance_mars", "appearance_thesis"])
 def test_the_thesis_s_networks_train_on_mars(name, acting_clips, tmp_path):
     rng = np.random.default_rng(0)
@@ -69,7 +69,7 @@ def test_the_thesis_s_networks_train_on_mars(name, acting_clips, tmp_path):
     assert len(track(clip, tmp_path / "tracks", "flow", *given)) == 5
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
 @pytest.mark.parametrize(("name", "streams"), [("action_drone", ["rgb_global"]), ("action_thesis", ["flow_local"])])
 def test_action_networks_train_on_okutamas_layout(name, streams, acting_clips, tmp_path):

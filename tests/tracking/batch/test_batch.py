@@ -30,6 +30,7 @@ def facts(folder: Path) -> dict[str, Any]:
     return {name: record[name] for name in record if name not in ("seconds", "settings")}
 
 
+@pytest.mark.slow
 def test_stretches_of_five_videos_give_what_one_process_gives(
     videos: Path, networks: list[str], tmp_path: Path, here: Any
 ) -> None:
@@ -47,6 +48,7 @@ def test_stretches_of_five_videos_give_what_one_process_gives(
         assert facts(parts) == facts(whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "more", [["--moving-camera", "--view", "1"], ["--method", "sort", "--frames", "11-48"], ["--overlay"]]
 )
@@ -60,6 +62,7 @@ def test_so_do_other_options(videos: Path, networks: list[str], tmp_path: Path, 
         assert (tmp_path / "all/coded" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_killed_process_costs_its_stretch(videos: Path, networks: list[str], tmp_path: Path) -> None:
     class Deadly(Processes):
         killed = 0
@@ -107,6 +110,7 @@ def journal(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in (folder / STATE / "journal.jsonl").read_text().splitlines()]
 
 
+@pytest.mark.slow
 def test_the_same_command_goes_on_after_a_kill(
     videos: Path, networks: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -55,6 +55,7 @@ def tracks_of(folder: Path) -> dict[int, tuple[int, int]]:
     return {track.id: (int(track.frames[0]), int(track.frames[-1])) for track in read_tracks(folder / "tracks.txt")}
 
 
+@pytest.mark.slow
 def test_ids_go_on_over_gaps_and_overlaps(recorded: Path, tmp_path: Path, here: Any) -> None:
     words = [*CONTINUOUS, str(recorded), "--continuous", "--detections", str(recorded / "{name}.txt")]
     words += ["--stretch", "1", "--out", str(tmp_path / "o")]

@@ -43,7 +43,7 @@ def test_ray_gives_the_same_and_a_killed_worker_costs_a_stretch(
     wait_for(lambda: (tmp_path / "o" / STATE / "journal.jsonl").exists() and count(tmp_path / "o", "begin"))
     for worker in children(driver, "ray::_do"):
         worker.kill()
-    _, said = driver.communicate(timeout=120)
+    _, said = driver.communicate(timeout=240)
     assert (driver.returncode, said) == (0, "")
     how = BatchOptions(out=tmp_path / "here", stretch=0.4, workers=1)
     run_batch([str(videos / "pictures"), str(videos / "still.avi")], people(networks), how)

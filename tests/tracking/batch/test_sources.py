@@ -136,6 +136,7 @@ def test_an_address_is_fetched_again_where_the_network_is_cut(
     assert main([*PEOPLE, f"{server}/gone.avi", *networks, "--out", str(tmp_path / "gone")]) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_results_are_counted_and_scored(
     videos: Path, networks: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]

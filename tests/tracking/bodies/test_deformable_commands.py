@@ -35,6 +35,7 @@ def start(clip):
     return ",".join(f"{value:.4f}" for value in state)
 
 
+@pytest.mark.slow
 def test_a_clip_is_tracked_by_what_was_learnt(clip, motion, tmp_path):
     out = tmp_path / "out"
     words = ["track", "deformable", str(clip), "--out", str(out), "--motion", str(motion), *COLOUR, "--overlay"]

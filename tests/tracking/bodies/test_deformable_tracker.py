@@ -65,6 +65,7 @@ def test_one_fish_is_followed_with_heading_and_bend():
     assert 0.0 < track.scores.min() <= track.scores.max() <= 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", [0.5, 1.5])
 def test_fish_that_cross_keep_apart(angle):
     ways = [swimming(50, angle / 2, seed=1), swimming(50, -angle / 2, seed=2)]

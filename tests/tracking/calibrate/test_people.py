@@ -74,6 +74,7 @@ def test_two_cameras_find_their_floor_and_clock():
     assert (found.deviations[1, :10] > 0).all()
 
 
+@pytest.mark.slow
 def test_a_given_camera_that_was_moved_is_named():
     sources = [filmed(CAMERAS[0], WALKS), filmed(CAMERAS[1], WALKS, seed=1), filmed(looking(3), WALKS, seed=2)]
     found = tsuiseki.calibrate_people(sources, reach=2)

@@ -44,6 +44,7 @@ def test_demo_leaves_a_result_for_each_method_and_a_report(tmp_path: Path, capsy
     assert "already holds" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_demo_with_the_shipped_models(tmp_path: Path) -> None:
     """Some of the people are found, and followed."""
     assert main(["demo", "--frames", "20", "--out", str(tmp_path / "demo")]) == 0

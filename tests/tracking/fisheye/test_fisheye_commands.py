@@ -71,6 +71,7 @@ def test_the_call_gives_and_saves_what_the_command_writes(room, tmp_path):
         tsuiseki.track_fisheye(room / "camera2", **files, camera="c")
 
 
+@pytest.mark.slow
 def test_the_pictures_are_looked_at_with_the_shipped_appearance(room, tmp_path):
     out = tmp_path / "out"
     assert track(room, out, *given(room), "--overlay") == 0
@@ -78,6 +79,7 @@ def test_the_pictures_are_looked_at_with_the_shipped_appearance(room, tmp_path):
     assert json.loads((out / "run.json").read_text())["seconds"]["describe"] > 0
 
 
+@pytest.mark.slow
 def test_detectors_look_at_unrolled_views_and_at_images(room, tmp_path):
     for view in ("unrolled", "image"):
         out = tmp_path / view

@@ -129,6 +129,7 @@ def held_after(frames, people, every=None):
     return held
 
 
+@pytest.mark.slow
 def test_memory_grows_with_the_result_alone():
     # Frames after which what was never confirmed has just been dropped.
     few, many = PRUNED + 1, 2 * PRUNED + 1

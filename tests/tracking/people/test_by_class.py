@@ -61,6 +61,7 @@ def test_answers_bear_the_ids_of_the_tracks() -> None:
         assert (last.classes[row], last.detection[row]) == (track.class_id, track.detection[-1])
 
 
+@pytest.mark.slow
 def test_all_classes_follow_one_moving_camera_and_answer_late() -> None:
     video = crossing(60)
     shift = np.array([[1.0, 0.0, 3.0], [0.0, 1.0, 0.0]])

@@ -89,6 +89,7 @@ def test_an_id_outlives_a_gap_longer_than_the_delay() -> None:
     assert 50 - 0.5 * RATE <= min(filled) <= 50 - 0.5 * RATE / 2
 
 
+@pytest.mark.slow
 def test_the_state_does_not_grow() -> None:
     """With what was answered forgotten, and as many scores seen as the calibration remembers."""
     video, _ = crowd(np.random.default_rng(8), 2, 200, miss=0.1, clutter=0.3)

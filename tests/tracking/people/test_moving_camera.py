@@ -52,6 +52,7 @@ def test_text_alone_does_not_tell_how_the_camera_moves(clip, tmp_path, capsys):
     assert "has no images to tell how the camera moves; leave --moving-camera out" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_flow_sees_that_a_camera_stands_still_and_other_methods_do_not_look(tmp_path):
     street = write_clip(tmp_path / "street", plan_street(StreetSettings(frames=14), 100))
     told = {}

@@ -39,6 +39,7 @@ def same(a: Sequence[Track], b: Sequence[Track]) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_the_function_gives(street: Path, tmp_path: Path) -> None:
     tracks = track_people(street, frames="3-14", threads=1)
     assert (
@@ -54,6 +55,7 @@ def test_the_command_writes_what_the_function_gives(street: Path, tmp_path: Path
     assert min(int(t.frames[0]) for t in tracks) >= 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "more", [("1-16",), ("1-6", "--view", "2"), ("3-9", "--method", "deepsort", "--batch-size", "3")]
 )

@@ -126,6 +126,7 @@ def test_without_any_image_the_ball_is_searched_then_lost(film):
     assert statuses[-1] == "lost" if TIMES[-1] > 2 else statuses[-1] in ("searching", "lost")
 
 
+@pytest.mark.slow
 def test_the_whole_volume_is_searched(film):
     likelihood = SphereContourLikelihood(CAMERAS, RADIUS)
     volume = np.array([[-1.5, -1.5, 0.2], [1.5, 1.5, 2.0]])

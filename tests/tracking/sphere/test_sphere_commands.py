@@ -189,6 +189,7 @@ def test_a_camera_file_with_a_missing_field_is_one_clear_line(track, tmp_path):
     assert "broken.yaml: camera 1: expected the field" in error
 
 
+@pytest.mark.slow
 def test_cameras_out_of_step_find_the_ball_without_a_start(film, track):
     x, y, z = read_path3d(film / "truth.csv").points[0]
     volume = f"{x - 0.3},{y - 0.3},{z - 0.3},{x + 0.3},{y + 0.3},{z + 0.3}"

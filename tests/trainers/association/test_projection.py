@@ -26,6 +26,8 @@ from tsuiseki.trainers.experiments.end_to_end import Fit, NetworkChanges, fitted
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.export_costs import TOLERANCE, export_association
 
+pytestmark = pytest.mark.slow
+
 LENGTH = 6
 DISTANCE, KNOWN = (LINK_FEATURES.index(name) for name in ("appearance", "appearance_known"))
 

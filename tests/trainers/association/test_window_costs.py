@@ -26,7 +26,7 @@ from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 from tsuiseki.trainers.networks.fit import fit_association
 
 # A whole network is exported for them.
-pytestmark = pytest.mark.thesis_size
+pytestmark = pytest.mark.slow
 
 FRAMES = 24
 COLOURS = ((30, 30, 220), (30, 200, 30), (220, 120, 30))

@@ -27,7 +27,7 @@ from tsuiseki.trainers.networks.fit import fit_association
 from tsuiseki.trainers.networks.modules import normalised
 
 # A whole network is exported for them.
-pytestmark = pytest.mark.thesis_size
+pytestmark = pytest.mark.slow
 
 FRAMES = 10
 SIZE = {"height": 96, "width": 128}

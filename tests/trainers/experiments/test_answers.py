@@ -10,6 +10,7 @@ from tsuiseki.tracking.types import Track
 from tsuiseki.trainers.experiments.answers_streets import scene_in, true_answers, true_crossings
 
 
+@pytest.mark.slow
 def test_a_street_is_counted_and_told(tmp_path, capsys):
     words = ["--streets", "1", "--frames", "60", "--data", str(tmp_path / "none"), "--cache", str(tmp_path / "cache")]
     assert main(["reproduce", "answers", *words, "--out", str(tmp_path / "out")]) == 0

@@ -66,6 +66,7 @@ def words(data: Path, tmp_path: Path, *more: str) -> list[str]:
     return ["reproduce", "association", *folders, *more]
 
 
+@pytest.mark.slow
 def test_every_row_is_measured_and_kept(data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(words(data, tmp_path, "--sets", "mot17,tud")) == 0
     printed = capsys.readouterr().out

@@ -10,6 +10,8 @@ from tsuiseki.trainers.experiments.corrections import reviewed
 from tsuiseki.trainers.experiments.end_to_end import STREETS, write_streets
 from tsuiseki.trainers.experiments.given_sequences import find_given
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def streets(tmp_path_factory):

@@ -52,6 +52,7 @@ def mean_score(path, method, name):
     return np.mean([run_scenario(row, run)[name] for run in (0, 1)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["phd", "labelled"])
 def test_the_linear_scenario_meets_its_bar(data_folder, method):
     path = data_folder / "phd" / "phd_scenario_linear_dev.json"
@@ -61,6 +62,7 @@ def test_the_linear_scenario_meets_its_bar(data_folder, method):
     assert mean_score(path, method, "ospa2") <= bars[1]
 
 
+@pytest.mark.slow
 def test_the_turning_scenario_beats_the_plain_filter(data_folder):
     path = data_folder / "phd" / "phd_scenario_ct_dev.json"
     assert mean_score(path, "labelled", "ospa1") <= 0.9 * 32.2 + 1.0

@@ -162,6 +162,7 @@ def three_people(clip: CeilingClip, models: CeilingModels) -> Observed:
 MIDDLES = {name: (choices := list(row.choices()))[len(choices) // 2] for name, row in ROWS.items()}
 
 
+@pytest.mark.slow
 def test_the_command_goes_to_the_end(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(fisheye, "observe", three_people)
     # The middle of each grid alone, on one room: choosing well is for other tests.

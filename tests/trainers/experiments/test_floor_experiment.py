@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from tsuiseki.tracking.cameras.multicamera import PlacedTruth, read_floor_folder
 from tsuiseki.tracking.cli import main
@@ -27,6 +28,7 @@ def three_cameras(folder):
     return replace(known, cameras=known.cameras[:3], found=known.found[:3])
 
 
+@pytest.mark.slow
 def test_rows_are_measured_and_drawn_anew(data_folder, monkeypatch):
     folder = data_folder / "multicamera/wildtrack"
     monkeypatch.setattr(one_floor, "read_floor_folder", short_folder)
@@ -52,6 +54,7 @@ def test_simulated_errors_are_as_many_as_said(data_folder):
     assert abs(len(positions.times) - len(known.truth.times)) < 20
 
 
+@pytest.mark.slow
 def test_the_experiment_runs_to_its_tables(data_folder, tmp_path, monkeypatch):
     monkeypatch.setattr(one_floor, "read_floor_folder", three_cameras)
     out = tmp_path / "out"

@@ -13,6 +13,8 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import goldfish
 from tsuiseki.trainers.experiments.goldfish import Trial, followed_counts, sudden_turns
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):

@@ -136,6 +136,7 @@ def test_a_loss_noticed_later_than_ten_frames_is_not_noticed() -> None:
     assert count_losses(np.zeros(30), lost) == (1, 0, 0, 0)
 
 
+@pytest.mark.slow
 def test_the_table_of_the_status_has_given_clips_and_generated_ones(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -70,6 +70,7 @@ def test_a_turned_camera_moves_its_picture_by_the_pixels_asked_for() -> None:
     np.testing.assert_allclose(wrong.rotation @ wrong.rotation.T, np.eye(3), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_smeared_and_late_film_differs_only_where_it_should() -> None:
     plain = CarriedBallSettings(frames=1, noise=0.0, samples=1)
     first = next(plan_sphere(plain, 0).frames())[0]

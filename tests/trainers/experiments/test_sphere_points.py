@@ -35,6 +35,7 @@ def test_a_throw_falls_by_gravity_and_spin_and_is_slowed_by_the_air() -> None:
     assert truth[:, 2].min() >= 0.5 * sphere.BALL
 
 
+@pytest.mark.slow
 def test_some_pixels_are_missing() -> None:
     lost = np.isnan(np.stack([thrown(seed)[1] for seed in range(10)])).any(axis=-1).mean()
     assert 0.02 < lost < 0.15

@@ -145,7 +145,7 @@ def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -
     assert np.allclose(found.scores[:1], expected.scores[:1], atol=1e-4)
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 def test_blended_weights_are_the_mean_of_both(tmp_path: Path) -> None:
     anchors = [[(12.0, 28.0)], [(20.0, 50.0)], [(30.0, 60.0)]]
     networks = []
@@ -164,7 +164,7 @@ def test_blended_weights_are_the_mean_of_both(tmp_path: Path) -> None:
         export_detector(ModelFile(out=path), weights="coco", blend=path)
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 def test_an_exported_detector_is_exported_again_for_another_input(tmp_path: Path) -> None:
     """What the first file finds in a corner, the second finds there, too, whose input only reaches farther."""
     small, large = tmp_path / "small.onnx", tmp_path / "large.onnx"
@@ -207,7 +207,7 @@ def test_an_exported_detector_is_exported_again_for_another_input(tmp_path: Path
         export_detector(ModelFile(out=tmp_path / "none.onnx"), tmp_path / "no.onnx")
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 def test_coco_weights_become_a_person_detector(tmp_path: Path) -> None:
     torch.manual_seed(0)
     model = ssdlite320_mobilenet_v3_large(weights=None, weights_backbone=None, num_classes=91).eval()

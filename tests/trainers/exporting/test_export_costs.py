@@ -20,6 +20,8 @@ from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.exporting.export_costs import TOLERANCE, export_association
 
+pytestmark = pytest.mark.slow
+
 NAMES = FeatureNames()
 
 

@@ -24,7 +24,7 @@ def network():
     return people_detector(build_trunk("mobilenet_v3_small"), SIZE, ANCHORS, 24)
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 def test_the_network_computes_what_the_file_does_before_and_after_its_normalisations_return(tmp_path):
     torch.manual_seed(0)
     trained = network()

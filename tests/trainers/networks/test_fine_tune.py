@@ -32,6 +32,7 @@ def walk(folder: Path, frames: int = 10, size: tuple[int, int] = (48, 112)) -> P
     return folder
 
 
+@pytest.mark.slow
 def test_a_folder_of_labels_becomes_a_detector(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--trainer.max_epochs", "1", "--data.examples_per_epoch", "2", "--data.batch_size", "2"]
     words += ["--data.workers", "0", "--model.height", "96", "--model.width", "128", "--trainer.accelerator", "cpu"]

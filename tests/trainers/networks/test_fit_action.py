@@ -70,7 +70,7 @@ def exported(trained: Path) -> list[Path]:
     return list(done)
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 def test_training_learns_and_logs_every_stream(trained: Path) -> None:
     with (trained / "out/metrics/version_0/metrics.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -82,7 +82,7 @@ def test_training_learns_and_logs_every_stream(trained: Path) -> None:
     assert {f"val/map_{name}" for name in TRAINED} <= last.keys()
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 def test_exported_streams_say_what_the_trained_ones_say(
     exported: list[Path], trained: Path, acting_clips: Path
 ) -> None:
@@ -119,7 +119,7 @@ def crops_of(recogniser: ActionRecogniser, images: list[np.ndarray], boxes: np.n
     }
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 def test_streams_that_do_not_belong_together_are_refused(exported: list[Path], tmp_path: Path) -> None:
     with pytest.raises(RequestError, match="one file a stream"):
         ActionRecogniser([exported[0], exported[0]])
@@ -159,7 +159,7 @@ def test_request_errors(acting_clips: Path, tmp_path: Path) -> None:
         export_action(ModelFiles(out=tmp_path / "a.onnx"), tmp_path / "none.ckpt")
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
 def test_the_thesis_configuration_trains_on_okutama_s_layout(acting_clips: Path, tmp_path: Path) -> None:
     """A step of one stream at full size, TV-L1 flow included; what a GPU would do five thousand times."""
@@ -192,6 +192,7 @@ def tiny_trunk(*_: object) -> Trunk:
     return Trunk([nn.Conv2d(c, 4, 3, 2, 1) for c in (3, 4, 4)], (4, 4, 4))
 
 
+@pytest.mark.slow
 def test_streams_that_learn_jointly_are_exported_as_one_file_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

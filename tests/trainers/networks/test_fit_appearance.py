@@ -22,6 +22,8 @@ from tsuiseki.trainers.exporting.export_networks import export_appearance
 from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 from tsuiseki.trainers.networks.fit import APPEARANCE, TaskCLI, fit_appearance
 
+pytestmark = pytest.mark.slow
+
 
 def options(folder: Path, *more: str) -> list[str]:
     """A training of seconds: twelve people, 64x32 pixels, and eight more to validate on."""
@@ -64,7 +66,6 @@ def column(folder: Path, name: str) -> list[float]:
         return [float(row[name]) for row in csv.DictReader(file) if row[name]]
 
 
-@pytest.mark.slow
 def test_training_learns_and_logs(trained: Path) -> None:
     loss = column(trained, "train/loss")
     assert loss[-1] < 0.9 * loss[0]
@@ -74,7 +75,6 @@ def test_training_learns_and_logs(trained: Path) -> None:
     assert (trained / "out" / "checkpoints" / "best.ckpt").is_file()
 
 
-@pytest.mark.slow
 def test_exported_network_describes_as_the_trained_one(trained: Path, tmp_path: Path) -> None:
     checkpoint = trained / "out" / "checkpoints" / "best.ckpt"
     path = tmp_path / "a.onnx"

@@ -34,7 +34,7 @@ def batch(size=(96, 128)) -> DetectionBatch:
     return DetectionBatch(images, torch.tensor([[[20.0, 20.0, 40.0, 70.0]]] * 2), torch.ones(2, 1, dtype=torch.int64))
 
 
-@pytest.mark.thesis_size
+@pytest.mark.slow
 def test_the_teacher_finds_what_its_file_does_before_the_calibration():
     module = student((480, 640), teacher=Teacher(TEACHER))
     images = normalised(torch.randint(0, 256, (1, 480, 640, 3), dtype=torch.uint8), module.card)

@@ -86,6 +86,7 @@ def expected_and_seen(scene, seed):
     return np.mean(tracker.expected[5:]), seen[5:].mean(), tracker, labels
 
 
+@pytest.mark.slow
 def test_expected_count_on_blobs_is_the_number_of_targets_seen():
     """Objects of unequal purity that enter and cross; one wrong object in five for the whole clip would be 0.2 off."""
     found = [expected_and_seen(SceneSettings(frames=60), seed)[:2] for seed in range(4)]
