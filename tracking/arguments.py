@@ -1,13 +1,17 @@
-"""Calls from Python, checked as the command line is: the type of every argument, and numbers out of hand.
+"""Arguments by their types: made of words and YAML, and checked in calls from Python.
 
-`guarded` is put around each public name where it is first used.
+`typed` makes a value of a word, for the command line. `guarded` is put around each public name where it is first used.
+Both say in the same words what was expected, and both refuse numbers out of hand.
 """
 
 from __future__ import annotations
 
+import difflib
 import inspect
+import re
+import stat
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache, wraps
 from numbers import Integral, Real
 from os import PathLike
@@ -15,9 +19,15 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from tsuiseki.tracking.cli.values import check_sensible
+import yaml
+
 from tsuiseki.tracking.errors import RequestError
 
+# What a value of a type is called, and several.
+KINDS = {int: "a whole number", float: "a number", bool: "True or False", str: "a text", Path: "a path"}
+LISTS = {int: "whole numbers", float: "numbers"}
+NAMES = {"NoneType": "None", "ndarray": "array", "Callable": "a function"}
+SEVERAL = (tuple, list, Sequence, Collection, Iterable)
 # What types say badly, by the name of the argument and whether it may be a text.
 TOLD = {
     ("frames", True): "FIRST-LAST as a text, such as 301-400",
@@ -25,6 +35,259 @@ TOLD = {
 }
 # Made by the thousand.
 PLENTY = ("Detections", "Targets")
+TIMES, LARGEST, SMALLEST = 1000, 1e6, 1e-9
+
+
+def kinds_of(kind: Any) -> tuple[Any, ...]:
+    """The types of a union without None, or ``kind`` alone."""
+    several = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    return tuple(one for one in several if one is not NoneType)
+
+
+def is_several(kind: Any, lists: bool = False) -> bool:
+    """Whether ``kind`` is a list or tuple, of ``lists`` where that is asked, maybe an optional one."""
+    first = kinds_of(kind)[0]
+    return get_origin(first) in (tuple, list) and (not lists or is_several(get_args(first)[0]))
+
+
+def shown(kind: Any) -> str:
+    """A type in words.
+
+    >>> shown(float | None), shown(Literal["auto", "cpu"]), shown(Path | str), shown(tuple[float, float])
+    ('a number or None', "one of 'auto', 'cpu'", 'a path', '2 numbers')
+    """
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        words = ["an array"] if _of_arrays(inner) else []
+        words += [shown(each) for each in inner if not words or each not in (bool, int, float, complex, bytes)]
+        if Path in inner:
+            words = [word for word in words if word != KINDS[str]]
+        return " or ".join(word for word in dict.fromkeys(words) if not word.startswith("_"))
+    if origin is Literal:
+        return f"one of {', '.join(map(repr, inner))}"
+    if origin in SEVERAL:
+        several = LISTS.get(inner[0])
+        if origin is tuple and inner[-1] is not ...:
+            return f"{len(inner)} {(len(set(inner)) == 1 and several) or 'values'}"
+        return several or f"a list of {shown(inner[0])}"
+    name = str(getattr(kind, "__name__", kind))
+    return KINDS.get(kind) or NAMES.get(name, name)
+
+
+def option_shown(name: str) -> str:
+    """An option as it is typed."""
+    return "--" + name.replace("_", "-")
+
+
+def unknown(name: str, options: Iterable[str]) -> RequestError:
+    """The error of an option that is not among ``options``."""
+    typed_as = option_shown(name.lstrip("-"))
+    close = difflib.get_close_matches(typed_as, [option_shown(one) for one in options], n=1, cutoff=0.6)
+    return RequestError(f"unknown option {typed_as}; {f'did you mean {close[0]}?' if close else '--help lists them'}")
+
+
+def usual_of(one: Field[Any]) -> Any:
+    """The default of a field."""
+    return one.default if one.default_factory is MISSING else one.default_factory()
+
+
+def typed(kind: Any, value: Any, name: str, default: Any = MISSING) -> Any:
+    """``value`` as one of type ``kind``.
+
+    Args:
+        kind: a plain type, a literal, a list or tuple, a dataclass, or a union.
+        value: a word, or what YAML holds.
+        name: of the option, with underscores, for errors.
+        default: a dataclass, of which fields are taken that ``value`` lacks.
+
+    Raises:
+        RequestError: it cannot be one.
+    """
+    several = kinds_of(kind)
+    optional, words = several != (kind,), value
+    if optional and value in (None, "null"):
+        return None
+    if is_dataclass(several[0]):
+        return _settings(several[0], value, name, default, optional)
+    try:
+        if is_several(kind) and isinstance(value, str):
+            commas = value.removesuffix(",").split(",") if value else []
+            words = yaml.safe_load(value) if value.startswith("[") else [part.strip() for part in commas]
+        for one in several:
+            try:
+                return _plain_value(one, words)
+            except (ValueError, TypeError):
+                continue
+    except yaml.YAMLError:
+        pass
+    wanted = " or ".join(shown(one) for one in several) + " separated by commas" * is_several(several[0])
+    got = ",".join(map(str, words)) if isinstance(words, list) else words
+    raise RequestError(f"{option_shown(name)}: expected {wanted}, got '{got}'")
+
+
+def _plain_value(kind: Any, value: Any) -> Any:
+    """``value`` as one of a type that is no union and no dataclass; raises ValueError or TypeError."""
+    parts, origin, text = get_args(kind), get_origin(kind), str(value)
+    if origin is Literal:
+        return parts[[str(part) for part in parts].index(text)]
+    if origin in (list, tuple):
+        if not isinstance(value, list | tuple):
+            raise TypeError
+        inner = parts[:1] * len(value) if origin is list or Ellipsis in parts else parts
+        return origin(typed(one, each, "") for one, each in zip(inner, value, strict=True))
+    if kind is bool:
+        return bool(("false", "true").index(text.lower()))
+    if isinstance(value, bool | Mapping | list | None) or (isinstance(value, float) and kind is int):
+        raise TypeError
+    return kind(text)
+
+
+def _settings(kind: Any, value: Any, name: str, default: Any, optional: bool) -> Any:
+    """A dataclass from a mapping of some of its fields."""
+    if not isinstance(value, Mapping):
+        option, null = (option_shown(name), "null or ") if optional else (name, "")
+        raise RequestError(f"{option}: expected {null}options of its own below it, got {value!r}")
+    hints = get_type_hints(kind)
+    made = {
+        one.name: usual_of(one) if default in (MISSING, None) else getattr(default, one.name) for one in fields(kind)
+    }
+    for field, given in value.items():
+        if field not in made:
+            raise unknown(f"{name}.{field}", [f"{name}.{one}" for one in made])
+        made[field] = typed(hints[field], given, f"{name}.{field}", made[field])
+    if missing := [field for field in made if made[field] is MISSING]:
+        raise RequestError(f"missing: {option_shown(f'{name}.{missing[0]}')}")
+    try:
+        return kind(**made)
+    except ValueError as error:
+        # It speaks of the field: of `min_time` for --flow.min-time.
+        meant = [field for field in value if re.search(rf"\b{re.escape(field)}\b", str(error))]
+        option = f"{option_shown(f'{name}.{meant[0]}')}: " if len(meant) == 1 else ""
+        raise RequestError(f"{option}{error}") from error
+
+
+def check_sensible(name: str, value: Any, default: Any) -> None:
+    """Refuse what would run without end or fill the memory.
+
+    A number is to be below `TIMES` times its default; where that is 0, none or no number, at most `LARGEST`. It is 0 or
+    from `SMALLEST` on. Seeds may be any. What names something in the file system is to name a file or a folder.
+
+    Args:
+        name: of the argument, with those above it before dots; empty where it is given by place.
+        value: a number or a text; settings are looked into, and lists.
+        default: likewise.
+
+    Raises:
+        RequestError: it is of no use.
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        usual = default if type(default) is type(value) else type(value)() if is_settings(value) else None
+        for one in fields(value):
+            check_sensible(f"{name}.{one.name}", getattr(value, one.name), getattr(usual, one.name, None))
+    elif isinstance(value, list | tuple):
+        for each in value:
+            check_sensible(name, each, default)
+    elif isinstance(value, str | Path):
+        check_regular(name, Path(value))
+    elif isinstance(value, Real) and not isinstance(value, bool) and "seed" not in name:
+        defaults = default if isinstance(default, list | tuple) else [default]
+        largest = max((abs(each) for each in defaults if isinstance(each, int | float)), default=0)
+        limit, why = (TIMES * largest, f", {TIMES} times the default") if largest else (LARGEST, "")
+        number = value if isinstance(value, int | float) else float(value)
+        if 0 < abs(number) < SMALLEST:
+            raise RequestError(f"`{name}`: expected 0 or a number from {SMALLEST:g}, got {number:g}")
+        if number != default and not abs(number) < limit:
+            raise RequestError(f"`{name}`: expected a number below {limit:g}{why}, got {number:g}")
+
+
+def check_regular(name: str, path: Path) -> None:
+    """Refuse a device or a pipe, which may never end; raises RequestError."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):  # no such thing: whoever needs it says so
+        return
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        option = f"`{name}`: " if name else ""
+        raise RequestError(f"{option}expected a file or a folder, but {path} is a device or a pipe; copy it to a file")
+
+
+def check_argument(name: str, value: Any, kind: Any, default: Any, bounded: bool = True) -> None:
+    """Refuse a value that is not of its type, is NaN, or runs without end; settings are looked into.
+
+    Args:
+        name: of the argument, with those above it before dots.
+        value: what came.
+        kind: its type, resolved.
+        default: of the argument; empty where there is none, and its numbers are of any size.
+        bounded: look at the size of numbers, and into settings.
+
+    Raises:
+        RequestError: it cannot be used.
+    """
+    if not fits(value, kind):
+        wanted = TOLD.get((name, str in get_args(kind))) or shown(kind)
+        raise RequestError(f"`{name}`: expected {wanted}, got {_short(value)}")
+    if name.rpartition(".")[2] in ("seed", "threads") and isinstance(value, Real) and value < 0:
+        raise RequestError(f"`{name}`: expected a whole number from 0, got {value!r}")
+    if bounded and isinstance(value, Real):
+        check_sensible(name, value, value if default is inspect.Parameter.empty else default)
+    elif bounded and is_settings(value):
+        usual, types = type(value)(), get_type_hints(type(value))
+        for one in fields(value):
+            check_argument(f"{name}.{one.name}", getattr(value, one.name), types[one.name], getattr(usual, one.name))
+
+
+def is_settings(value: Any) -> bool:
+    """Whether this is a dataclass that can be made without any argument."""
+    if not is_dataclass(value) or isinstance(value, type):
+        return False
+    return all(p.default is not p.empty for p in inspect.signature(type(value)).parameters.values())
+
+
+def fits(value: Any, kind: Any) -> bool:
+    """Whether ``value`` is of the type ``kind``, as far as can be told without looking into arrays and iterators."""
+    origin, inner = get_origin(kind), get_args(kind)
+    base = origin or kind
+    if base in (Union, UnionType):
+        return (_of_arrays(inner) and _like_array(value)) or any(fits(value, each) for each in inner)
+    if base is Literal:
+        return any(isinstance(value, type(each)) and value == each for each in inner)
+    if base is Path:
+        return isinstance(value, str | PathLike)
+    if base in (float, int, bool):
+        truth = type(value).__name__ == "bool"
+        number = isinstance(value, Real if base is float else Integral) and not truth and value == value
+        return truth if base is bool else number
+    if getattr(base, "_is_protocol", False):
+        asked = [name for each in base.__mro__ for name in vars(each) if not name.startswith("_")]
+        return all(hasattr(value, name) for name in asked) if asked else callable(value)
+    if base is Any or not isinstance(base, type):
+        return True
+    if base.__name__ == "ndarray":
+        return _like_array(value)
+    if base in (tuple, list, Sequence, Collection, Iterable):
+        if isinstance(value, str | bytes | Mapping):
+            return False
+        listed = isinstance(value, list | tuple)
+        if base is tuple and inner[-1:] != (...,):
+            return listed and len(value) == len(inner) and all(map(fits, value, inner))
+        if listed and inner:
+            return all(fits(each, inner[0]) for each in value)
+        return isinstance(value, Iterable) and (base is Iterable or hasattr(value, "__len__"))
+    return isinstance(value, base)
+
+
+def _of_arrays(kinds: tuple[Any, ...]) -> bool:
+    return any(getattr(each, "__module__", "").startswith("numpy._typing") for each in kinds)
+
+
+def _like_array(value: Any) -> bool:
+    return hasattr(value, "__array__") or (isinstance(value, Collection) and not isinstance(value, str | bytes))
+
+
+def _short(value: Any) -> str:
+    text = repr(value) if isinstance(value, str | Real | NoneType | list | tuple) else ""
+    return text if 0 < len(text) < 80 else type(value).__name__
 
 
 def guarded(public: Any) -> Any:
@@ -93,107 +356,3 @@ def _checked(function: Callable[..., Any], bounded: bool = True) -> Callable[...
         return function(*given, **named)
 
     return checked
-
-
-def check_argument(name: str, value: Any, kind: Any, default: Any, bounded: bool = True) -> None:
-    """Refuse a value that is not of its type, is NaN, or runs without end; settings are looked into.
-
-    Args:
-        name: of the argument, with those above it before dots.
-        value: what came.
-        kind: its type, resolved.
-        default: of the argument; empty where there is none, and its numbers are of any size.
-        bounded: look at the size of numbers, and into settings.
-
-    Raises:
-        RequestError: it cannot be used.
-    """
-    if not fits(value, kind):
-        wanted = TOLD.get((name, str in get_args(kind))) or shown(kind)
-        raise RequestError(f"`{name}`: expected {wanted}, got {_short(value)}")
-    if name.rpartition(".")[2] in ("seed", "threads") and isinstance(value, Real) and value < 0:
-        raise RequestError(f"`{name}`: expected a whole number from 0, got {value!r}")
-    if bounded and isinstance(value, Real) and not isinstance(value, bool):
-        number = value if isinstance(value, int | float) else float(value)
-        check_sensible(name, number, number if default is inspect.Parameter.empty else default)
-    elif bounded and is_settings(value):
-        usual, types = type(value)(), get_type_hints(type(value))
-        for one in fields(value):
-            check_argument(f"{name}.{one.name}", getattr(value, one.name), types[one.name], getattr(usual, one.name))
-
-
-def is_settings(value: Any) -> bool:
-    """Whether this is a dataclass that can be made without any argument."""
-    if not is_dataclass(value) or isinstance(value, type):
-        return False
-    return all(p.default is not p.empty for p in inspect.signature(type(value)).parameters.values())
-
-
-def fits(value: Any, kind: Any) -> bool:
-    """Whether ``value`` is of the type ``kind``, as far as can be told without looking into arrays and iterators."""
-    origin, inner = get_origin(kind), get_args(kind)
-    base = origin or kind
-    if base in (Union, UnionType):
-        return (_of_arrays(inner) and _like_array(value)) or any(fits(value, each) for each in inner)
-    if base is Literal:
-        return any(isinstance(value, type(each)) and value == each for each in inner)
-    if base is Path:
-        return isinstance(value, str | PathLike)
-    if base in (float, int, bool):
-        truth = type(value).__name__ == "bool"
-        number = isinstance(value, Real if base is float else Integral) and not truth and value == value
-        return truth if base is bool else number
-    if getattr(base, "_is_protocol", False):
-        asked = [name for each in base.__mro__ for name in vars(each) if not name.startswith("_")]
-        return all(hasattr(value, name) for name in asked) if asked else callable(value)
-    if base is Any or not isinstance(base, type):
-        return True
-    if base.__name__ == "ndarray":
-        return _like_array(value)
-    if base in (tuple, list, Sequence, Collection, Iterable):
-        if isinstance(value, str | bytes | Mapping):
-            return False
-        listed = isinstance(value, list | tuple)
-        if base is tuple and inner[-1:] != (...,):
-            return listed and len(value) == len(inner) and all(map(fits, value, inner))
-        if listed and inner:
-            return all(fits(each, inner[0]) for each in value)
-        return isinstance(value, Iterable) and (base is Iterable or hasattr(value, "__len__"))
-    return isinstance(value, base)
-
-
-def _of_arrays(kinds: tuple[Any, ...]) -> bool:
-    return any(getattr(each, "__module__", "").startswith("numpy._typing") for each in kinds)
-
-
-def _like_array(value: Any) -> bool:
-    return hasattr(value, "__array__") or (isinstance(value, Collection) and not isinstance(value, str | bytes))
-
-
-def shown(kind: Any) -> str:
-    """A type in words.
-
-    >>> shown(float | None), shown(Literal["auto", "cpu"]), shown(Path | str)
-    ('a number or None', 'auto or cpu', 'a path')
-    """
-    origin, inner = get_origin(kind), get_args(kind)
-    if origin in (Union, UnionType):
-        words = ["an array"] if _of_arrays(inner) else []
-        words += [shown(each) for each in inner if not words or each not in (bool, int, float, complex, bytes)]
-        if Path in inner:
-            words = [word for word in words if word != "a text"]
-        return " or ".join(word for word in dict.fromkeys(words) if not word.startswith("_"))
-    if origin is Literal:
-        return " or ".join(map(str, inner))
-    if origin is tuple and inner[-1] is not ...:
-        return f"{len(inner)} values ({', '.join(map(shown, inner))})"
-    if origin in (tuple, list, Sequence, Collection, Iterable):
-        return f"a list of {shown(inner[0])}"
-    plain = {float: "a number", int: "a whole number", str: "a text", Path: "a path", bool: "True or False"}
-    name = str(getattr(kind, "__name__", kind))
-    return plain.get(kind) or {"NoneType": "None", "ndarray": "array", "Callable": "a function"}.get(name, name)
-
-
-def _short(value: Any) -> str:
-    text = repr(value) if isinstance(value, str | Real | NoneType | list | tuple) else ""
-    return text if 0 < len(text) < 80 else type(value).__name__

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import json
 import re
 import shutil
 import textwrap
@@ -15,20 +16,31 @@ from argparse import ArgumentParser, HelpFormatter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING
 from functools import cache
+from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple, get_type_hints
+from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import yaml
 
-from tsuiseki.tracking.cli import values as value_types
+from tsuiseki.tracking.arguments import (
+    check_regular,
+    check_sensible,
+    is_several,
+    kinds_of,
+    option_shown,
+    typed,
+    unknown,
+    usual_of,
+)
 from tsuiseki.tracking.cli.options import Output
-from tsuiseki.tracking.cli.values import is_several, kinds_of, option_shown, plain, typed, unknown, usual_of
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
 
 CONFIG_HELP = "YAML file of options, with underscores in their names; options given here win over it"
 # A word that names an option: no number below zero.
 OPTION = r"-(?![\d.])\S"
+METAVARS = {int: "N", float: "X", str: "TEXT", Path: "FILE"}
+MOST_BYTES = 1_000_000
 PRINT_HELP = "print all options as YAML, as a start for --config, and exit"
 
 
@@ -134,14 +146,13 @@ def arguments_of(function: Callable[..., Any], prog: str, values: Mapping[str, A
         fields = {name: values[name] for name in names}
         settings |= fields
         arguments[one.name] = one.annotation(**fields) if is_shared(one.annotation) else values[one.name]
-    settings = plain(settings)
     for name, value in arguments.items():
         if isinstance(value, Shared):
             value.check()
         if isinstance(value, Output):
-            arguments[name] = dataclasses.replace(value, command=prog.split(), settings=settings)
+            arguments[name] = dataclasses.replace(value, command=prog.split(), settings=plain(settings))
     for option in options_of(function):
-        value_types.check_sensible("" if option.by_place else option.name, settings[option.name], plain(option.default))
+        check_sensible("" if option.by_place else option.name, settings[option.name], option.default)
     return arguments
 
 
@@ -175,7 +186,7 @@ def read(
         else:
             value = value if equals else rest.pop(0)
             if name == "config":
-                found = merged(found, value_types.read_config(Path(value), prog.split()))
+                found = merged(found, read_config(Path(value), prog.split()))
             elif name == "hide" and value == "all-but" and rest and not rest[0].startswith("--"):
                 given[name] = f"{value} {rest.pop(0)}"
             elif is_several(kinds[name], lists=True) and not value.startswith("[["):
@@ -248,6 +259,71 @@ def _groups(options: Sequence[Option]) -> list[Option]:
     return [option for option in options if dataclasses.is_dataclass(option.kind)]
 
 
+def named_config(path: str | Path) -> Path:
+    """A file of options as it is given; a bare word names one that ships, such as ``detector_mot``.
+
+    Raises:
+        RequestError: none of that name ships.
+    """
+    path = Path(path)
+    if path.suffix or len(path.parts) != 1 or path.exists():
+        return path
+    shipped = Path(str(resources.files("tsuiseki.configs")))
+    if (file := shipped / f"{path}.yaml").is_file():
+        return file
+    names = ", ".join(sorted(one.stem for one in shipped.glob("*.yaml")))
+    raise RequestError(f"`config`: expected a YAML file or one of {names}; got {path}")
+
+
+def read_config(path: Path, command: Sequence[str]) -> dict[str, Any]:
+    """The options in a file: YAML, what ``--print-config`` prints, or the ``run.json`` of an earlier run.
+
+    Args:
+        path: of the file.
+        command: the program's words; a ``run.json`` must be of the same command.
+
+    Raises:
+        RequestError: there is no such file, it is no YAML of options, or the record of another command.
+    """
+    path = named_config(path)
+    check_regular("config", path)
+    wrong = f"`config`: expected YAML of options, name: value, in {path}, got"
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise RequestError(f"{wrong} a file of {path.stat().st_size} bytes")
+        text = path.read_text(encoding="utf-8-sig")
+        # Nested aliases stand for billions of values in a few lines.
+        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.SafeLoader)):
+            raise RequestError(f"{wrong} aliases; write their values out")
+        found = yaml.safe_load(text)
+    except OSError as error:
+        raise RequestError(f"`config`: cannot read {path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise RequestError(f"{wrong} something binary") from error
+    except (yaml.YAMLError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f", line {mark.line + 1}" if mark is not None else ""
+        raise RequestError(f"{wrong} something that cannot be read{where}") from error
+    if not isinstance(found, dict | None):
+        raise RequestError(f"{wrong} no such lines")
+    if found is None or not found.keys() >= {"command", "settings", "versions"}:
+        return found or {}
+    if list(found["command"]) != list(command):
+        wanted, got = " ".join(command), " ".join(found["command"])
+        raise RequestError(f"`config`: expected the record of `{wanted}` in {path}, got one of `{got}`")
+    # That the run replaced an earlier result is not taken over.
+    return {name: value for name, value in found["settings"].items() if name != "overwrite"}
+
+
+def plain(value: Any) -> Any:
+    """As ``run.json`` has it: dataclasses as mappings, paths as text."""
+
+    def simple(part: Any) -> Any:
+        return vars(part) if dataclasses.is_dataclass(part) else str(part)
+
+    return json.loads(json.dumps(value, default=simple))
+
+
 class _Formatter(HelpFormatter):
     """Narrow enough to be read, with paragraphs apart."""
 
@@ -265,9 +341,7 @@ def help_text(prog: str, about: str, options: Sequence[Option], every_option: bo
     named, groups = [one for one in options if not one.by_place], _groups(options)
     usage = [prog, *(one.name.upper() + " …" * is_several(one.kind) for one in options if one.by_place)]
     usage += [
-        f"{option_shown(one.name)} {value_types.metavar(one.kind, one.name, one.text)}"
-        for one in named
-        if one.default is MISSING
+        f"{option_shown(one.name)} {metavar(one.kind, one.name, one.text)}" for one in named if one.default is MISSING
     ]
     parser = ArgumentParser(
         usage=" ".join([*usage, "[options]"]), description=about, formatter_class=_Formatter, add_help=False
@@ -288,6 +362,23 @@ def help_text(prog: str, about: str, options: Sequence[Option], every_option: bo
     return parser.format_help()
 
 
+def metavar(kind: Any, name: str = "", text: str = "") -> str:
+    """What to show for the value of the option ``name`` of type ``kind``, which the help describes by ``text``.
+
+    >>> metavar(float | None)
+    'X'
+    """
+    first, parts = kinds_of(kind)[0], [metavar(part) for part in get_args(kinds_of(kind)[0]) if part is not Ellipsis]
+    if named := [value for one in kinds_of(kind) if get_origin(one) is Literal for value in get_args(one)]:
+        return "{" + ",".join(map(str, named)) + "}"
+    if is_several(first):
+        return ",".join(parts if len(parts) > 1 else [*parts, "…"])
+    shown = "{true,false,null}" if first is bool else METAVARS.get(first, "VALUE")
+    if shown == "FILE" and text.startswith("folder"):
+        return "DIR"
+    return "FIRST-LAST" if (name, shown) == ("frames", "TEXT") else shown
+
+
 def _show_group(parser: ArgumentParser, group: Option) -> None:
     inside = [one for one in _below(group) if one.name.rpartition(".")[0] == group.name]
     shown = parser.add_argument_group(group.text.removesuffix("."))
@@ -300,9 +391,7 @@ def _show_group(parser: ArgumentParser, group: Option) -> None:
 
 def _show(place: Any, option: Option) -> None:
     how = (
-        {"action": "store_true"}
-        if option.kind is bool
-        else {"metavar": value_types.metavar(option.kind, option.name, option.text)}
+        {"action": "store_true"} if option.kind is bool else {"metavar": metavar(option.kind, option.name, option.text)}
     )
     place.add_argument(option_shown(option.name), help=_help(option), **how)
 

@@ -23,7 +23,7 @@ from lightning.pytorch.callbacks import Callback, LearningRateMonitor, ModelChec
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
-from tsuiseki.tracking.cli.values import named_config
+from tsuiseki.tracking.cli.parser import named_config
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.output import RunRecord
 

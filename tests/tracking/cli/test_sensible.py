@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tsuiseki.tracking.arguments import check_sensible
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.cli.values import check_sensible
 from tsuiseki.tracking.errors import RequestError
 
 
@@ -26,7 +26,7 @@ def test_what_is_sensible_is_taken(value: object, default: object) -> None:
 )
 def test_numbers_out_of_hand_are_refused(value: object, default: object) -> None:
     with pytest.raises(RequestError, match=r"`group\.option`: expected a number below"):
-        check_sensible("group", {"option": value}, {"option": default})
+        check_sensible("group.option", value, default)
 
 
 @pytest.mark.parametrize(

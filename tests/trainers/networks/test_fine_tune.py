@@ -10,7 +10,7 @@ import pytest
 
 from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.cli.values import named_config
+from tsuiseki.tracking.cli.parser import named_config
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.trainers.networks.detector_labels import anchor_choice
