@@ -40,6 +40,7 @@ def adapt(
     /,
     output: SeededOutput,
     frames: str | None = None,
+    fps: float | None = None,
     detector: Path | None = None,
     teacher: Path | None = None,
     view: str = "auto",
@@ -63,6 +64,7 @@ def adapt(
         sources: videos, folders of images or sequence folders, all of one camera; 100 frames at least, some minutes
             are better.
         frames: learn from this stretch of each only, counted from 1 with both ends, such as 1-300.
+        fps: frames a second, where the videos do not say or are wrong.
         detector: exported detector to start from, which is also left where no round is better; by default
             detector_figures.onnx starts, and detector_people.onnx is left. A bare word, such as street, names a shipped
             one.
@@ -83,7 +85,7 @@ def adapt(
     parse_frames(frames)
     settings = AdaptSettings(
         rounds=rounds, steps=steps, pictures=pictures, score_threshold=score_threshold, sitting=sitting,
-        seed=output.seed, threads=threads, device=device,
+        seed=output.seed, threads=threads, device=device, fps=fps,
     )  # fmt: skip
     request = {"sources": sources, "frames": frames, "view": view, "options": asdict(detector_options)}
     return _adapt(output, settings, request, detector, teacher, detector_options)
@@ -116,8 +118,9 @@ def _adapt(
             camera = open_camera(sources, parse_frames(request["frames"]), work, settings, request["view"])
             for line in _said_of_motion(camera):
                 print(line, flush=True)
-            unlearnt = shipped(PEOPLE_DETECTOR) if detector is None else start
-            _run(run, Adaptation(camera, start, work, settings, looking), unlearnt)
+            default = shipped(PEOPLE_DETECTOR)
+            adaptation = Adaptation(camera, start, work, settings, default, looking)
+            _run(run, adaptation, default if detector is None else start)
     if not run.status:
         shutil.rmtree(work, ignore_errors=True)
     return run.status
@@ -176,9 +179,12 @@ def _detector(given: Path | None) -> Path:
 
 
 def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
-    """All rounds, and the files of the best; the detector ``unlearnt`` where none is better than the start."""
+    """All rounds, and the files of the best.
+
+    The detector ``unlearnt`` is left where none is better than the start, the default where that is better.
+    """
     from tsuiseki.tracking.report.adapted import adapted_page
-    from tsuiseki.trainers.adapt.rounds import best_of, rounds
+    from tsuiseki.trainers.adapt.rounds import against_default, best_of, default_round, rounds
     from tsuiseki.trainers.adapt.summary import summary
 
     finished: list[Round] = []
@@ -187,14 +193,22 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
         print(_line(here, finished[0]), flush=True)
     notes = _said_of_motion(adaptation.camera)
     notes += [_line(here, finished[0]) for here in finished if here.scores.collapsed(finished[0].scores)]
-    best = best_of(finished)
+    best, kept = best_of(finished), True
+    if best.number:
+        default = default_round(adaptation)
+        kept, line = against_default(best, default)
+        run.facts["default"] = asdict(default.scores)
+        notes.append(line)
+        print(line, flush=True)
+    if not kept:
+        best, unlearnt = finished[0], adaptation.default
     run.facts["rounds"] = [asdict(here.scores) for here in finished]
     run.facts["best"] = best.number
     run.facts["start"] = adaptation.start.name
     run.facts["detector"] = f"learnt in round {best.number}" if best.number else unlearnt.name
     learnt = best.detector if best.number and isinstance(best.detector, Path) else unlearnt
     run.write("detector.onnx", partial(shutil.copyfile, learnt))
-    page = adapted_page(summary(adaptation, finished, notes, unlearnt.name))
+    page = adapted_page(summary(adaptation, finished, best, notes, unlearnt.name))
     run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
     run.done(_summary(best, finished[0], run.output.out, unlearnt))
     detector = shlex.quote(str(run.output.out / "detector.onnx"))
@@ -213,7 +227,7 @@ def _line(here: Round, start: Round) -> str:
 
 def _summary(best: Round, start: Round, out: Path, unlearnt: Path) -> str:
     if not best.number:
-        return f"no round was better than the start; {out / 'detector.onnx'} is {unlearnt.name}, which learnt nothing"
+        return f"no round is kept; {out / 'detector.onnx'} is {unlearnt.name}, which learnt nothing"
     return (
         f"round {best.number} is the best, agreement {start.scores.agreement:.3f} -> {best.scores.agreement:.3f}: "
         f"{out / 'detector.onnx'}"

@@ -89,11 +89,7 @@ def adapted_page(report: AdaptedReport) -> str:
         section("Before and after", _GRID + f"<p class=note>{_LEGEND}</p>" + pairs),
         section("What it learnt from", crops),
     ]
-    kept = (
-        f"round {report.best} is kept"
-        if report.best
-        else f"no round was better than the start: what is left is {report.unlearnt}"
-    )
+    kept = f"round {report.best} is kept" if report.best else f"no round is kept: what is left is {report.unlearnt}"
     title = f"A camera learnt from {', '.join(report.sources)}"
     learnt = len(report.rounds) - 1
     return html_page(title, f"{learnt} round{'' if learnt == 1 else 's'}; {kept}.", sections)

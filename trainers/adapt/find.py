@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import perf_counter
 
 from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.features.exported import SizedDetect, open_appearance, open_detector
@@ -34,6 +35,7 @@ class FoundPeople:
         costs: of links, that the tracks were made with; None for hand-set ones.
         scores: what scores cost where ``costs`` does not say so; None lets the video tell.
         camera: where it stood still, by the pictures; None where nobody looked.
+        seconds: that detecting and describing took, a frame.
     """
 
     detections: list[Detections]
@@ -43,6 +45,7 @@ class FoundPeople:
     costs: LearntCosts | None = None
     scores: ScoreCost | None = None
     camera: StandingCamera | None = None
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -99,8 +102,11 @@ def find(
     camera = StandingCamera()
     inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=settings.threads)
     costs = people_affinity("flow", affinity, 1, known_scores=knows_scores(detector))
+    begun = perf_counter()
     detections = [found for _, found in inputs.found()]
-    found = FoundPeople(detections, watched.span[0], [], columns_of(detector), costs, cost_of_scores(detector), camera)
+    seconds = (perf_counter() - begun) / max(len(detections), 1)
+    columns, scores = columns_of(detector), cost_of_scores(detector)
+    found = FoundPeople(detections, watched.span[0], [], columns, costs, scores, camera, seconds)
     return replace(found, tracks=track(watched, found, settings.score_threshold))
 
 

@@ -44,6 +44,7 @@ class RoundScores:
         rejected: of them on no taken track, a frame.
         offset: by how much boxes are moved onto silhouettes, mean over the sides in widths and heights.
         fixed: the camera stands still.
+        seconds: that looking took, a frame.
     """
 
     agreement: float
@@ -53,6 +54,12 @@ class RoundScores:
     rejected: float
     offset: float
     fixed: bool = True
+    seconds: float = 0.0
+
+    @property
+    def precision(self) -> float:
+        """Share of the detections that lie on taken tracks."""
+        return 1 - self.rejected / self.detections if self.detections else 0.0
 
     def collapsed(self, start: RoundScores) -> str | None:
         """In what way the models have collapsed since the ``start``; None where they have not."""
@@ -121,10 +128,13 @@ def round_scores(videos: Sequence[RoundVideo], score_threshold: float) -> RoundS
         max(rejected, 0) / frames,
         float(np.mean(offsets)),
         all(each.foreground is not None for each in videos),
+        sum(each.found.seconds * each.watched.length for each in videos) / frames,
     )
 
 
 _DONE = "round.pickle"
+# Number of the round that only looks with the default detector.
+DEFAULT = -1
 
 
 @dataclass(frozen=True)
@@ -132,7 +142,7 @@ class Round:
     """What a round found.
 
     Attributes:
-        number: 0 for the detector that it starts from.
+        number: 0 for the detector that it starts from, `DEFAULT` for what `tsuiseki track people` takes.
         detector: that looked: a file, or one that is open.
         scores: how it did.
         verdicts: on the tracks of each video.

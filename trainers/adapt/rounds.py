@@ -24,6 +24,7 @@ from tsuiseki.tracking.people.settings import NONE
 from tsuiseki.trainers.adapt.find import RoundVideo, above, find, labelled
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
 from tsuiseki.trainers.adapt.round import (
+    DEFAULT,
     Round,
     agreement_held_out,
     keep_round,
@@ -34,6 +35,8 @@ from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, TAKEN, Verdic
 from tsuiseki.trainers.adapt.watch import KEPT_BACK, AdaptSettings, CameraVideos, Watched
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 
+# What a detector must not lose against the default, share of its detections on tracks; and how much longer it may look.
+_LESS_PRECISE, _SLOWER = 0.02, 1.25
 # Agreement must rise by this much for a round to be better: at first by more, since a detector that has learnt from
 # tracks agrees with tracks a little more whether it is better or not.
 _BETTER, _BETTER_AT_FIRST = 0.002, 0.02
@@ -48,6 +51,7 @@ class Adaptation:
         start: exported detector to begin with.
         work: folder for what the rounds make.
         settings: how.
+        default: what `tsuiseki track people` takes, which a learnt detector must beat.
         teacher: detector that looks first, in place of ``start``; may be of another project.
         tell: gets a line about what is being done.
     """
@@ -56,12 +60,13 @@ class Adaptation:
     start: Path
     work: Path
     settings: AdaptSettings
+    default: Path
     teacher: SizedDetect | None = None
     tell: Callable[[str], None] = print
 
     def folder(self, number: int) -> Path:
         """Of a round."""
-        path = self.work / f"round-{number}"
+        path = self.work / ("default" if number == DEFAULT else f"round-{number}")
         path.mkdir(parents=True, exist_ok=True)
         return path
 
@@ -84,6 +89,29 @@ def rounds(adaptation: Adaptation) -> Iterator[Round]:
         if here.scores.collapsed(first.scores) is not None or not better(here, best):
             return
         best = here
+
+
+def default_round(adaptation: Adaptation) -> Round:
+    """What the default detector sees, which learns nothing."""
+    return _look(adaptation, DEFAULT, adaptation.default)
+
+
+def against_default(learnt: Round, default: Round) -> tuple[bool, str]:
+    """Whether a round that learnt is to be kept beside the default detector; and a line on how it compares.
+
+    It must agree with its tracks clearly more, and as precisely. What is slower is kept, and said.
+    """
+    ours, theirs = learnt.scores, default.scores
+    rises = ours.agreement > theirs.agreement + _BETTER_AT_FIRST
+    kept = rises and ours.precision > theirs.precision - _LESS_PRECISE and ours.collapsed(theirs) is None
+    line = (
+        f"round {learnt.number} {'beats' if kept else 'does not beat'} {Path(str(default.detector)).name}, which track "
+        f"people takes: agreement {ours.agreement:.3f} and {theirs.agreement:.3f}, "
+        f"precision {ours.precision:.3f} and {theirs.precision:.3f}"
+    )
+    if kept and ours.seconds > _SLOWER * theirs.seconds:
+        line += f"; it is slower: {1e3 * ours.seconds:.0f} and {1e3 * theirs.seconds:.0f} ms a frame"
+    return kept, line
 
 
 def file_state(source: str) -> list[int]:
@@ -176,12 +204,13 @@ def _look(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> 
     if (done := kept_round(folder, detector)) is not None:
         return done
     # The shipped costs know the scores of the shipped detectors, not those that were learnt here.
-    affinity = Path(NONE) if number else None
+    affinity = Path(NONE) if number > 0 else None
     # Boxes that were learnt from silhouettes are not moved again.
-    onto = 0.0 if number else ONTO_SILHOUETTES
+    onto = 0.0 if number > 0 else ONTO_SILHOUETTES
     videos = []
     for video, foreground in zip(camera.videos, camera.foregrounds, strict=True):
-        adaptation.tell(f"round {number}: looking at {video.source}")
+        looks = f"looking at {video.source}"
+        adaptation.tell(f"{looks} with the default" if number == DEFAULT else f"round {number}: {looks}")
         found = find(video, detector, settings, camera.view, affinity)
         videos.append(labelled(video, foreground, found, settings.sitting, onto))
     scores = round_scores(videos, settings.score_threshold)

@@ -13,7 +13,7 @@ from tsuiseki.tracking.report.adapted import AdaptedReport, BeforeAndAfter, exam
 from tsuiseki.tracking.types import Detections, ImageArray, Track
 from tsuiseki.trainers.adapt.find import above
 from tsuiseki.trainers.adapt.round import Round
-from tsuiseki.trainers.adapt.rounds import Adaptation, best_of
+from tsuiseki.trainers.adapt.rounds import Adaptation
 from tsuiseki.trainers.adapt.track_labels import SHORT, STILL, TAKEN, TWICE, UNSURE
 from tsuiseki.trainers.adapt.watch import HELD_OUT, Watched
 
@@ -28,9 +28,18 @@ _MEANINGS = {
 _FILLED = "Taken as labels where nothing was detected"
 
 
-def summary(adaptation: Adaptation, finished: Sequence[Round], notes: Sequence[str], unlearnt: str) -> AdaptedReport:
-    """What to show of the rounds that are ``finished``; ``unlearnt`` names the detector that is left without any."""
-    best = best_of(finished)
+def summary(
+    adaptation: Adaptation, finished: Sequence[Round], best: Round, notes: Sequence[str], unlearnt: str
+) -> AdaptedReport:
+    """What to show of the rounds that are ``finished``.
+
+    Args:
+        adaptation: what they share.
+        finished: from the start on.
+        best: of them; the start where no round is kept.
+        notes: lines about the camera and the end of the rounds.
+        unlearnt: name of the detector that is left where no round is kept.
+    """
     # Where nothing was better than the start, the last round shows why.
     shown = best if best.number else finished[-1]
     return AdaptedReport(

@@ -41,6 +41,7 @@ class AdaptSettings:
         seed: of all chance.
         threads: CPU cores; 0 takes all.
         device: what exported networks run on.
+        fps: frames a second, where the videos do not say or are wrong.
     """
 
     rounds: int = 3
@@ -51,6 +52,7 @@ class AdaptSettings:
     seed: int = 0
     threads: int = 0
     device: Device = "auto"
+    fps: float | None = None
 
     def __post_init__(self) -> None:
         if min(self.rounds, self.steps) < 1 or self.pictures < 20 or self.threads < 0:
@@ -60,6 +62,8 @@ class AdaptSettings:
             )
         if not 0 < self.score_threshold < 1:
             raise RequestError(f"expected a `score_threshold` between 0 and 1, got {self.score_threshold:g}")
+        if self.fps is not None and not 0 < self.fps <= 1000:
+            raise RequestError(f"`fps`: expected frames a second above 0 and up to 1000, got {self.fps:g}")
 
 
 FEWEST_FRAMES = 100
@@ -86,6 +90,7 @@ class Watched:
         size: width and height, pixels.
         motion: of the camera.
         turned: 0-based frame at which a camera that stands still otherwise has turned; None where it has not.
+        fps: frames a second that were given; None for what the source says.
     """
 
     source: str
@@ -97,6 +102,7 @@ class Watched:
     size: tuple[int, int]
     motion: CameraMotion
     turned: int | None = None
+    fps: float | None = None
 
     @property
     def fixed(self) -> bool:
@@ -105,7 +111,7 @@ class Watched:
 
     def open(self) -> Source:
         """The video, to be read again."""
-        return open_source(self.source, FrameRange(*self.span))
+        return open_source(self.source, FrameRange(*self.span), self.fps)
 
     def picture(self, number: int) -> ImageArray:
         """The kept picture ``number``, 0-based, ``(H, W, 3)`` uint8 RGB."""
@@ -178,7 +184,7 @@ def open_camera(
         RunError: a video breaks off.
     """
     share = max(20, settings.pictures // len(sources))
-    videos = [watch(source, span, work / f"video-{n}", share) for n, source in enumerate(sources)]
+    videos = [watch(source, span, work / f"video-{n}", share, settings.fps) for n, source in enumerate(sources)]
     refuse_other_sizes(videos)
     foregrounds = [foreground_of(video) if video.fixed else None for video in videos]
     fixed = [foreground for foreground in foregrounds if foreground is not None]
@@ -187,7 +193,7 @@ def open_camera(
     return CameraVideos(tuple(videos), tuple(foregrounds), view)
 
 
-def watch(source: str, span: FrameRange, folder: Path, most: int) -> Watched:
+def watch(source: str, span: FrameRange, folder: Path, most: int, fps: float | None = None) -> Watched:
     """Keep up to ``most`` pictures of a video, evenly spread; what an earlier call finished is taken as it is.
 
     Args:
@@ -195,6 +201,7 @@ def watch(source: str, span: FrameRange, folder: Path, most: int) -> Watched:
         span: frames to look at.
         folder: for the pictures.
         most: pictures.
+        fps: frames a second, where the source does not say or is wrong.
 
     Raises:
         RequestError: the source is live or text only, or has fewer than `FEWEST_FRAMES` frames.
@@ -202,7 +209,7 @@ def watch(source: str, span: FrameRange, folder: Path, most: int) -> Watched:
     """
     if (folder / _INFO).is_file():
         return _read(folder)
-    opened = open_source(source, span)
+    opened = open_source(source, span, fps)
     if opened.live:
         raise RequestError(f"expected a video that can be played again, got {opened.name}; record it first")
     if not opened.has_images:
@@ -227,6 +234,7 @@ def watch(source: str, span: FrameRange, folder: Path, most: int) -> Watched:
         size,
         motion,
         None if turned is None else kept[shown[turned]],
+        fps,
     )
     (folder / _INFO).write_text(json.dumps(asdict(watched)), encoding="utf-8")
     return watched

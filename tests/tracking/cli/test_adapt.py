@@ -17,7 +17,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.adapt.round import Round, RoundScores
+from tsuiseki.trainers.adapt.round import DEFAULT, Round, RoundScores
 from tsuiseki.trainers.adapt.rounds import Adaptation
 from tsuiseki.trainers.adapt.track_labels import Verdict
 
@@ -48,6 +48,12 @@ def made_up_rounds(adaptation: Adaptation, *agreements: float) -> Iterator[Round
         found = (Detections(street.people(0), np.array([0.9, 0.4])),) * 110
         verdicts = (Verdict(1, "taken", 110, 0, 0.9, 1.0), Verdict(9, "never moves", 110, 0, 0.9, 0.0))
         yield Round(number, folder / "detector.onnx", scores, (verdicts,), 1, (tracks,), (found,))
+
+
+def default(adaptation: Adaptation, agreement: float) -> Round:
+    """What the default detector sees."""
+    (looked,) = made_up_rounds(adaptation, agreement)
+    return replace(looked, number=DEFAULT, detector=adaptation.default)
 
 
 def test_short_videos(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -106,8 +112,10 @@ def test_the_best_round_is_written(
     from tsuiseki.trainers.adapt import rounds as module
 
     monkeypatch.setattr(module, "rounds", lambda adaptation: made_up_rounds(adaptation, 0.7, 0.8, 0.75))
+    monkeypatch.setattr(module, "default_round", lambda adaptation: default(adaptation, 0.75))
     out = tmp_path / "models"
-    assert main(["adapt", str(video), "--out", str(out)]) == 0
+    assert main(["adapt", str(video), "--fps", "10", "--out", str(out)]) == 0
+    assert json.loads((out / "run.json").read_text())["settings"]["fps"] == 10
     assert (out / "detector.onnx").read_bytes() == b"1"
     facts = json.loads((out / "run.json").read_text())["facts"]
     assert facts["best"] == 1
@@ -140,6 +148,23 @@ def test_a_moving_camera_is_said_and_an_interrupt_keeps_what_is_finished(
     assert "the same command goes on from there" in said.err
     assert main(words) == 130
     assert "going on with what an earlier run has finished" in capsys.readouterr().out
+
+
+def test_where_the_default_is_better_it_is_left(
+    video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tsuiseki.trainers.adapt import rounds as module
+
+    monkeypatch.setattr(module, "rounds", lambda adaptation: made_up_rounds(adaptation, 0.7, 0.8))
+    monkeypatch.setattr(module, "default_round", lambda adaptation: default(adaptation, 0.79))
+    out = tmp_path / "o"
+    assert main(["adapt", str(video), "--out", str(out)]) == 0
+    assert (out / "detector.onnx").read_bytes() == shipped("detector_people").read_bytes()
+    line = "round 1 does not beat detector_people.onnx, which track people takes: agreement 0.800 and 0.790"
+    assert line in capsys.readouterr().out
+    assert line in (out / "report.html").read_text()
+    assert main(["adapt", str(video), "--fps", "0", "--out", str(tmp_path / "p")]) == 2
+    assert "expected frames a second above 0 and up to 1000" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -17,7 +17,16 @@ from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.trainers.adapt import rounds as module
 from tsuiseki.trainers.adapt.find import FoundPeople
-from tsuiseki.trainers.adapt.rounds import Adaptation, best_of, better, file_state, resumed, rounds
+from tsuiseki.trainers.adapt.rounds import (
+    Adaptation,
+    against_default,
+    best_of,
+    better,
+    default_round,
+    file_state,
+    resumed,
+    rounds,
+)
 from tsuiseki.trainers.adapt.watch import AdaptSettings, CameraVideos, Watched, open_camera
 
 START = Path("start.onnx")
@@ -55,7 +64,7 @@ def adaptation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[lis
         if not source.exists():
             street.write_video(source)
         camera = open_camera([str(source)], EVERY_FRAME, tmp_path / "work", settings)
-        return Adaptation(camera, START, tmp_path / "work", settings, tell=lambda _: None)
+        return Adaptation(camera, START, tmp_path / "work", settings, START, tell=lambda _: None)
 
     return make
 
@@ -74,6 +83,26 @@ def test_the_first_round_must_be_better_by_more(adaptation: Callable[[list[Found
         assert best_of([start, learnt]).number == kept
         again = replace(learnt, number=2, scores=replace(first.scores, agreement=learnt.scores.agreement + 0.003))
         assert better(again, learnt)
+
+
+def test_a_round_is_kept_where_it_beats_the_default(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:
+    given = adaptation([seeing(2, 3.0), seeing(2, 1.0)])
+    _, learnt = rounds(given)
+    default = default_round(given)
+    kept, line = against_default(learnt, default)
+    assert kept
+    assert line.startswith("round 1 beats start.onnx, which track people takes: agreement ")
+    scores = default.scores
+    for name, value, keeps in (
+        ("agreement", learnt.scores.agreement - 0.01, False),
+        ("rejected", -0.1 * scores.detections, False),
+        ("boxes", 2 * learnt.scores.boxes, False),
+        ("seconds", 1.0, True),
+    ):
+        other = replace(default, scores=replace(scores, **{name: value}))
+        assert against_default(learnt, other)[0] is keeps, name
+    slow = replace(learnt, scores=replace(learnt.scores, seconds=2.0))
+    assert "it is slower: 2000 and 1000 ms a frame" in against_default(slow, other)[1]
 
 
 def test_a_collapse_stops_and_is_not_kept(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:
