@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,36 +9,27 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.settings import PeopleMethod
 from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.trainers.experiments import given_sequences
 from tsuiseki.trainers.experiments.association_peers import NAMES
-from tsuiseki.trainers.experiments.given_sequences import (
-    DATA_SETS,
-    DataSet,
-    GivenSequence,
-    as_written,
-    combined_scores,
-    filled,
-    find_sets,
-    given_detections,
-    right_sums,
-    score_table,
-    track_sums,
-)
+from tsuiseki.trainers.experiments.given_sequences import DataSet, GivenSequence, as_written, given_detections
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table, some_of
 
 FLOW, UNFILLED, BOXES_ALONE = "flow", "flow, nothing filled in", "flow, boxes alone"
-# Where the settings of our methods come from; the peers' are their package's defaults.
-SETTINGS: dict[PeopleMethod, str] = {
+METHODS: tuple[PeopleMethod, ...] = ("sort", "bytetrack", "ocsort", "flow")
+LOGISTIC = ("", ", probabilities")
+# Where the settings of each row come from.
+SETTINGS = {
     "sort": "PETS 1–300, TUD, generated",
     "bytetrack": "paper",
     "ocsort": "paper",
-    "flow": "all sets here",
+    **dict.fromkeys((FLOW, UNFILLED, BOXES_ALONE), "all sets here"),
+    **{f"{name} (trackers){what}": "package" for name in NAMES for what in LOGISTIC},
 }
 RATES = (30.0, 15.0, 10.0, 5.0)
 SETS = ("mot17", "mot15", "kitti-pedestrians", "kitti-cars", "pets", "tud")
@@ -96,17 +86,28 @@ def reproduce(
     some_of(SETS, sets=sets)
     some_of(PARTS, parts=parts)
     environment = find_peer(peer, PROGRAM, PACKAGE)
-    there = find_sets(data, [key for key in SETS if key in sets])
+    there = given_sequences.find_sets(data, [key for key in SETS if key in sets])
     tables, values = list[Table](), dict[str, Any]()
     for one, sequences in there.items():
-        tracks, settings = _tracks(bench, one, sequences, environment)
+        tracks = _tracks(bench, one, sequences, environment)
         rows = _scored(bench, sequences, tracks)
         for way in (False, True):
-            limit = np.array([bench.store.recall(right_sums, given, GAP, way) for given in sequences])
+            limit = given_sequences.sums_of(bench, given_sequences.right_sums, [(one, GAP, way) for one in sequences])
             rows[f"right links up to {GAP:g} s{', filled' if way else ''}"] = limit
-        values[one.key] = {name: _values(sequences, sums) for name, sums in rows.items()}
-        tables += _set_tables(bench, one, sequences, tracks, rows, settings, parts)
-    missing = [one for one in DATA_SETS if one.key in sets and one not in there]
+        values[one.key] = {
+            name: {
+                **given_sequences.combined_scores(sums),
+                "sequences": {
+                    given.name: given_sequences.combined_scores(each[None])
+                    for given, each in zip(sequences, sums, strict=True)
+                },
+            }
+            for name, sums in rows.items()
+        }
+        if "methods" in parts:
+            tables.append(given_sequences.score_table(one.title, rows, (FLOW,), SETTINGS))
+        tables += _more_tables(bench, one, sequences, tracks, parts)
+    missing = [one for one in given_sequences.DATA_SETS if one.key in sets and one not in there]
     notes = [f"{one.title}: no {one.folder} in the data, passed over" for one in missing]
     if environment is None:
         notes.append("peers: skipped, the package trackers is not installed here; name a python that has it as peer")
@@ -114,35 +115,35 @@ def reproduce(
     return Outcome({"peer": version, "sets": values}, tables, notes=notes)
 
 
-def _set_tables(
+def _more_tables(
     bench: Bench,
     one: DataSet,
     sequences: Sequence[GivenSequence],
     tracks: dict[str, list[list[Track]]],
-    rows: dict[str, FloatArray],
-    settings: dict[str, str],
     parts: Sequence[str],
 ) -> list[Table]:
-    """The tables of one data set, of the wanted parts."""
+    """The tables of one data set of the wanted parts but the first."""
     tables = list[Table]()
-    if "methods" in parts:
-        tables.append(score_table(one.title, rows, (FLOW,), settings))
+
+    def add(title: str, own: Sequence[GivenSequence], found: Mapping[Any, Any], base: str = FLOW, **more: Any) -> None:
+        tables.append(given_sequences.score_table(title, _scored(bench, own, found), (base,), **more))
+
     if "filled" in parts:
-        others = {n: t for n, t in tracks.items() if n not in (UNFILLED, BOXES_ALONE)}
         straight = {
-            n: [t if n == FLOW else as_written(filled(t, round(FILL * given.rate))) for given, t in
+            n: [t if n == FLOW else as_written(given_sequences.filled(t, round(FILL * given.rate))) for given, t in
                 zip(sequences, each, strict=True)]
-            for n, each in others.items()
+            for n, each in tracks.items() if n not in (UNFILLED, BOXES_ALONE)
         }  # fmt: skip
-        title = f"{one.title}, gaps filled"
-        tables.append(score_table(title, _scored(bench, sequences, straight), (FLOW,), settings))
-    if "rates" in parts and one.key == "mot17":
-        tables += [_rate_table(bench, one, sequences, rate) for rate in RATES]
+        add(f"{one.title}, gaps filled", sequences, straight, last=SETTINGS)
+    for rate in RATES if "rates" in parts and one.key == "mot17" else ():
+        slower = [given.at(rate) for given in sequences]
+        kept = ", ".join(sorted({f"{given.rate:.3g}" for given in slower}, key=float))
+        found = Study({m: LinkedBy(m) for m in METHODS}, slower, linked, f"{one.title}, {rate:g}/s").run(bench)
+        add(f"{one.title} at {rate:g} frames a second (kept {kept})", slower, found)
     if "delays" in parts and one.key in ("mot17", "pets"):
         delays: dict[Name, LinkedBy] = {name: LinkedBy("flow", delay) for name, delay in DELAYS.items()}
-        found = Study(delays, sequences, linked, f"{one.title}, delays").run(bench)
-        title = f"{one.title}: delay of the flow"
-        tables.append(score_table(title, _scored(bench, sequences, found), ("flow, all",)))
+        late = Study(delays, sequences, linked, f"{one.title}, delays").run(bench)
+        add(f"{one.title}: delay of the flow", sequences, late, base="flow, all")
     return tables
 
 
@@ -159,9 +160,7 @@ def linked(by: LinkedBy, given: GivenSequence) -> list[Track]:
             given.pictures, by.method, detections=whole, frames=given.frames, threads=1, delay=by.delay
         )
         return as_written([shifted(track, -first) for track in tracks])
-    with tempfile.TemporaryDirectory() as folder:
-        write_sequence_info(Path(folder), given.name, given.rate, len(found), *given.size)
-        return as_written(track_people(folder, by.method, detections=found, delay=by.delay))
+    return as_written(given_sequences.tracks_over(found, given.rate, given.size, by.method, delay=by.delay))
 
 
 def peer_tracks(peer: Peer, program: Path, given: GivenSequence, logistic: bool) -> dict[str, list[Track]]:
@@ -190,54 +189,27 @@ def peer_tracks(peer: Peer, program: Path, given: GivenSequence, logistic: bool)
 
 def _tracks(
     bench: Bench, one: DataSet, sequences: Sequence[GivenSequence], environment: Peer | None
-) -> tuple[dict[str, list[list[Track]]], dict[str, str]]:
-    """The tracks of every row by sequence, and where its settings come from."""
-    ways: dict[Name, LinkedBy] = {method: LinkedBy(method) for method in SETTINGS}
+) -> dict[str, list[list[Track]]]:
+    """The tracks of every row by sequence."""
+    ways: dict[Name, LinkedBy] = {method: LinkedBy(method) for method in METHODS}
     if any(given.pictures for given in sequences):
         ways[BOXES_ALONE] = LinkedBy("flow", pictures=False)
     found = Study(ways, sequences, linked, one.title).run(bench)
     tracks = {str(name): each for name, each in found.items()}
-    tracks[UNFILLED] = [[_detected(one) for one in each if one.observed.any()] for each in tracks[FLOW]]
-    settings = {**{str(method): where for method, where in SETTINGS.items()},
-                UNFILLED: SETTINGS["flow"], BOXES_ALONE: SETTINGS["flow"]}  # fmt: skip
-    if environment is None:
-        return tracks, settings
-    for logistic in (False, True) if one.logits else (False,):
-        work = bench.watch.over(sequences, f"{one.title}, peers", len(sequences))
-        answers = [bench.store.recall(peer_tracks, environment, PROGRAM, given, logistic) for given in work]
-        for name in NAMES:
-            row = f"{name} (trackers)" + (", probabilities" if logistic else "")
-            tracks[row], settings[row] = [answer[name] for answer in answers], "package"
-    return tracks, settings
+    tracks[UNFILLED] = [
+        [Track(t.id, t.frames[k], t.boxes[k], t.scores[k]) for t in each for k in [t.observed] if k.any()]
+        for each in tracks[FLOW]
+    ]
+    for logistic in (False, True)[: 1 + one.logits] if environment else ():
+        jobs = [(environment, PROGRAM, given, logistic) for given in sequences]
+        answers = bench.each(peer_tracks, jobs, f"{one.title}, peers")
+        tracks |= {f"{name} (trackers){LOGISTIC[logistic]}": [found[name] for found in answers] for name in NAMES}
+    return tracks
 
 
 def _scored(
     bench: Bench, sequences: Sequence[GivenSequence], tracks: Mapping[Any, Sequence[Sequence[Track]]]
 ) -> dict[str, FloatArray]:
     """``(S, 83)`` sums of every row."""
-    return {
-        name: np.array([bench.store.recall(track_sums, *pair) for pair in zip(sequences, each, strict=True)])
-        for name, each in tracks.items()
-    }
-
-
-def _detected(track: Track) -> Track:
-    """The track without the boxes that were filled in."""
-    kept = track.observed
-    return Track(track.id, track.frames[kept], track.boxes[kept], track.scores[kept])
-
-
-def _rate_table(bench: Bench, one: DataSet, sequences: Sequence[GivenSequence], rate: float) -> Table:
-    """Our methods by their defaults at fewer frames a second."""
-    slower = [given.at(rate) for given in sequences]
-    kept = ", ".join(sorted({f"{given.rate:.3g}" for given in slower}, key=float))
-    tracks = Study({m: LinkedBy(m) for m in SETTINGS}, slower, linked, f"{one.title}, {rate:g}/s").run(bench)
-    return score_table(
-        f"{one.title} at {rate:g} frames a second (kept {kept})", _scored(bench, slower, tracks), (FLOW,)
-    )
-
-
-def _values(sequences: Sequence[GivenSequence], sums: FloatArray) -> dict[str, Any]:
-    """Scores of a row, combined and by sequence, for results.json."""
-    single = {given.name: combined_scores(each[None]) for given, each in zip(sequences, sums, strict=True)}
-    return {**combined_scores(sums), "sequences": single}
+    sums = given_sequences.track_sums
+    return {n: given_sequences.sums_of(bench, sums, list(zip(sequences, t, strict=True))) for n, t in tracks.items()}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,16 +30,8 @@ from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.points.settings import BlobSettings
 from tsuiseki.tracking.points.tracker import BlobTracker
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, IntArray
-from tsuiseki.trainers.experiments.study import (
-    Bench,
-    Column,
-    Outcome,
-    Study,
-    at_least_one,
-    tabulated,
-    values_of,
-    with_error,
-)
+from tsuiseki.trainers.experiments import study
+from tsuiseki.trainers.experiments.study import Bench, Column, Outcome, Study, tabulated, values_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,16 +63,15 @@ def blobs(bench: Bench, seeds: int = 5, particles: int = 300) -> Outcome:
     Raises:
         RequestError: a number below 1.
     """
-    at_least_one(seeds=seeds, particles=particles)
+    study.at_least_one(seeds=seeds, particles=particles)
     rows = {(scene, name): (SCENES[scene], name, particles) for scene in SCENES for name in METHODS}
     found = Study(rows, range(FIRST_SEED, FIRST_SEED + seeds), run_blobs, "clips").run(bench)
-    fields = {
-        "missed a frame": "missed", "false a frame": "false", "count error": "cardinality_error",
-        "switches a clip": "switches",
-    }  # fmt: skip
     columns = [
-        Column("OSPA p=1", "ospa1", ".1f", show=with_error),
-        *(Column(heading, name) for heading, name in fields.items()),
+        Column("OSPA p=1", "ospa1", ".1f", show=study.with_error),
+        Column("missed a frame", "missed"),
+        Column("false a frame", "false"),
+        Column("count error", "cardinality_error"),
+        Column("switches a clip", "switches"),
     ]
     note = f"{seeds} clips of each kind from seed {FIRST_SEED}, cut-off {CUT_OFF:g}; ± is the standard error."
     table = tabulated(found, columns, ("clutter", "method"))
@@ -160,7 +150,7 @@ def equalisation(bench: Bench, seeds: int = 20, frames: int = 150, particles: in
     Raises:
         RequestError: a number below 1.
     """
-    at_least_one(seeds=seeds, frames=frames, particles=particles)
+    study.at_least_one(seeds=seeds, frames=frames, particles=particles)
     scene = BlobSceneSettings(
         frames=frames, objects=TARGETS, purity=(0.45, 0.95), size=(34.0, 34.0), clutter=0, enter=0.0, stay=True,
         speed=2.0,
@@ -170,19 +160,13 @@ def equalisation(bench: Bench, seeds: int = 20, frames: int = 150, particles: in
     purity = np.sort(plan_blobs(scene, 0).paths.purity)
     columns = [
         Column(f"kept of {TARGETS}", lambda one: (one.lost >= frames).sum(), gain=_one_more),
-        *(Column(f"frames, purity {p:.2f}", partial(_lost_at, k), ".0f") for k, p in enumerate(purity)),
+        *(Column(f"frames, purity {p:.2f}", f"lost.{k}", ".0f") for k, p in enumerate(purity)),
         Column("expected count at the end", lambda one: one.expected[-1], ".3g"),
     ]
     table = tabulated(found, columns, ("update",), base="as printed")
-    numbers = {
-        u: [{"lost": one.lost, "expected_count_at_end": one.expected[-1]} for one in of] for u, of in found.items()
-    }
-    note = f"means over {seeds} clips"
-    return Outcome(values_of(numbers, ("update",)), [table], {"particles": plot_particles(found, purity)}, notes=[note])
-
-
-def _lost_at(target: int, one: Weakened) -> float:
-    return float(one.lost[target])
+    plots, notes = {"particles": plot_particles(found, purity)}, [f"means over {seeds} clips"]
+    numbers = {u: [{"lost": w.lost, "expected_count_at_end": w.expected[-1]} for w in of] for u, of in found.items()}
+    return Outcome(values_of(numbers, ("update",)), [table], plots, notes=notes)
 
 
 def _one_more(gained: FloatArray, form: str) -> str:

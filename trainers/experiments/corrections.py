@@ -17,23 +17,15 @@ import scipy
 from tsuiseki.tracking.association.marginals import marginals
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.review.corrections import Box, Correction
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.review.tracks import Reporter, track_ids
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.trainers.experiments import given_sequences
 from tsuiseki.trainers.experiments.end_to_end import STREETS, write_streets
-from tsuiseki.trainers.experiments.given_sequences import (
-    GivenSequence,
-    combined_scores,
-    find_given,
-    find_sets,
-    given_detections,
-    given_labels,
-    track_sums,
-)
+from tsuiseki.trainers.experiments.given_sequences import GivenSequence, combined_scores, track_sums
 from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
 
 OVERLAP, AROUND, SHORTEST = 0.3, 3, 3
@@ -80,8 +72,8 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), answers: int = 
         answers: given to each sequence.
         streets: generated streets beside them.
     """
-    made = find_given(bench.store.made("streets", write_streets, 10, 120).parent, STREETS)[:streets]
-    sequences = [one for every in find_sets(data, ("pets", "tud", "mot17")).values() for one in every]
+    made = given_sequences.find_given(bench.store.made("streets", write_streets, 10, 120).parent, STREETS)[:streets]
+    sequences = [one for every in given_sequences.find_sets(data, ("pets", "tud", "mot17")).values() for one in every]
     lines, values = [], {}
     for given in bench.watch.over([*sequences, *made], "corrections"):
         course = bench.store.recall(reviewed, given, answers)
@@ -105,9 +97,7 @@ RANKINGS = ("questions", "min-marginal", "link cost", "score", "random")
 
 def reviewed(given: GivenSequence, answers: int) -> Course:
     """An annotator's course through a sequence."""
-    tracker = FlowTracker(frame_rate=given.rate, size=given.size if min(given.size) else None)
-    for found in given_detections(given):
-        tracker.update(found)
+    tracker = given_sequences.flow_over(given)
     tracks = tracker.tracks()
     network = tracker.network()
     assert network is not None
@@ -172,7 +162,7 @@ def _seen(question: Question, n: int, find: Finder, owners: IntArray, *, before:
 
 def owners_of_detections(frames: IntArray, boxes: FloatArray, given: GivenSequence) -> IntArray:
     """``(N,)`` ids of the labels, -1 for nobody, -2 where a result is neither right nor wrong."""
-    labels = given_labels(given)
+    labels = given_sequences.given_labels(given)
     labels = labels.select(labels.evaluated | labels.ignored)
     owners = np.full(len(frames), NOBODY)
     for frame in np.unique(frames).tolist():

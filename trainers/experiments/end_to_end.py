@@ -17,27 +17,15 @@ from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_d
 from tsuiseki.models.association_network import AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import LARGEST, Affinity
 from tsuiseki.tracking.formats.mot import read_ground_truth, write_detections
-from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.tracking.types import Detections, FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.flow_loss import FlowLoss, finite
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.training import AssociationTraining
-from tsuiseki.trainers.association.windows import RandomWindows, WindowImages, affordable
-from tsuiseki.trainers.experiments.given_sequences import (
-    DataSet,
-    GivenSequence,
-    as_written,
-    combined_scores,
-    find_given,
-    find_sets,
-    given_detections,
-    given_labels,
-    right_sums,
-    score_table,
-    track_sums,
-)
+from tsuiseki.trainers.association.windows import RandomWindows, affordable
+from tsuiseki.trainers.experiments import given_sequences
+from tsuiseki.trainers.experiments.given_sequences import DataSet, GivenSequence, given_detections, sums_of
 from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table, some_of
 from tsuiseki.trainers.networks.modules import Optimisation, warmup_cosine
 
@@ -67,36 +55,14 @@ class Fit:
     seed: int = 0
 
 
-def fit_network(graphs: Sequence[Graphs], fit: Fit) -> AssociationNetwork:
-    """The network after ``fit.steps`` windows.
-
-    Raises:
-        RunError: a loss is no number; names the window.
-    """
-    torch.manual_seed(fit.seed)
-    module = AssociationTraining(trust=fit.trust, loss=fit.loss, joins=fit.joins, optimisation=fit.optimisation)
-    return fitted(module, graphs, fit).network.eval()
-
-
-def fitted(
-    module: AssociationTraining,
-    graphs: Sequence[Graphs],
-    fit: Fit,
-    images: WindowImages = WindowImages(),  # noqa: B008
-) -> AssociationTraining:
-    """A module, whatever networks it has, after ``fit.steps`` windows.
-
-    Args:
-        module: is changed.
-        graphs: of the sequences.
-        fit: how long, how fast, on windows of what length.
-        images: what its networks see of a window.
+def fitted(module: AssociationTraining, graphs: Sequence[Graphs], fit: Fit) -> AssociationTraining:
+    """A module, whatever networks it has, after ``fit.steps`` windows of the graphs of sequences.
 
     Raises:
         RunError: a loss is no number; names the window.
     """
     module.standardise(graphs)
-    windows = RandomWindows(graphs, fit.seconds, fit.steps, lambda: (fit.seed, 0), images)
+    windows = RandomWindows(graphs, fit.seconds, fit.steps, lambda: (fit.seed, 0))
     groups = [group for group in module.parameter_groups() if group["params"]]
     how = fit.optimisation
     highest = [group.get("lr", how.learning_rate) for group in groups]
@@ -163,6 +129,7 @@ FOLDS = {"mot15": 6, "mot17": 4, "kitti-pedestrians": 5, "kitti-cars": 4, "stree
 PARTS = ("given", "unseen")
 # Generated streets teach, and these are tracked.
 UNSEEN, UNSEEN_FIT = ("mot17", "mot15", "kitti-pedestrians", "pets", "tud"), Fit(steps=300)
+PAIRS = shipped("affinity_people")
 # Longest gap that the right links bridge, seconds.
 GAP = 2.0
 NOTE = (
@@ -208,26 +175,23 @@ def reproduce(
     some_of(tuple(FOLDS), sets=sets)
     some_of(PARTS, parts=parts)
     asked = [key for key in FOLDS if key in sets and key != STREETS.key] if "given" in parts else []
-    given = find_sets(data, asked) if asked else {}
-    unseen = find_sets(data, UNSEEN) if "unseen" in parts else {}
+    given = given_sequences.find_sets(data, asked) if asked else {}
+    unseen = given_sequences.find_sets(data, UNSEEN) if "unseen" in parts else {}
     tables, values = list[Table](), dict[str, Any]()
     streets = list[GivenSequence]()
     if unseen or STREETS.key in sets:
-        streets = find_given(bench.store.made("streets", write_streets, 10, 120).parent, STREETS)
+        streets = given_sequences.find_given(bench.store.made("streets", write_streets, 10, 120).parent, STREETS)
     if "given" in parts and STREETS.key in sets:
         given[STREETS] = streets
-    for one, sequences in given.items():
-        _add(tables, values, one.key, one.title, given_rows(bench, one, sequences))
+    found = [(values, one, "", given_rows(bench, one, sequences)) for one, sequences in given.items()]
     if unseen:
         values["unseen"] = {}
-        for one, rows in _unseen_rows(bench, streets, unseen):
-            _add(tables, values["unseen"], one.key, f"{one.title}, learnt on generated streets", rows)
+        every = _unseen_rows(bench, streets, unseen)
+        found += [(values["unseen"], one, ", learnt on generated streets", rows) for one, rows in every]
+    for into, one, how, rows in found:
+        into[one.key] = {name: given_sequences.combined_scores(sums) for name, sums in rows.items()}
+        tables.append(given_sequences.score_table(f"{one.title}{how}", rows, (DEFAULT,)))
     return Outcome(values, tables, notes=[NOTE])
-
-
-def _add(tables: list[Table], values: dict[str, Any], key: str, title: str, rows: Mapping[str, FloatArray]) -> None:
-    values[key] = {name: combined_scores(sums) for name, sums in rows.items()}
-    tables.append(score_table(title, rows, (DEFAULT,)))
 
 
 def given_rows(
@@ -238,12 +202,12 @@ def given_rows(
     groups = [tuple(sequences[group::count]) for group in range(count)]
     folds = [Fold(tuple(s for s in sequences if s not in tests), tests) for tests in groups]
     found = Study(fits, folds, fold_sums, f"{one.title}, groups").run(bench)
-    rows = {DEFAULT: _default_rows(bench, sequences)}
+    rows = {DEFAULT: sums_of(bench, flow_sums, [(given,) for given in sequences])}
     for name, by_fold in found.items():
         sums = {given: each for fold, part in zip(folds, by_fold, strict=True)
                 for given, each in zip(fold.tests, part, strict=True)}  # fmt: skip
         rows[str(name)] = np.stack([sums[given] for given in sequences])
-    rows["right links"] = np.stack([bench.store.recall(right_sums, given, GAP, True) for given in sequences])
+    rows["right links"] = sums_of(bench, given_sequences.right_sums, [(given, GAP, True) for given in sequences])
     return rows
 
 
@@ -255,48 +219,35 @@ def _unseen_rows(
     ((learnt,),) = Study({BOTH: UNSEEN_FIT}, [Fold(tuple(streets), every)], fold_sums, "unseen").run(bench).values()
     sums = dict(zip(every, learnt, strict=True))
     for one, sequences in sets.items():
-        pairs = np.stack([bench.store.recall(shipped_sums, given) for given in sequences])
-        own = np.stack([sums[given] for given in sequences])
-        yield one, {DEFAULT: _default_rows(bench, sequences), "trees of pairs that ship": pairs, BOTH: own}
-
-
-def _default_rows(bench: Bench, sequences: Sequence[GivenSequence]) -> FloatArray:
-    return np.stack([bench.store.recall(default_sums, given) for given in sequences])
+        default, pairs = (sums_of(bench, flow_sums, [(g, trees) for g in sequences]) for trees in (None, PAIRS))
+        yield one, {DEFAULT: default, "trees of pairs that ship": pairs, BOTH: np.stack([sums[g] for g in sequences])}
 
 
 def fold_sums(fit: Fit, fold: Fold) -> list[FloatArray]:
     """``(83,)`` sums of each tested sequence, tracked by costs that were learnt on the others."""
     every = [graphs_of_given(given) for given in fold.train]
     graphs = [one for one in every if len(one.detections) and len(one.detections.tail)]
-    changes = NetworkChanges(fit_network(graphs, fit))
-    return [track_sums(given, _tracked(given, FlowTracker(changes=changes, **_filmed(given)))) for given in fold.tests]
+    torch.manual_seed(fit.seed)
+    module = AssociationTraining(trust=fit.trust, loss=fit.loss, joins=fit.joins, optimisation=fit.optimisation)
+    changes = NetworkChanges(fitted(module, graphs, fit).network.eval())
+    return [_sums(given, changes=changes) for given in fold.tests]
 
 
-def default_sums(given: GivenSequence) -> FloatArray:
-    """``(83,)`` sums at the tracker's own costs, by boxes alone."""
-    return track_sums(given, _tracked(given, FlowTracker(**_filmed(given))))
+def flow_sums(given: GivenSequence, trees: Path | None = None) -> FloatArray:
+    """``(83,)`` sums by boxes alone, at the tracker's own costs or at those of trees of pairs."""
+    pairs = Affinity(trees, 1) if trees else None
+    return _sums(given, transition=pairs, observation=pairs and pairs.observation)
 
 
-def shipped_sums(given: GivenSequence) -> FloatArray:
-    """``(83,)`` sums with the costs of pairs that ship, by boxes alone."""
-    pairs = Affinity(shipped("affinity_people"), 1)
-    return track_sums(given, _tracked(given, FlowTracker(None, pairs, pairs.observation, **_filmed(given))))
-
-
-def _tracked(given: GivenSequence, tracker: FlowTracker) -> list[Track]:
-    for found in given_detections(given):
-        tracker.update(found)
-    return as_written(tracker.tracks())
-
-
-def _filmed(given: GivenSequence) -> dict[str, Any]:
-    return {"frame_rate": given.rate, "size": given.size if min(given.size) > 0 else None}
+def _sums(given: GivenSequence, **costs: Any) -> FloatArray:
+    tracks = given_sequences.flow_over(given, **costs).tracks()
+    return given_sequences.track_sums(given, given_sequences.as_written(tracks))
 
 
 @lru_cache(maxsize=40)
 def graphs_of_given(given: GivenSequence) -> Graphs:
     """The networks of a sequence, at the tracker's own costs."""
-    video = DetectedVideo(given.name, given_detections(given), given_labels(given), **_filmed(given))
+    video = DetectedVideo(given.name, given_detections(given), given_sequences.given_labels(given), **given.filmed)
     graphs = sequence_graphs(video)
     return Graphs(affordable(graphs.detections), graphs.tracklets)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import product
@@ -18,44 +18,20 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
 from tsuiseki.tracking.filters.base import Births, Filter, Running, SetInfo
+from tsuiseki.tracking.filters.finite_sets import models
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.clusters import by_clusters, by_measurements
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
-from tsuiseki.tracking.filters.finite_sets.models import (
-    GaussianSensor,
-    PointModel,
-    bearing_range,
-    cartesian,
-    from_bearing_range,
-)
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
 from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
 from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn
 from tsuiseki.tracking.points.settings import Lag, SetMethod
 from tsuiseki.tracking.points.tracker import MeasurementTracker
-from tsuiseki.tracking.types import FloatArray
-from tsuiseki.tracking.types.measurements import (
-    BirthPlace,
-    BirthSettings,
-    MotionSettings,
-    Scan,
-    SensingModel,
-    SensorSettings,
-)
+from tsuiseki.tracking.types import FloatArray, measurements
+from tsuiseki.tracking.types.measurements import Scan, SensingModel
+from tsuiseki.trainers.experiments import study
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.study import (
-    Bench,
-    Column,
-    Name,
-    Outcome,
-    Study,
-    at_least_one,
-    median_only,
-    tabulated,
-    values_of,
-    with_error,
-    with_interval,
-)
+from tsuiseki.trainers.experiments.study import Bench, Column, Name, Outcome, Study, tabulated, values_of, with_interval
 
 PointFilter = Running[Any, FloatArray, SetInfo]
 METHODS = ("phd-literal", "phd", "labelled")
@@ -90,7 +66,7 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int 
     paths = sorted((data / "phd").glob("phd_scenario_*.json"))
     if not paths:
         raise RequestError(f"`data`: expected phd/phd_scenario_*.json in {data}, found none; give its folder")
-    at_least_one(particles=particles, runs=runs)
+    study.at_least_one(particles=particles, runs=runs)
     found: dict[tuple[str, str, str], list[dict[str, float]]] = {}
     peers: dict[Name, float] = {}
     for scenario in map(read_scenario, paths):
@@ -104,11 +80,12 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int 
             known = YARDSTICKS.get((scenario.settings.get("seed", 0), method), {}).get(clutter[rate])
             peers |= {} if known is None else {name: known}
     columns = [
-        Column("OSPA p=1", "ospa1", show=partial(with_error, ddof=0), paper=peers, beside="peer, p=1"),
-        *(Column(heading, name) for heading, name in (("p=2", "ospa2"), ("OSPA(2)", "ospa_tracks"))),
+        Column("OSPA p=1", "ospa1", show=partial(study.with_error, ddof=0), paper=peers, beside="peer, p=1"),
+        Column("p=2", "ospa2"),
+        Column("OSPA(2)", "ospa_tracks"),
         Column("count error", "cardinality_error", ".3f"),
         Column("switches", "switches", ".1f"),
-        Column("ms/step", "milliseconds", show=median_only),
+        Column("ms/step", "milliseconds", show=study.median_only),
     ]
     heads = ("scenario", "clutter", "method")
     return Outcome(values_of(found, heads), [tabulated(found, columns, heads)])
@@ -209,14 +186,16 @@ def read_scenario(path: Path) -> PointScenario:
     return PointScenario(path.stem.removeprefix("phd_scenario_"), settings, truth, cells, fingerprint)
 
 
-def scenario_sensor(settings: dict[str, Any]) -> GaussianSensor:
+def scenario_sensor(settings: dict[str, Any]) -> models.GaussianSensor:
     """The sensor of a scenario of kind ``linear`` or ``ct``."""
     if settings["kind"] == "linear":
-        return GaussianSensor(cartesian, np.full(2, settings["sigma_e"]))
-    return GaussianSensor(bearing_range, np.array([settings["sigma_bearing"], settings["sigma_range"]]), (0,))
+        return models.GaussianSensor(models.cartesian, np.full(2, settings["sigma_e"]))
+    return models.GaussianSensor(
+        models.bearing_range, np.array([settings["sigma_bearing"], settings["sigma_range"]]), (0,)
+    )
 
 
-def scenario_model(settings: dict[str, Any], clutter_rate: float) -> PointModel:
+def scenario_model(settings: dict[str, Any], clutter_rate: float) -> models.PointModel:
     """The model that the scenario was made with: its motion, sensor, probabilities and clutter density."""
     volume = float(np.prod([high - low for low, high in settings["region"]]))
     sensor = scenario_sensor(settings)
@@ -224,7 +203,7 @@ def scenario_model(settings: dict[str, Any], clutter_rate: float) -> PointModel:
         motion = constant_velocity(settings["sigma_v"])
     else:
         motion = coordinated_turn(settings["sigma_v"], settings["sigma_turn"])
-    return PointModel(motion, sensor, settings["P_S"], settings["P_D"], clutter_rate / volume, settings["T"])
+    return models.PointModel(motion, sensor, settings["P_S"], settings["P_D"], clutter_rate / volume, settings["T"])
 
 
 def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
@@ -237,7 +216,7 @@ def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
     if settings["kind"] == "linear":
         complete, columns = newborn(lambda places: places, 2, speed), 4
     else:
-        complete, columns = newborn(from_bearing_range, 2, speed, turn=0.05), 5
+        complete, columns = newborn(models.from_bearing_range, 2, speed, turn=0.05), 5
     return MeasurementBirths(BIRTHS_ANYWHERE / volume, scenario_sensor(settings), complete, columns, count // 5)
 
 
@@ -295,11 +274,12 @@ class Scenarios:
         """For `MeasurementTracker`."""
         half, rate = 0.5 * self.side, self.births / max(len(self.places), 1)
         spread = (self.place_spread, self.speed, self.place_spread, self.speed)
-        places = tuple(BirthPlace((x, 0.0, y, 0.0), spread, rate) for x, y in self.places)
+        places = tuple(measurements.BirthPlace((x, 0.0, y, 0.0), spread, rate) for x, y in self.places)
         return SensingModel(
-            SensorSettings("linear", (self.deviation,)), (MotionSettings("constant-velocity", self.acceleration),),
+            measurements.SensorSettings("linear", (self.deviation,)),
+            (measurements.MotionSettings("constant-velocity", self.acceleration),),
             detection=self.detection, survival=self.survival, clutter=self.clutter,
-            region=((-half, half), (-half, half)), births=BirthSettings(self.births, self.speed, places),
+            region=((-half, half), (-half, half)), births=measurements.BirthSettings(self.births, self.speed, places),
         )  # fmt: skip
 
 
@@ -335,7 +315,7 @@ def unseen(
     Raises:
         RequestError: a number is below 1, or the environment named has not the packages.
     """
-    at_least_one(seeds=seeds, particles=particles)
+    study.at_least_one(seeds=seeds, particles=particles)
     environment = find_peer(peer, PROGRAM, "stonesoup and multisensor-lmb-filters-rs")
     rows: dict[tuple[str, ...], Row] = {}
     for kind, scenarios in KINDS.items():
@@ -346,16 +326,14 @@ def unseen(
     found = Study(rows, range(seed, seed + seeds), run_sensed, "scenarios").run(bench)
     fields = {"OSPA(2)": "ospa_tracks", "missed a scan": "missed", "false a scan": "false", "switches": "switches"}
     columns = [
-        Column("OSPA p=1", "ospa1", show=with_error, gain=with_interval),
+        Column("OSPA p=1", "ospa1", show=study.with_error, gain=with_interval),
         *(Column(heading, name) for heading, name in fields.items()),
-        Column("ms a step", "milliseconds", show=median_only),
+        Column("ms a step", "milliseconds", show=study.median_only),
     ]
     table = tabulated(found, columns, ("births", "filter"), base=lambda name: (name[0], "labelled"))
     peers = f"; peers: {environment.version}" if environment else ""
-    note = (
-        f"{seeds} scenarios of each kind from seed {seed}; ± is the standard error, differences over labelled{peers}."
-    )
-    return Outcome(values_of(found, ("births", "filter")), [table], notes=[note])
+    note = f"{seeds} scenarios of each kind from seed {seed}; ± is the standard error, differences over labelled"
+    return Outcome(values_of(found, ("births", "filter")), [table], notes=[f"{note}{peers}."])
 
 
 def run_sensed(row: Row, seed: int) -> dict[str, float]:
@@ -365,26 +343,20 @@ def run_sensed(row: Row, seed: int) -> dict[str, float]:
     if isinstance(row[1], Peer):
         job = {"filter": row[3], "model": asdict(settings), "scans": [one.measurements.tolist() for one in scans]}
         answer = row[1].answer(Path(row[2]), job)
-        return scored(settings, truth, answer["rows"], answer["milliseconds"])
-    _, method, lag, particles = row
-    tracker = MeasurementTracker(settings.model, method, particles, seed=0, lag=lag)
-    milliseconds = []
-    for scan in scans:
-        begin = time.process_time()
-        tracker.update(scan)
-        milliseconds.append(1e3 * (time.process_time() - begin))
-    rows = [
-        (int(scan), track.id, *place)
-        for track in tracker.tracks()
-        for scan, place in zip(track.scans, track.positions, strict=True)
-    ]
-    return scored(settings, truth, rows, milliseconds)
-
-
-def scored(
-    settings: Scenarios, truth: PointTracks, rows: Sequence[Sequence[float]], milliseconds: Sequence[float]
-) -> dict[str, float]:
-    """Scores of the rows scan, id, x, y that lie in the region."""
+        rows, milliseconds = answer["rows"], answer["milliseconds"]
+    else:
+        _, method, lag, particles = row
+        tracker, milliseconds = MeasurementTracker(settings.model, method, particles, seed=0, lag=lag), []
+        for scan in scans:
+            begin = time.process_time()
+            tracker.update(scan)
+            milliseconds.append(1e3 * (time.process_time() - begin))
+        rows = [
+            (int(scan), track.id, *place)
+            for track in tracker.tracks()
+            for scan, place in zip(track.scans, track.positions, strict=True)
+        ]
+    # Rows are scan, id, x, y; those outside the region are dropped.
     table = np.array(rows, dtype=np.float64).reshape(-1, 4)
     table = table[np.abs(table[:, 2:]).max(axis=1, initial=0.0) <= 0.5 * settings.side]
     # A mixture may name two components alike: the first counts.

@@ -6,9 +6,11 @@ right nor wrong, boxes that MOT15 marks with 0 in column 7 do not count, and KIT
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +20,14 @@ from tsuiseki.tracking.evaluation.coverage import owners_of
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
 from tsuiseki.tracking.evaluation.resampling import COUNTS, SCORES, paired_bootstrap, score_sums, scores_of
 from tsuiseki.tracking.evaluation.truths import read_truths
-from tsuiseki.tracking.formats.mot_sequence import read_sequence
+from tsuiseki.tracking.formats.mot_sequence import read_sequence, write_sequence_info
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.settings import PeopleMethod
+from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.experiments.study import Table
+from tsuiseki.trainers.experiments.study import Bench, Table
 
 SAMPLES = 2000
 
@@ -95,6 +100,11 @@ class GivenSequence:
         wanted = parse_frames(self.frames).within(self.length)
         assert wanted.last is not None
         return range(wanted.first, wanted.last + 1, self.every)
+
+    @property
+    def filmed(self) -> dict[str, Any]:
+        """Frame rate and size, None where unknown, as trackers take them."""
+        return {"frame_rate": self.rate, "size": self.size if min(self.size) > 0 else None}
 
     def at(self, rate: float) -> GivenSequence:
         """The same at about ``rate`` frames a second: the nearest that leaving out frames evenly gives."""
@@ -177,11 +187,33 @@ def filled(tracks: Sequence[Track], longest: int) -> list[Track]:
     return [fill_gaps(track, longest) for track in tracks]
 
 
+def flow_over(given: GivenSequence, **more: Any) -> FlowTracker:
+    """The flow, with ``more`` arguments, after all detections of a sequence."""
+    tracker = FlowTracker(**more, **given.filmed)
+    for found in given_detections(given):
+        tracker.update(found)
+    return tracker
+
+
+def tracks_over(
+    found: Sequence[Detections], rate: float, size: tuple[int, int], method: PeopleMethod = "flow", **more: Any
+) -> list[Track]:
+    """The tracks of `track_people` over the detections of each frame, without pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_sequence_info(Path(folder), "given", rate, len(found), *size)
+        return list(track_people(folder, method, detections=found, **more))
+
+
 def track_sums(given: GivenSequence, tracks: Sequence[Track]) -> FloatArray:
     """``(83,)`` sums of the scores of tracks, see `score_sums`."""
     count = len(given.kept)
     inside = restrict(list(tracks), FrameRange(0, count - 1))
     return score_sums(SequencePair(given.name, given_labels(given), inside, count))
+
+
+def sums_of(bench: Bench, compute: Callable[..., FloatArray], jobs: Sequence[tuple[Any, ...]]) -> FloatArray:
+    """``(S, 83)`` sums that ``compute`` gives for the arguments of S sequences."""
+    return np.array([bench.store.recall(compute, *job) for job in jobs])
 
 
 def right_sums(given: GivenSequence, seconds: float, bridged: bool) -> FloatArray:

@@ -32,20 +32,9 @@ from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouette
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import open_source
+from tsuiseki.trainers.experiments import study
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import (
-    Bench,
-    Column,
-    Curve,
-    Name,
-    Outcome,
-    Table,
-    at_least_one,
-    curves,
-    interval,
-    tabulated,
-    with_interval,
-)
+from tsuiseki.trainers.experiments.study import Bench, Column, Curve, Name, Outcome, Table, tabulated
 from tsuiseki.trainers.learn_motion import learn_motion
 
 if TYPE_CHECKING:
@@ -132,22 +121,18 @@ def reproduce(bench: Bench, seeds: int = 6) -> Outcome:
     Raises:
         RequestError: no seed.
     """
-    at_least_one(seeds=seeds)
+    study.at_least_one(seeds=seeds)
     learning, test = clips(bench.store, "learning", LEARNING_FISH), clips(bench.store, "test", TEST_FISH)
     learnt, learning_followed, learning_fish = learn(bench.store, learning)
     asked = list(dict.fromkeys((arm, n) for arms, numbers in PARTS.values() for arm in arms for n in numbers))
-    jobs = [(folder, seed) for folder in test for seed in range(seeds)]
-    trials = [
-        bench.store.recall(run_trial, folder, learnt, asked, seed)
-        for folder, seed in bench.watch.over(jobs, "trials", len(jobs))
-    ]
+    trials = bench.each(run_trial, [(folder, learnt, asked, n) for folder in test for n in range(seeds)], "trials")
     by_seed = np.array([followed_counts(trials[seed::seeds]) for seed in range(seeds)])
     counts = {one: by_seed[:, number] for number, one in enumerate(asked)}
     turns = np.concatenate([trial.turning for trial in trials[::seeds]]).tolist()
     claims: dict[Name, FloatArray] = {
         text: counts[first] - counts[second] for text, first, second in CLAIMS if {first, second} <= set(counts)
     }
-    columns = [Column(of, itemgetter(k), "+.2f", show=with_interval) for k, of in enumerate(("all", "that turn"))]
+    columns = [Column(of, itemgetter(k), "+.2f", show=study.with_interval) for k, of in enumerate(("all", "that turn"))]
     title = f"Differences, of {len(turns)} fish, {sum(turns)} of which turn suddenly; {seeds} seeds, 95 %"
     tables = [*(_followed_table(counts, *of) for of in PARTS.values()), tabulated(claims, columns, title=title)]
     values = {
@@ -307,12 +292,12 @@ def plot_success(counts: Counts, fish: Sequence[int]) -> Figure:
     for title, part, of in shown:
         arms, numbers = PARTS[part]
         for place, arm in enumerate(arms):
-            mean, low, high = np.array([interval(counts[arm, n][:, of]) for n in numbers]).T
+            mean, low, high = np.array([study.interval(counts[arm, n][:, of]) for n in numbers]).T
             # Intervals that share a number of particles would hide each other.
             across = np.array(numbers) * 1.015 ** (place - len(arms) / 2)
             bars = np.nan_to_num(np.stack([mean - low, high - mean]))
             panels.setdefault(title, []).append(Curve(ARMS[arm][0], across, mean, bars))
-    figure = curves(panels, ["particles"] * 3, "followed to the end", (6, 4.8))
+    figure = study.curves(panels, ["particles"] * 3, "followed to the end", (6, 4.8))
     for axes, (_, part, of) in zip(figure.axes, shown, strict=True):
         axes.axhline(fish[of], color="0.6", linewidth=0.8)
         axes.set(xscale="log", ylim=(0, 1.06 * fish[of]))

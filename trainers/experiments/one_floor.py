@@ -11,12 +11,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from tsuiseki.tracking.cameras.multicamera import (
-    FloorFolder,
-    PlacedTruth,
-    StandingPeople,
-    read_floor_folder,
-)
+from tsuiseki.tracking.cameras.multicamera import FloorFolder, PlacedTruth, StandingPeople, read_floor_folder
 from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
 from tsuiseki.tracking.floor.floor_flow import FloorFlow
 from tsuiseki.tracking.floor.foot_points import FootNoise
@@ -27,19 +22,8 @@ from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.measurements import PersonOnFloor
-from tsuiseki.trainers.experiments.study import (
-    Bench,
-    Column,
-    Curve,
-    Outcome,
-    Study,
-    Table,
-    at_least_one,
-    curves,
-    median_only,
-    tabulated,
-    with_interval,
-)
+from tsuiseki.trainers.experiments import study
+from tsuiseki.trainers.experiments.study import Bench, Column, Curve, Outcome, Study, Table, tabulated
 
 MISSED, FALSE, NOISE = 0.3, 2.0, 0.05
 """Share of the labels' boxes, false ones a view and frame, and deviation of an edge of the height."""
@@ -56,7 +40,7 @@ Method: TypeAlias = Literal["flow", "nearest and SORT", "floor detections"]
 
 
 @dataclass(frozen=True)
-class FloorRow:
+class FollowedBy:
     """What is compared.
 
     Attributes:
@@ -81,25 +65,25 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), seeds: int = 5,
         seeds: draws of misses, false alarms and noise.
         seed: of the first. Settings were chosen with the seeds 100 and 101.
     """
-    at_least_one(seeds=seeds)
+    study.at_least_one(seeds=seeds)
     folder = data / "multicamera/wildtrack"
     every = tuple(range(len(read_floor_folder(folder).cameras)))
-    rows = {f"{count} cameras": FloorRow(folder, every[:count]) for count in every[2:]}
-    rows = {"2 cameras": FloorRow(folder, every[:2]), **rows, "all cameras": FloorRow(folder, every)}
-    rows |= {f"camera {k + 1} alone": FloorRow(folder, (k,)) for k in every}
+    rows = {f"{count} cameras": FollowedBy(folder, every[:count]) for count in every[2:]}
+    rows = {"2 cameras": FollowedBy(folder, every[:2]), **rows, "all cameras": FollowedBy(folder, every)}
+    rows |= {f"camera {k + 1} alone": FollowedBy(folder, (k,)) for k in every}
     rows |= {
-        "nearest grouping, SORT": FloorRow(folder, every, "nearest and SORT"),
-        "detections on the floor alone": FloorRow(folder, (), "floor detections"),
+        "nearest grouping, SORT": FollowedBy(folder, every, "nearest and SORT"),
+        "detections on the floor alone": FollowedBy(folder, (), "floor detections"),
     }
     units = list(range(seed, seed + seeds))
     found = Study(rows, units, measure, "runs").run(bench)
     columns = [
-        Column("IDF1", "idf1", ".1f", 100, with_interval),
-        Column("MOTA", "mota", ".1f", 100, with_interval),
-        Column("HOTA", "hota", ".1f", 100, with_interval),
+        Column("IDF1", "idf1", ".1f", 100, study.with_interval),
+        Column("MOTA", "mota", ".1f", 100, study.with_interval),
+        Column("HOTA", "hota", ".1f", 100, study.with_interval),
         *(Column(name, key, ".1f", 100) for name, key in (("MODA", "moda"), ("MODP", "modp"))),
         Column("switches", "switches", ".0f"),
-        Column("ms a moment", "milliseconds", ".0f", show=median_only),
+        Column("ms a moment", "milliseconds", ".0f", show=study.median_only),
     ]
     shelf = bench.store.recall(shelf_scores, data / "multicamera/shelf")
     tables = [
@@ -123,10 +107,10 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), seeds: int = 5,
         "with appearance; here are labels' boxes with errors, and no appearance."
     )
     values = {"wildtrack": dict(found), "shelf": shelf}
-    return Outcome(values, tables, {"cameras": curves({"WILDTRACK": lines}, ("cameras",), "%")}, notes=[note])
+    return Outcome(values, tables, {"cameras": study.curves({"WILDTRACK": lines}, ("cameras",), "%")}, notes=[note])
 
 
-def measure(row: FloorRow, seed: int) -> dict[str, float]:
+def measure(row: FollowedBy, seed: int) -> dict[str, float]:
     """Scores of a row on one draw, and milliseconds of processor time a moment."""
     known = read_floor_folder(row.folder)
     rng = np.random.default_rng(seed)

@@ -37,7 +37,7 @@ from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments import study
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench, Column, Curve, Name, Outcome, tabulated
+from tsuiseki.trainers.experiments.study import Bench, Column, Curve, Name, Outcome, share_of_all, tabulated
 
 CSRT = Path(__file__).with_name("single_csrt.py")
 WITHIN, FOLLOWED = 10, 0.5
@@ -344,7 +344,7 @@ def lost_status(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) ->
     columns = [
         Column("AUC [%]", lambda one: one.auc_21.mean(), ".1f", gain=study.with_bootstrap),
         Column("losses noticed within 10 frames", lambda one: [one.noticed, one.losses], "d", show=_of),
-        Column("called lost while followed [% of frames]", lambda one: [one.alarms, one.followed], ".1f", show=_share),
+        Column("called lost while followed [% of frames]", lambda s: [s.alarms, s.followed], ".1f", 1, share_of_all),
     ]
     table = tabulated(found, columns, ("clips", "tracker"), "Status lost", lambda name: (name[0], next(iter(STATUS))))
     values = {
@@ -360,11 +360,6 @@ def lost_status(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) ->
 def _of(values: FloatArray, form: str) -> str:
     part, whole = values.reshape(-1, 2).sum(axis=0).astype(int)
     return f"{part:{form}} of {whole:{form}}"
-
-
-def _share(values: FloatArray, form: str) -> str:
-    part, whole = values.reshape(-1, 2).sum(axis=0)
-    return f"{100 * part / whole if whole else 0.0:{form}}"
 
 
 def sweeps(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> Outcome:

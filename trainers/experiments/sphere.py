@@ -31,32 +31,13 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.resampling import Covering
+from tsuiseki.tracking.sphere import views
 from tsuiseki.tracking.sphere.points import track_sphere_points
 from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.tracker import SphereState, SphereTracker, TimedViews
-from tsuiseki.tracking.sphere.views import (
-    BackgroundLikelihood,
-    MinMaxWeights,
-    PrintedContourLikelihood,
-    SphereContourLikelihood,
-    ViewLikelihood,
-)
 from tsuiseki.tracking.types import FloatArray, ImageArray
-from tsuiseki.trainers.experiments.study import (
-    Bench,
-    Column,
-    Curve,
-    Name,
-    Outcome,
-    Study,
-    Watch,
-    at_least_one,
-    at_quantile,
-    curves,
-    tabulated,
-    values_of,
-    with_interval,
-)
+from tsuiseki.trainers.experiments import study
+from tsuiseki.trainers.experiments.study import Bench, Column, Outcome, Study, at_quantile, tabulated, with_interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -72,24 +53,24 @@ PAPER_FRAME = 20
 """The frame of figures 2 and 5, counted from 1."""
 TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
 
-MakeLikelihood: TypeAlias = Callable[[Sequence[PinholeCamera], float, Sequence[ImageArray]], ViewLikelihood]
+MakeLikelihood: TypeAlias = Callable[[Sequence[PinholeCamera], float, Sequence[ImageArray]], views.ViewLikelihood]
 LIKELIHOODS: Mapping[str, MakeLikelihood] = {
-    "background": lambda cameras, _, empty: BackgroundLikelihood(cameras, empty),
-    "printed": lambda cameras, radius, _: PrintedContourLikelihood(cameras, radius),
-    "printed, scaled": lambda cameras, radius, _: MinMaxWeights(PrintedContourLikelihood(cameras, radius)),
-    "printed, fourth power": lambda cameras, radius, _: PrintedContourLikelihood(cameras, radius, power=4.0),
-    "ellipse": lambda cameras, radius, _: PrintedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
-    "divided": lambda cameras, radius, _: PrintedContourLikelihood(
+    "background": lambda cameras, _, empty: views.BackgroundLikelihood(cameras, empty),
+    "printed": lambda cameras, radius, _: views.PrintedContourLikelihood(cameras, radius),
+    "printed, scaled": lambda cameras, radius, _: views.MinMaxWeights(views.PrintedContourLikelihood(cameras, radius)),
+    "printed, fourth power": lambda cameras, radius, _: views.PrintedContourLikelihood(cameras, radius, power=4.0),
+    "ellipse": lambda cameras, radius, _: views.PrintedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
+    "divided": lambda cameras, radius, _: views.PrintedContourLikelihood(
         cameras, radius, outlines_of=sphere_outlines, divided=True
     ),
-    "contour": lambda cameras, radius, _: SphereContourLikelihood(cameras, radius),
-    "faint": lambda cameras, radius, _: SphereContourLikelihood(cameras, radius, faint=True),
+    "contour": lambda cameras, radius, _: views.SphereContourLikelihood(cameras, radius),
+    "faint": lambda cameras, radius, _: views.SphereContourLikelihood(cameras, radius, faint=True),
 }
 """From C cameras, the radius in metres and C pictures of the empty scene."""
 
 
 @dataclass(frozen=True)
-class Way:
+class FilmRow:
     """One way to track a film.
 
     Attributes:
@@ -119,7 +100,7 @@ class Way:
 
 Group = Literal["section 3", "disturbed", "particles", "cameras", "covered"]
 VARIED = ("particles", "cameras", "covered")
-at_once = partial(Way, notices=False, stages=1)
+at_once = partial(FilmRow, notices=False, stages=1)
 """As the paper does it."""
 DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
     "exact cameras and radius, no blur, one clock": {},
@@ -131,30 +112,30 @@ DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
     **{f"camera 2 late by 1/{n} s": {"film": {"lateness": (0.0, 1 / n)}} for n in (60, 30, 15)},
 }
 """What films of real cameras have and the others have not."""
-WAYS: Mapping[tuple[Group, str], Way] = {
+WAYS: Mapping[tuple[Group, str], FilmRow] = {
     ("section 3", "background, as printed (2.2.1): `--preset paper --likelihood background`"): at_once("background"),
     ("section 3", "contour, as printed (2.2.2), weights over their sum: `--preset paper`"): at_once("printed"),
     ("section 3", "+ r0 on the true ellipse"): at_once("ellipse"),
     ("section 3", "+ each ray divided by its sum and the contrast"): at_once("divided"),
     ("section 3", "+ an exponential of the mean over the rays"): at_once("contour"),
-    ("section 3", "+ two stages of weighing"): Way(notices=False),
-    ("section 3", "+ covered cameras noticed"): Way(),
-    ("section 3", "+ a velocity: `track sphere`"): Way(motion=FLIGHT),
+    ("section 3", "+ two stages of weighing"): FilmRow(notices=False),
+    ("section 3", "+ covered cameras noticed"): FilmRow(),
+    ("section 3", "+ a velocity: `track sphere`"): FilmRow(motion=FLIGHT),
     ("section 3", "contour, as printed, weights from least 0 to greatest 1"): at_once("printed, scaled"),
     ("section 3", "(not in the paper: its sum to the fourth power)"): at_once("printed, fourth power"),
     **{
         ("disturbed", f"{name}{suffix}"): make(**change)
         for name, change in DISTURBANCES.items()
-        for suffix, make in (("", partial(Way, motion=FLIGHT)), (", as printed", partial(at_once, "printed")))
+        for suffix, make in (("", partial(FilmRow, motion=FLIGHT)), (", as printed", partial(at_once, "printed")))
     },
     **{
-        ("disturbed", f"out of focus, {blur:g} px, `--faint true`"): Way("faint", FLIGHT, film={"defocus": blur})
+        ("disturbed", f"out of focus, {blur:g} px, `--faint true`"): FilmRow("faint", FLIGHT, film={"defocus": blur})
         for blur in (2.0, 4.0)
     },
-    **{("particles", f"{n}"): Way(particles=n) for n in (50, 100, 200, 500, 1000, 2000)},
-    **{("cameras", f"{n}"): Way(cameras=n) for n in (2, 3, 4, 6)},
+    **{("particles", f"{n}"): FilmRow(particles=n) for n in (50, 100, 200, 500, 1000, 2000)},
+    **{("cameras", f"{n}"): FilmRow(cameras=n) for n in (2, 3, 4, 6)},
     **{
-        ("covered", f"{n} frames, {name}"): Way("contour", FLIGHT, 500, cameras, n, notices)
+        ("covered", f"{n} frames, {name}"): FilmRow("contour", FLIGHT, 500, cameras, n, notices)
         for name, cameras, notices in (
             ("2 cameras", 2, True),
             ("3 cameras", 3, True),
@@ -165,7 +146,7 @@ WAYS: Mapping[tuple[Group, str], Way] = {
 }
 """Everything that is compared, by table and row; in section 3 one addition after the other, from the paper's method."""
 BACKGROUND, PRINTED = list(WAYS)[:2]
-PAPER_ERRORS: Mapping[str, Mapping[Name, float]] = {
+PAPER_ERRORS: Mapping[str, Mapping[study.Name, float]] = {
     "mean": {BACKGROUND[1]: 20.0, PRINTED[1]: 3.20},
     "maximum": {BACKGROUND[1]: 29.5, PRINTED[1]: 4.88},
     "deviation": {BACKGROUND[1]: 9.90, PRINTED[1]: 1.03},
@@ -197,7 +178,7 @@ def reproduce(
     Raises:
         RequestError: no film, or one of a single frame.
     """
-    at_least_one(seeds=seeds)
+    study.at_least_one(seeds=seeds)
     if frames < 2 or seed < 0:
         raise RequestError(f"expected at least 2 `frames` and a `seed` from 0, got {frames} frames and seed {seed}")
     groups = {None: get_args(Group), "varied": VARIED}.get(only, (only,))
@@ -215,12 +196,12 @@ def reproduce(
         for group in groups
     ]
     note = f"Errors in cm over {seeds} films: mean over films of mean and sd, greatest max; 95 % by Student's t."
-    return Outcome(values_of(found, ("group", "name")), tables, _plots(found, frames, seed), notes=[note])
+    return Outcome(study.values_of(found, ("group", "name")), tables, _plots(found, frames, seed), notes=[note])
 
 
-def _of_one_film(ways: Mapping[tuple[Group, str], Way]) -> list[dict[tuple[Group, str], Way]]:
+def _of_one_film(ways: Mapping[tuple[Group, str], FilmRow]) -> list[dict[tuple[Group, str], FilmRow]]:
     """The ways by their film: it has two cameras for those that are disturbed, else as many as any of them needs."""
-    films: dict[str, dict[tuple[Group, str], Way]] = {}
+    films: dict[str, dict[tuple[Group, str], FilmRow]] = {}
     for name, way in ways.items():
         films.setdefault(repr((name[0] == "disturbed", way.film)), {})[name] = way
     return list(films.values())
@@ -238,7 +219,7 @@ def _columns(group: str) -> list[Column]:
     return columns
 
 
-def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[Way], watch: Watch) -> list[FilmErrors]:
+def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[FilmRow], watch: study.Watch) -> list[FilmErrors]:
     """The errors of every way on the film of ``seed``.
 
     Args:
@@ -261,7 +242,7 @@ def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[Way], watc
 class _Run:
     """One way to track, on its way through a film."""
 
-    def __init__(self, way: Way, scene: SphereClip, empty: Sequence[ImageArray], seed: int) -> None:
+    def __init__(self, way: FilmRow, scene: SphereClip, empty: Sequence[ImageArray], seed: int) -> None:
         wrong = np.random.default_rng((seed, 5))
         self.cameras = [turned(camera, way.camera_error, wrong) for camera in scene.cameras[: way.cameras]]
         self.radius = scene.settings.radius * (1 + way.radius_error)
@@ -335,7 +316,7 @@ def pictures_figure(images: Sequence[ImageArray], empty: Sequence[ImageArray], f
 
 def errors_figure(found: Found) -> Figure:
     """The mean error against particles, cameras and covered frames."""
-    panels: dict[str, list[Curve]] = {}
+    panels: dict[str, list[study.Curve]] = {}
     for group in VARIED:
         lines: dict[str, list[tuple[float, float]]] = {}
         for (of, label), films in found.items():
@@ -343,9 +324,9 @@ def errors_figure(found: Found) -> Figure:
                 number, _, line = label.partition(" frames, ")
                 mean = 100 * float(np.mean([one["to_position"].mean for one in films]))
                 lines.setdefault(line or "`track sphere`", []).append((float(number), mean))
-        panels[group] = [Curve(name, [x for x, _ in line], [y for _, y in line]) for name, line in lines.items()]
+        panels[group] = [study.Curve(name, [x for x, _ in line], [y for _, y in line]) for name, line in lines.items()]
     across = ("particles", "cameras", "covered frames of camera 1")
-    figure = curves(panels, across, "mean distance to the true position, cm", (3.7, 3.4))
+    figure = study.curves(panels, across, "mean distance to the true position, cm", (3.7, 3.4))
     for axes in figure.axes:
         axes.set_yscale("log")
         axes.set_yticks(TICKS, [f"{tick:g}" for tick in TICKS])
@@ -364,7 +345,7 @@ PIXEL, MISSED, FALSE = 1.0, 0.05, 0.02
 """Standard deviation of a measured pixel, and shares of frames without one and with one anywhere in the image."""
 POINT_STEP = 1e-4
 BALLISTIC = SphereSettings(motion="ballistic", bounce=BOUNCE)
-ROWS: Mapping[Name, SphereSettings | None] = {
+ROWS: Mapping[study.Name, SphereSettings | None] = {
     "triangulated, where both cameras measured": None,
     "`--points`": SphereSettings(),
     "`--motion ballistic`": BALLISTIC,
@@ -393,7 +374,7 @@ def points(bench: Bench, seeds: int = 20, seed: int = 0) -> Outcome:
     Raises:
         RequestError: no throw.
     """
-    at_least_one(seeds=seeds)
+    study.at_least_one(seeds=seeds)
     found = Study(ROWS, range(seed, seed + seeds), run_throw, "throws").run(bench)
     note = (
         f"{seeds} throws of {FRAMES} frames at {RATE:g} frames/s, two cameras; pixels {PIXEL:g} px off, "

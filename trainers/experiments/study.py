@@ -133,6 +133,12 @@ def at_quantile(values: FloatArray, form: str, share: float) -> str:
     return f"{np.quantile(values, share):{form}}"
 
 
+def share_of_all(values: FloatArray, form: str) -> str:
+    """The sum of parts over that of wholes, percent, from values that are a part and a whole by turns."""
+    part, whole = values.reshape(-1, 2).sum(axis=0)
+    return f"{100 * part / max(whole, 1):{form}}"
+
+
 def with_error(values: FloatArray, form: str, ddof: int = 1) -> str:
     """The mean and its standard error, from the sum of squares over ``S - ddof``."""
     error = np.std(values, ddof=ddof) / np.sqrt(len(values)) if len(values) > ddof else float("nan")
@@ -161,8 +167,8 @@ class Column:
 
     Attributes:
         heading: above it.
-        value: of a measurement: a function, or its field or key; dots lead into nested ones. A number, or an array of
-            which all units' together are shown.
+        value: of a measurement: a function, or its field or key; dots lead into nested ones and entries by number. A
+            number, or an array of which all units' together are shown.
         form: format of a number.
         factor: times the value, such as 100 for percent.
         show: the values of all units as text.
@@ -188,7 +194,7 @@ class Column:
         if callable(self.value):
             return self.value(one)
         for part in self.value.split("."):
-            one = one[part] if isinstance(one, Mapping) else getattr(one, part)
+            one = one[part] if isinstance(one, Mapping) else one[int(part)] if part.isdigit() else getattr(one, part)
         return one
 
 

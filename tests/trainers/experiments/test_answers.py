@@ -7,7 +7,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.types import Track
-from tsuiseki.trainers.experiments.answers_streets import scene_in, true_answers, true_crossings
+from tsuiseki.trainers.experiments.answers import scene_in, true_answers, true_crossings
 
 
 @pytest.mark.slow
