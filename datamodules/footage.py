@@ -21,12 +21,12 @@ from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.room_pictures import panorama_picture
 from tsuiseki.datamodules.scenes.training_pictures import (
-    SETTINGS_OF_SCENE,
     THINGS,
     TOWN,
     BoxConvention,
     Stock,
     random_training_scene,
+    settings_of_scene,
 )
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth
@@ -235,7 +235,7 @@ def _picture(source: TrainingSource, size: tuple[int, int], number: int) -> tupl
     if source.scene == "ceiling":
         return panorama_picture(rng, *size)
     settings = replace(
-        SETTINGS_OF_SCENE[source.scene](rng, *size),
+        settings_of_scene(source.scene, rng, *size),
         town=TOWN if source.town else (0, 0),
         things=THINGS if source.things else (0, 0),
         sun=source.sun,

@@ -13,15 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from tsuiseki.datamodules.scenes.clip import (
-    IMAGES,
-    ClipSettings,
-    FrameTruth,
-    Moment,
-    by_appearance,
-    ground_truth,
-    people_in_view,
-)
+from tsuiseki.datamodules.scenes import clip
 from tsuiseki.datamodules.scenes.people.activities import AHEAD
 from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, PerformerState, gather
 from tsuiseki.datamodules.scenes.people.person import person_thing
@@ -91,7 +83,7 @@ MOTIONS: dict[Strength, FlightMotion] = {
 
 
 @dataclass(frozen=True)
-class DroneSceneSettings(ClipSettings):
+class DroneSceneSettings(clip.ClipSettings):
     """A clip from a drone.
 
     Attributes:
@@ -156,15 +148,15 @@ class DroneClip:
     @property
     def views(self) -> tuple[str, ...]:
         """See `clip.Clip`."""
-        return (IMAGES if self.settings.layout == "mot" else OKUTAMA_FRAMES.format(seed=self.seed),)
+        return (clip.IMAGES if self.settings.layout == "mot" else OKUTAMA_FRAMES.format(seed=self.seed),)
 
-    def frames(self) -> Iterator[Moment[FrameTruth]]:
+    def frames(self) -> Iterator[clip.Moment[clip.FrameTruth]]:
         """See `clip.Clip`."""
         for frame in range(self.settings.frames):
             image, truth = self.draw_frame(frame)
             yield (image,), truth
 
-    def draw_frame(self, frame: int) -> tuple[ImageArray, FrameTruth]:
+    def draw_frame(self, frame: int) -> tuple[ImageArray, clip.FrameTruth]:
         """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the performers of the plan from 1."""
         camera, settings, performers = self.cameras[frame], self.settings, self.gathering.performers
         states = [performer.states[frame] for performer in performers]
@@ -180,13 +172,13 @@ class DroneClip:
         image = _smeared(image, _image_motion(self.cameras, frame) * SHUTTER)
         rng = np.random.default_rng([self.seed, 1, frame])
         image = photographed(image, self.tone, BLUR, self.grains, rng)
-        truth, rows = people_in_view(sightings[: len(people)], (camera.width, camera.height), 1e-9, INSIDE)
+        truth, rows = clip.people_in_view(sightings[: len(people)], (camera.width, camera.height), 1e-9, INSIDE)
         return image, replace(truth, actions=tuple(states[i].activity.actions for i in rows))
 
-    def write_truth(self, folder: Path, name: str, truths: list[FrameTruth]) -> None:
+    def write_truth(self, folder: Path, name: str, truths: list[clip.FrameTruth]) -> None:
         """Write ``gt/gt.txt``, ``gt/actions.txt`` and ``seqinfo.ini``, or the labels of Okutama-Action's layout."""
-        settings, rows = self.settings, ground_truth(truths)
-        rows = replace(rows, ids=by_appearance(rows.ids))
+        settings, rows = self.settings, clip.ground_truth(truths)
+        rows = replace(rows, ids=clip.by_appearance(rows.ids))
         hidden, none = rows.visibility < OCCLUDED, np.zeros(len(rows), dtype=np.bool_)
         actions = actions_of([names for t in truths for names in t.actions])
         labels = ActionLabels(rows.frames, rows.ids, rows.boxes, none, hidden, none, actions, OKUTAMA_ACTIONS)

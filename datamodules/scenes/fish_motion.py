@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes.render.solids import along
 from tsuiseki.tracking.types import FloatArray
 
 STEPS_PER_SECOND = 120.0
@@ -90,7 +91,7 @@ def _start(size: FloatArray, rng: np.random.Generator) -> _Fish:
     place = WALL_MARGIN + (size - 2 * WALL_MARGIN) * rng.random(2)
     heading = float(rng.uniform(-np.pi, np.pi))
     phase, lively = float(rng.uniform(0, 2 * np.pi)), bool(rng.random() < LIVELY)
-    return _Fish(place, 60.0 * _towards(heading), _new_goal(size, rng), heading, lively, phase=phase, until=-10.0)
+    return _Fish(place, 60.0 * along(heading)[:2], _new_goal(size, rng), heading, lively, phase=phase, until=-10.0)
 
 
 def _step(fish: _Fish, clock: float, dt: float, size: FloatArray, rng: np.random.Generator) -> None:
@@ -122,14 +123,14 @@ def _decide(fish: _Fish, clock: float, dt: float, size: FloatArray, rng: np.rand
 
 
 def _next_stretch(fish: _Fish, clock: float, size: FloatArray, rng: np.random.Generator) -> None:
-    ahead = fish.place + 90 * _towards(fish.heading)
+    ahead = fish.place + 90 * along(fish.heading)[:2]
     outward = bool(np.any(ahead < WALL_MARGIN) or np.any(ahead > size - WALL_MARGIN))
     if fish.lively and rng.random() < (0.9 if outward else TURNS):
         inward = _turn_to(fish, size / 2)
         fish.side = float(np.sign(inward)) if outward else float(rng.choice([-1.0, 1.0]))
         angle = float(rng.uniform(*TURN_ANGLE))
         fish.wanted = fish.heading + fish.side * 0.7 * angle
-        ahead = fish.place + 250 * _towards(fish.heading + fish.side * angle)
+        ahead = fish.place + 250 * along(fish.heading + fish.side * angle)[:2]
         fish.goal = np.clip(ahead, WALL_MARGIN, size - WALL_MARGIN)
         fish.until = clock + 0.35
         return
@@ -146,7 +147,7 @@ def _next_stretch(fish: _Fish, clock: float, size: FloatArray, rng: np.random.Ge
 
 def _push(fish: _Fish, dt: float) -> None:
     """Forces of the water on tail and body."""
-    forward = _towards(fish.heading)
+    forward = along(fish.heading)[:2]
     aside = np.array([-forward[1], forward[0]])
     u, v = float(forward @ fish.velocity), float(aside @ fish.velocity)
     sin, cos = np.sin(fish.bend), np.cos(fish.bend)
@@ -181,7 +182,3 @@ def _turn_to(fish: _Fish, place: FloatArray) -> float:
     """The angle in [-pi, pi) between the heading and the way to ``place``."""
     away = place - fish.place
     return float((float(np.arctan2(away[1], away[0])) - fish.heading + np.pi) % (2 * np.pi) - np.pi)
-
-
-def _towards(angle: float) -> FloatArray:
-    return np.array([np.cos(angle), np.sin(angle)])

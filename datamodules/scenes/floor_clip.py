@@ -7,20 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes import room_clip
 from tsuiseki.datamodules.scenes.clip import FrameTruth
 from tsuiseki.datamodules.scenes.people.walkers import dressed, wander
 from tsuiseki.datamodules.scenes.render.degrade import level_tone, random_degradation
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.solids import Surface, as_colour, boxes
-from tsuiseki.datamodules.scenes.room_clip import (
-    CEILING,
-    FURNITURE,
-    RoomClip,
-    RoomSettings,
-    ceiling_camera,
-    ceiling_lens,
-    lamps,
-)
 from tsuiseki.datamodules.scenes.things.room import random_furniture
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -37,7 +29,7 @@ PILLARS, TALL = 3, (1.9, 2.1)
 
 
 @dataclass(frozen=True)
-class FloorClipSettings(RoomSettings):
+class FloorClipSettings(room_clip.RoomSettings):
     """A clip of several cameras over one floor.
 
     Attributes:
@@ -57,7 +49,7 @@ class FloorClipSettings(RoomSettings):
         super().__post_init__()
 
 
-class FloorClip(RoomClip[AnyCamera]):
+class FloorClip(room_clip.RoomClip[AnyCamera]):
     """A planned clip of cameras of both kinds."""
 
     # Before a wall camera a head alone may be a good part of the picture.
@@ -78,21 +70,21 @@ class FloorClip(RoomClip[AnyCamera]):
 def plan_floor(settings: FloorClipSettings, seed: int) -> FloorClip:
     """The place, its cameras and everybody's way, as ``seed`` has it."""
     rng = np.random.default_rng([seed, 7])
-    size, ceiling = np.array(settings.size), float(rng.uniform(*CEILING))
-    furniture, low = random_furniture(rng, size, round(FURNITURE * size.prod() / 10))
+    size, ceiling = np.array(settings.size), float(rng.uniform(*room_clip.CEILING))
+    furniture, low = random_furniture(rng, size, round(room_clip.FURNITURE * size.prod() / 10))
     pillars, high = _pillars(rng, size)
     cameras = _cameras(rng, settings, size, ceiling)
     people = dressed(rng, settings.people, settings.repeated)
     walkers = wander(rng, people, settings, size, np.concatenate([low, high]))
     tone = level_tone(random_degradation(rng, 0.5))
-    return FloorClip(settings, seed, cameras, lamps(rng), walkers, [*furniture, *pillars], tone)
+    return FloorClip(settings, seed, cameras, room_clip.lamps(rng), walkers, [*furniture, *pillars], tone)
 
 
 def _cameras(
     rng: np.random.Generator, settings: FloorClipSettings, size: FloatArray, ceiling: float
 ) -> list[AnyCamera]:
     """Cameras on the ceiling share its length; those on walls and in corners look across the middle."""
-    lens = ceiling_lens(None, settings.width, settings.height)
+    lens = room_clip.ceiling_lens(None, settings.width, settings.height)
     focal = settings.width / 2 / np.tan(FIELD / 2)
     overhead = [k for k in OVERHEAD if k < settings.cameras]
     stands = iter(STANDS)
@@ -100,7 +92,7 @@ def _cameras(
     for k in range(settings.cameras):
         if k in overhead:
             share = (overhead.index(k) + 0.5) / len(overhead)
-            cameras.append(ceiling_camera(rng, lens, size, share, ceiling - 0.1))
+            cameras.append(room_clip.ceiling_camera(rng, lens, size, share, ceiling - 0.1))
             continue
         spot = AWAY + np.array(next(stands)) * (size - 2 * AWAY)
         aim = size / 2 + rng.normal(0, 0.4, 2)

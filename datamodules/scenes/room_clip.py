@@ -13,13 +13,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.clip import IMAGES, ClipSettings, FrameTruth, Moment, ground_truth, people_in_view
 from tsuiseki.datamodules.scenes.people.walkers import Walker, dressed, wander
-from tsuiseki.datamodules.scenes.render.degrade import (
-    automatic_exposure,
-    grains,
-    level_tone,
-    photographed,
-    random_degradation,
-)
+from tsuiseki.datamodules.scenes.render import degrade
 from tsuiseki.datamodules.scenes.render.insertion import draw_clusters, encoded
 from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Picture, Sighting, Thing, both_shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
@@ -123,9 +117,9 @@ class RoomClip(Generic[CameraT]):
         camera, highest = self.cameras[number], max(float(each.position[2]) for each in self.cameras)
         shell = random_shell(rng, np.array([*self.settings.size, highest + 0.1]))
         empty, direct = draw_shell(shell, camera, self.light, self.furniture, SAMPLES)
-        noises = grains(np.random.default_rng([self.seed, 6, number]), NOISE, camera.width, camera.height)
+        noises = degrade.grains(np.random.default_rng([self.seed, 6, number]), NOISE, camera.width, camera.height)
         seen = empty.colour[empty.colour.max(axis=2) > 0.004]
-        exposure = automatic_exposure(np.broadcast_to(seen[:, None], (len(seen), 1, 3))[::8].repeat(8, axis=0))
+        exposure = degrade.automatic_exposure(np.broadcast_to(seen[:, None], (len(seen), 1, 3))[::8].repeat(8, axis=0))
         return RoomView(camera, empty, direct, encoded(empty.colour, exposure), exposure, noises)
 
     def draw_frame(self, view: RoomView, frame: int) -> tuple[ImageArray, FrameTruth]:
@@ -137,7 +131,7 @@ class RoomClip(Generic[CameraT]):
         things = [self.walkers[i].thing(frame) for i in there]
         places = [self.walkers[i].positions[frame - self.walkers[i].first] for i in there]
         image, sightings = _with_people(view, things, self.light)
-        image = photographed(image, self.tone, BLUR, view.grains, np.random.default_rng([self.seed, 1, frame]))
+        image = degrade.photographed(image, self.tone, BLUR, view.grains, np.random.default_rng([self.seed, 1, frame]))
         truth, rows = people_in_view(sightings, (view.camera.width, view.camera.height), SHOWN, self.inside)
         ids = np.array(there, dtype=np.int64)[rows] + 1
         return image, replace(truth, ids=ids, places=np.array(places).reshape(-1, 2)[rows])
@@ -194,7 +188,7 @@ def plan_room(
     cameras = [ceiling_camera(rng, fitted, size, (k + 0.5) / CAMERAS, ceiling - 0.1) for k in range(CAMERAS)]
     people = dressed(rng, settings.people, settings.repeated)
     walkers = wander(rng, people, settings, size, obstacles)
-    tone = level_tone(random_degradation(rng, 0.5))
+    tone = degrade.level_tone(degrade.random_degradation(rng, 0.5))
     return RoomClip(settings, seed, cameras, lamps(rng), walkers, furniture, tone)
 
 

@@ -16,7 +16,7 @@ from tsuiseki.datamodules.scenes.people.poses import draw_pose
 from tsuiseki.datamodules.scenes.people.posture import Pose
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Thing, both_shadows, compose, empty_picture
-from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.datamodules.scenes.render.solids import Float32, along
 from tsuiseki.datamodules.scenes.room_clip import lamps
 from tsuiseki.datamodules.scenes.things.interior import cabinet, chair, panels, plant, table
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_shell
@@ -76,7 +76,7 @@ class _Room:
             if isinstance(camera, CylinderView):
                 half = min(camera.width / 2 / camera.scale, 2.6)
                 middle = camera.middle + rng.uniform(-half, half)
-            spot = camera.position[:2] + np.exp(rng.uniform(np.log(near), np.log(far))) * _towards(float(middle))
+            spot = camera.position[:2] + np.exp(rng.uniform(np.log(near), np.log(far))) * along(float(middle))[:2]
             if ((spot > 0.35) & (spot < self.size[:2] - 0.35)).all() and self.free(spot, radius):
                 return np.asarray(spot)
         return None
@@ -131,20 +131,16 @@ def _furnished(rng: np.random.Generator, size: FloatArray, camera: CylinderView 
             heading = float(rng.uniform(0, 2 * np.pi))
             made.things.append(chair(rng, spot, heading))
             if rng.random() < 0.4:
-                made.things.append(table(rng, spot + 0.6 * _towards(heading), heading, (0.4, 0.6)))
+                made.things.append(table(rng, spot + 0.6 * along(heading)[:2], heading, (0.4, 0.6)))
     for _ in range(int(rng.integers(0, 9))):
-        along, side = rng.uniform(0.05, 0.95), int(rng.integers(4))
-        spot = np.array([[0.3, along * size[1]], [size[0] - 0.3, along * size[1]], [along * size[0], 0.3],
-                         [along * size[0], size[1] - 0.3]][side])  # fmt: skip
+        share, side = rng.uniform(0.05, 0.95), int(rng.integers(4))
+        spot = np.array([[0.3, share * size[1]], [size[0] - 0.3, share * size[1]], [share * size[0], 0.3],
+                         [share * size[0], size[1] - 0.3]][side])  # fmt: skip
         if rng.random() < 0.2:
             made.things.append(plant(rng, spot))
         elif made.free(spot, 0.5):
             made.things.append(cabinet(rng, spot, (-np.pi / 2, np.pi / 2, 0.0, np.pi)[side] + rng.normal(0, 0.05)))
     return made
-
-
-def _towards(heading: float) -> FloatArray:
-    return np.array([np.cos(heading), np.sin(heading)])
 
 
 def _upright(made: _Room) -> None:
@@ -161,7 +157,7 @@ def _group(made: _Room, wanted: int) -> int:
     if spot is None:
         return wanted
     heading, members = float(rng.uniform(0, 2 * np.pi)), int(rng.integers(1, min(wanted, 4) + 1))
-    ahead, aside = _towards(heading), _towards(heading + np.pi / 2)
+    ahead, aside = along(heading)[:2], along(heading + np.pi / 2)[:2]
     with_table, spacing = rng.random() < 0.7, rng.uniform(0.65, 0.95)
     for k in range(members):
         seat = spot + (k - (members - 1) / 2) * spacing * aside + rng.normal(0, 0.04, 2)
@@ -170,7 +166,7 @@ def _group(made: _Room, wanted: int) -> int:
         person, facing = random_person(rng), heading + float(rng.normal(0, 0.25))
         pose = draw_pose(int(rng.integers(1 << 31)), person.build, "sitting")
         made.things.append(chair(rng, seat, facing))
-        made.add(person, pose, seat - 0.05 * _towards(facing), facing)
+        made.add(person, pose, seat - 0.05 * along(facing)[:2], facing)
     if with_table:
         middle = spot + rng.uniform(0.6, 0.75) * ahead
         made.things.append(table(rng, middle, heading, (0.38, 0.5 * members * spacing + 0.2)))

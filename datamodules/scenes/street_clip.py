@@ -10,28 +10,14 @@ from typing import ClassVar
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from tsuiseki.datamodules.scenes.clip import (
-    IMAGES,
-    ClipSettings,
-    FrameTruth,
-    Moment,
-    by_appearance,
-    ground_truth,
-    people_in_view,
-)
+from tsuiseki.datamodules.scenes import clip
 from tsuiseki.datamodules.scenes.people.walkers import Walker, crowd
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, automatic_exposure, degrade
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
 from tsuiseki.datamodules.scenes.render.scene import Picture, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import Light, random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
-from tsuiseki.datamodules.scenes.things.clutter import (
-    apparent_heights,
-    buildings_behind,
-    clutter_around,
-    random_camera,
-    reach_of,
-)
+from tsuiseki.datamodules.scenes.things import clutter
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -51,7 +37,7 @@ BLUR, NOISE = 0.5, 3.0
 
 
 @dataclass(frozen=True)
-class StreetSettings(ClipSettings):
+class StreetSettings(clip.ClipSettings):
     """A street clip.
 
     Attributes:
@@ -94,16 +80,16 @@ class StreetClip:
     lens: Degradation
     drift: FloatArray
 
-    views: ClassVar[tuple[str, ...]] = (IMAGES,)
+    views: ClassVar[tuple[str, ...]] = (clip.IMAGES,)
     quality: ClassVar[int] = 90
 
-    def frames(self) -> Iterator[Moment[FrameTruth]]:
+    def frames(self) -> Iterator[clip.Moment[clip.FrameTruth]]:
         """See `clip.Clip`."""
         for frame in range(self.settings.frames):
             image, truth = self.draw_frame(frame)
             yield (image,), truth
 
-    def draw_frame(self, frame: int) -> tuple[ImageArray, FrameTruth]:
+    def draw_frame(self, frame: int) -> tuple[ImageArray, clip.FrameTruth]:
         """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the people of the plan from 1."""
         camera = self.camera
         there = [i for i, walker in enumerate(self.walkers) if walker.is_there(frame)]
@@ -112,13 +98,13 @@ class StreetClip:
         picture, sightings = compose(picture, things, camera, self.light)
         rng = np.random.default_rng([self.seed, 1, frame])
         image = degrade(picture.colour, replace(self.lens, exposure=self.lens.exposure * self.drift[frame]), rng)
-        truth, rows = people_in_view(sightings, (camera.width, camera.height), 0.0, INSIDE)
+        truth, rows = clip.people_in_view(sightings, (camera.width, camera.height), 0.0, INSIDE)
         return image, replace(truth, ids=np.array(there, dtype=np.int64)[rows] + 1)
 
-    def write_truth(self, folder: Path, name: str, truths: list[FrameTruth]) -> None:
+    def write_truth(self, folder: Path, name: str, truths: list[clip.FrameTruth]) -> None:
         """Write ``gt/gt.txt``, with ids without gaps in the order of appearance, and ``seqinfo.ini``."""
-        labels = ground_truth(truths)
-        self.settings.write_info(folder, name, replace(labels, ids=by_appearance(labels.ids)))
+        labels = clip.ground_truth(truths)
+        self.settings.write_info(folder, name, replace(labels, ids=clip.by_appearance(labels.ids)))
 
 
 def plan_street(settings: StreetSettings, seed: int) -> StreetClip:
@@ -127,10 +113,10 @@ def plan_street(settings: StreetSettings, seed: int) -> StreetClip:
     camera, spots = _camera(rng, settings)
     light = random_light(rng)
     ground, sunlit = draw_ground(random_ground(rng), camera, light)
-    static = clutter_around(rng, camera, settings.occluders, np.empty((0, 2)), LARGEST)
+    static = clutter.clutter_around(rng, camera, settings.occluders, np.empty((0, 2)), LARGEST)
     middles = [t.solids.start[0, :2].astype(np.float64) for t in static]
-    obstacles = [[*m, reach_of(t.solids, m)] for m, t in zip(middles, static, strict=True)]
-    static += buildings_behind(rng, int(rng.integers(1, 4)), float(np.linalg.norm(spots, axis=1).max()))
+    obstacles = [[*m, clutter.reach_of(t.solids, m)] for m, t in zip(middles, static, strict=True)]
+    static += clutter.buildings_behind(rng, int(rng.integers(1, 4)), float(np.linalg.norm(spots, axis=1).max()))
     bare, sunlit = darken(empty_picture(ground, settings.samples), static, camera, light, sunlit, 1.0)
     background, _ = compose(bare, static, camera, light)
     walkers = crowd(
@@ -156,9 +142,9 @@ def _camera(rng: np.random.Generator, settings: StreetSettings) -> tuple[Pinhole
     feet = rng.uniform([0.03, 0.05], [0.97, 1.0], (400, 2)) * [settings.width, settings.height]
     low, high = settings.person_height
     for _ in range(CAMERAS):
-        camera = random_camera(rng, settings.width, settings.height, CAMERA_HEIGHT)
+        camera = clutter.random_camera(rng, settings.width, settings.height, CAMERA_HEIGHT)
         spots = camera.ground(feet)[:, :2]
-        apparent = apparent_heights(camera, spots)
+        apparent = clutter.apparent_heights(camera, spots)
         heads, _ = camera.project(np.nan_to_num(np.insert(spots, 2, 1.8, axis=1)))
         good = (apparent > low) & (apparent < high) & (heads[:, 1] > 0)
         if good.mean() >= WALKABLE and ConvexHull(spots[good]).volume >= ROOM * settings.people:

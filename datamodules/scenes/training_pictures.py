@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from tsuiseki.datamodules.scenes.things.clutter import (
     fronts_behind,
     random_camera,
 )
-from tsuiseki.datamodules.scenes.things.town import random_town_thing
+from tsuiseki.datamodules.scenes.things.town import random_thing
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.errors import RequestError
@@ -129,50 +129,42 @@ class TrainingSettings:
             raise RequestError(f"training scenes: expected boxes as one of {named}, got {self.boxes!r}")
 
 
-def varied_settings(rng: np.random.Generator, width: int, height: int) -> TrainingSettings:
-    """What one picture of a varied set shows: an ordinary street, a crowd, a view from afar, or nobody at all."""
-    street = TrainingSettings(width, height, night=0.2)
-    kinds = (
-        street,
-        replace(street, people=(25, 60), person_height=(20.0, 170.0), camera_height=(1.8, 8.0), beside=0.6),
-        replace(street, people=(8, 40), person_height=(14.0, 80.0), camera_height=(4.0, 15.0), beside=0.4),
-        replace(street, people=(0, 0), clutter=(8, 30)),
-    )
-    return kinds[int(rng.choice(len(kinds), p=(0.35, 0.3, 0.2, 0.15)))]
+STREET = TrainingSettings()
+SCENES: Mapping[str, TrainingSettings] = {
+    "street": STREET,
+    # Few people among many things: what scores are calibrated on, as most of a real view shows nobody.
+    "sparse": replace(
+        STREET, people=(0, 2), clutter=(6, 26), person_height=(20.0, 200.0), night=0.1, facades=0.8
+    ),
+    # A few people among many things from 4 to 14 m above, up to nearly straight below.
+    "aerial": replace(
+        STREET, people=(0, 14), clutter=(6, 30), person_height=(13.0, 120.0), camera_height=(4.0, 14.0), night=0.05,
+        photographs=0.75, facades=0.2,
+    ),
+    # A few people who fill a good part of the picture, among many things, from about as high as their heads.
+    "near": replace(STREET, people=(0, 9), clutter=(4, 16), camera_height=(1.0, 4.5), beside=0.5, night=0.15),
+    # People all around below a fisheye camera, some of them right under it.
+    "overhead": replace(
+        STREET, people=(0, 14), clutter=(4, 24), camera_height=(2.3, 6.0), overhead=True, photographs=0.0, facades=0.0,
+        beside=0.4,
+    ),
+}  # fmt: skip
+VARIED: tuple[tuple[float, dict[str, Any]], ...] = (
+    (0.35, {}),
+    (0.3, {"people": (25, 60), "person_height": (20.0, 170.0), "camera_height": (1.8, 8.0), "beside": 0.6}),
+    (0.2, {"people": (8, 40), "person_height": (14.0, 80.0), "camera_height": (4.0, 15.0), "beside": 0.4}),
+    (0.15, {"people": (0, 0), "clutter": (8, 30)}),
+)
+"""Shares and settings of a varied set: an ordinary street, a crowd, a view from afar, or nobody at all."""
 
 
-def sparse_settings(width: int, height: int) -> TrainingSettings:
-    """Few people among many things: what scores are calibrated on, as most of a real view shows nobody."""
-    few = TrainingSettings(width, height, people=(0, 2), clutter=(6, 26), person_height=(20.0, 200.0))
-    return replace(few, night=0.1, facades=0.8)
-
-
-def near_settings(width: int, height: int) -> TrainingSettings:
-    """A few people who fill a good part of the picture, among many things, from about as high as their heads."""
-    near = TrainingSettings(width, height, people=(0, 9), clutter=(4, 16), person_height=(80.0, 0.95 * height))
-    return replace(near, camera_height=(1.0, 4.5), beside=0.5, night=0.15)
-
-
-def aerial_settings(width: int, height: int) -> TrainingSettings:
-    """A few people among many things from 4 to 14 m above, up to nearly straight below."""
-    above = TrainingSettings(width, height, people=(0, 14), clutter=(6, 30), person_height=(13.0, 120.0))
-    return replace(above, camera_height=(4.0, 14.0), night=0.05, photographs=0.75, facades=0.2)
-
-
-def overhead_settings(width: int, height: int) -> TrainingSettings:
-    """People all around below a fisheye camera, some of them right under it."""
-    below = TrainingSettings(width, height, people=(0, 14), clutter=(4, 24), camera_height=(2.3, 6.0), overhead=True)
-    return replace(below, photographs=0.0, facades=0.0, beside=0.4)
-
-
-SETTINGS_OF_SCENE: dict[str, Callable[[np.random.Generator, int, int], TrainingSettings]] = {
-    "street": lambda _, *size: TrainingSettings(*size),
-    "varied": varied_settings,
-    "sparse": lambda _, *size: sparse_settings(*size),
-    "aerial": lambda _, *size: aerial_settings(*size),
-    "near": lambda _, *size: near_settings(*size),
-    "overhead": lambda _, *size: overhead_settings(*size),
-}
+def settings_of_scene(scene: str, rng: np.random.Generator, width: int, height: int) -> TrainingSettings:
+    """What one picture of a ``scene`` shows: one of `SCENES`, or ``varied``, of which ``rng`` draws one of `VARIED`."""
+    if scene == "varied":
+        chosen = int(rng.choice(len(VARIED), p=[share for share, _ in VARIED]))
+        return replace(STREET, width=width, height=height, night=0.2, **VARIED[chosen][1])
+    settings = replace(SCENES[scene], width=width, height=height)
+    return replace(settings, person_height=(80.0, 0.95 * height)) if scene == "near" else settings
 
 
 def random_training_scene(
@@ -254,7 +246,7 @@ def _scenery(
         static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
     static += facades
     if settings.town[1]:
-        static += clutter_around(of_town, camera, _count(of_town, settings.town), spots, LARGEST, random_town_thing)
+        static += clutter_around(of_town, camera, _count(of_town, settings.town), spots, LARGEST, random_thing)
         static += fronts_behind(of_town, 0 if in_view else int(of_town.integers(0, 4)), spots, reach)
     if settings.things[1]:
         if stock.photographs is None or not stock.photographs.paths["things"]:

@@ -12,17 +12,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, as_ground_truth, plan_blobs
 from tsuiseki.tracking.evaluation.points import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
+from tsuiseki.tracking.filters.finite_sets import region_likelihoods as likelihoods
 from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, PatchBirths
-from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
-    EachAlone,
-    Equalised,
-    RegionLikelihood,
-    Update,
-    WithoutOthers,
-    as_printed,
-    boxes_of,
-    calibrated,
-)
 from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
 from tsuiseki.tracking.filters.motion.points import SteppingBox
 from tsuiseki.tracking.people.sort import Sort
@@ -106,10 +97,10 @@ def _half_inside(boxes: FloatArray, scene: BlobSceneSettings) -> FloatArray:
     return np.asarray(np.where((share >= 0.5)[..., None], boxes, np.nan))
 
 
-UPDATES: Mapping[str, tuple[Update, RegionLikelihood]] = {
-    "as printed": (as_printed, EachAlone()),
-    "equalised": (Equalised(as_printed), EachAlone()),
-    "calibrated": (calibrated, WithoutOthers()),
+UPDATES: Mapping[str, tuple[likelihoods.Update, likelihoods.RegionLikelihood]] = {
+    "as printed": (likelihoods.as_printed, likelihoods.EachAlone()),
+    "equalised": (likelihoods.Equalised(likelihoods.as_printed), likelihoods.EachAlone()),
+    "calibrated": (likelihoods.calibrated, likelihoods.WithoutOthers()),
 }
 
 
@@ -209,7 +200,7 @@ def _start(boxes: FloatArray, density: int, rng: np.random.Generator) -> tuple[F
 
 def _on_targets(particles: FloatArray, boxes: FloatArray) -> FloatArray:
     """Particles ``(K,)`` whose centre is nearest to each target and inside it."""
-    centres = boxes_of(particles)
+    centres = likelihoods.boxes_of(particles)
     middle = (centres[:, :2] + centres[:, 2:]) / 2
     targets = (boxes[:, :2] + boxes[:, 2:]) / 2
     inside = np.all((middle[:, None] >= boxes[None, :, :2]) & (middle[:, None] <= boxes[None, :, 2:]), axis=2)

@@ -11,20 +11,9 @@ from torch import Tensor, nn
 from torchvision.ops import batched_nms
 
 from tsuiseki.datamodules.detection_data import DetectionBatch
+from tsuiseki.models import losses
 from tsuiseki.models.anchors import decode
 from tsuiseki.models.backbones import TrunkName
-from tsuiseki.models.losses import (
-    IGNORED,
-    PADDING,
-    BoxTerm,
-    DetectionLoss,
-    MinedEntropy,
-    QualityFocal,
-    ScoreTerm,
-    complete_iou,
-    distillation_loss,
-    smooth_l1,
-)
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import Detections
@@ -51,9 +40,9 @@ STREET_ANCHORS: list[list[tuple[float, float]]] = [
 ]
 DetectionLossName = Literal["multibox", "quality"]
 # What scores and boxes learn by.
-LOSSES: dict[DetectionLossName, tuple[ScoreTerm, BoxTerm]] = {
-    "multibox": (MinedEntropy(), smooth_l1),
-    "quality": (QualityFocal(), complete_iou),
+LOSSES: dict[DetectionLossName, tuple[losses.ScoreTerm, losses.BoxTerm]] = {
+    "multibox": (losses.MinedEntropy(), losses.smooth_l1),
+    "quality": (losses.QualityFocal(), losses.complete_iou),
 }
 _CANDIDATES = 300
 # Pictures that tell the normalisations of an exported network their statistics.
@@ -116,7 +105,7 @@ class DetectorTraining(Tested):
         # A checkpoint is loaded without its starting weights, which must not change its normalisation.
         self.hparams["normalisation"] = normalisation
         self.card = detector_card(name, (height, width), resize, normalisation)
-        self.loss = DetectionLoss(*LOSSES[loss], box_weight=box_weight)
+        self.loss = losses.DetectionLoss(*LOSSES[loss], box_weight=box_weight)
         self.teacher = None if teacher.file is None else SoftTeacher(teacher.file, self.network, self.card)
         self.teacher_weight = teacher.weight
         self.optimisation, self.features_rate = optimisation, features_rate
@@ -147,7 +136,7 @@ class DetectorTraining(Tested):
         terms = {"train/class_loss": class_loss, "train/box_loss": box_loss}
         total: Tensor = class_loss + box_loss
         if self.teacher is not None:
-            soft = distillation_loss(logits, offsets, self.network.anchors, self.teacher.targets(images))
+            soft = losses.distillation_loss(logits, offsets, self.network.anchors, self.teacher.targets(images))
             terms["train/teacher_loss"] = self.teacher_weight * (soft[0] + self.loss.box_weight * soft[1])
             total = total + terms["train/teacher_loss"]
         self.log_dict(terms, on_step=False, on_epoch=True, sync_dist=True)
@@ -160,8 +149,8 @@ class DetectorTraining(Tested):
         found = detections(logits, offsets, self.network.anchors, self.card)
         truth = zip(batch.boxes.double().cpu().numpy(), batch.labels.cpu().numpy(), strict=True)
         for (boxes, labels), here in zip(truth, found, strict=True):
-            real = labels != PADDING
-            self._validated.append((LabelledBoxes(boxes[real], labels[real] == IGNORED), here))
+            real = labels != losses.PADDING
+            self._validated.append((LabelledBoxes(boxes[real], labels[real] == losses.IGNORED), here))
 
     def on_validation_epoch_end(self) -> None:
         """Log AP50 over the validation images of all devices."""

@@ -21,11 +21,6 @@ from tsuiseki.datamodules.scenes.people.posture import (
     walking,
 )
 
-# How often each is drawn, relatively.
-SHARES: dict[str, float] = {
-    "sitting": 0.14, "seated on the ground": 0.06, "crouching": 0.14, "kneeling": 0.1, "bending": 0.14, "lying": 0.18,
-    "falling": 0.1, "jumping": 0.05, "running": 0.05, "carrying": 0.04,
-}  # fmt: skip
 # Share of the body's mass of head with trunk, and of each upper arm, forearm with hand, thigh, shank and foot
 # (Winter, *Biomechanics and Motor Control of Human Movement*, 2009, table 4.1).
 _TRUNK, _MASSES = 0.578, (0.028, 0.022, 0.1, 0.0465, 0.0145)
@@ -36,14 +31,14 @@ _QUARTER = math.pi / 2
 
 def random_name(rng: np.random.Generator) -> str:
     """One of the poses."""
-    names, shares = list(SHARES), np.array(list(SHARES.values()))
+    names, shares = list(_DRAWN), np.array([share for share, _ in _DRAWN.values()])
     return names[int(rng.choice(len(names), p=shares / shares.sum()))]
 
 
 def draw_pose(seed: int, build: Build, name: str) -> Pose:
     """The pose of this name and seed."""
     rng = np.random.default_rng(seed)
-    pose = _DRAWN[name](rng, build)
+    pose = _DRAWN[name][1](rng, build)
     look, nod = float(rng.normal(0, 0.4)), pose.nod + float(rng.normal(0, 0.2))
     return replace(pose, twist=pose.twist + float(rng.normal(0, 0.15)), look=look, nod=nod)
 
@@ -117,15 +112,13 @@ def _flat(hip: Pair, knee: Pair) -> Pair:
     return left, right
 
 
-def _sitting(rng: np.random.Generator, build: Build) -> Pose:
-    del build
+def _sitting(rng: np.random.Generator, _: Build) -> Pose:
     pose = replace(sitting(rng, on_ground=False), straddle=_both(rng, 0.02, 0.4), knee=_both(rng, 0.9, 1.8))
     lean = _between(rng, -0.3, 0.6)
     return _arms(rng, replace(pose, lean=lean), lean)
 
 
-def _on_the_ground(rng: np.random.Generator, build: Build) -> Pose:
-    del build
+def _on_the_ground(rng: np.random.Generator, _: Build) -> Pose:
     pose = sitting(rng, on_ground=True)
     return replace(_arms(rng, pose, pose.lean), straddle=_both(rng, 0.05, 0.5))
 
@@ -138,8 +131,7 @@ def _crouching(rng: np.random.Generator, build: Build) -> Pose:
     return balanced(build, _arms(rng, pose, lean))
 
 
-def _kneeling(rng: np.random.Generator, build: Build) -> Pose:
-    del build
+def _kneeling(rng: np.random.Generator, _: Build) -> Pose:
     lean, straddle = _between(rng, -0.05, 0.9), _both(rng, 0.05, 0.3)
     if rng.random() < 0.45:
         # One foot is set before the other knee.
@@ -164,8 +156,7 @@ def _bending(rng: np.random.Generator, build: Build) -> Pose:
     return balanced(build, _arms(rng, pose, lean + pelvis))
 
 
-def _lying(rng: np.random.Generator, build: Build) -> Pose:
-    del build
+def _lying(rng: np.random.Generator, _: Build) -> Pose:
     apart, elbow, side = _both(rng, 0.02, 0.4), _both(rng, 0.0, 1.6, 0.5), rng.random()
     drawn = rng.uniform(0.3, 1.2, 2) * (rng.random(2) < 0.35)
     tilt = _between(rng, -0.12, 0.12)
@@ -185,8 +176,7 @@ def _lying(rng: np.random.Generator, build: Build) -> Pose:
                 hip=hip, knee=_both(rng, 0.1, 2.1, 0.3), straddle=(0.05, 0.05))  # fmt: skip
 
 
-def _falling(rng: np.random.Generator, build: Build) -> Pose:
-    del build
+def _falling(rng: np.random.Generator, _: Build) -> Pose:
     towards, tilt = _between(rng, 0, 2 * math.pi), _between(rng, 0.35, 1.4)
     return Pose(
         lean=_between(rng, -0.2, 0.7), nod=_between(rng, -0.3, 0.4), pitch=tilt * math.cos(towards),
@@ -216,8 +206,9 @@ def _carrying(rng: np.random.Generator, build: Build) -> Pose:
     return holding_before(build, replace(pose, lean=pose.lean + _between(rng, -0.1, 0.25)), ahead, 0.45, high)
 
 
-_DRAWN: dict[str, Callable[[np.random.Generator, Build], Pose]] = {
-    "sitting": _sitting, "seated on the ground": _on_the_ground, "crouching": _crouching, "kneeling": _kneeling,
-    "bending": _bending, "lying": _lying, "falling": _falling, "jumping": _jumping, "running": _running,
-    "carrying": _carrying,
+# How often each is drawn, relatively, and how.
+_DRAWN: dict[str, tuple[float, Callable[[np.random.Generator, Build], Pose]]] = {
+    "sitting": (0.14, _sitting), "seated on the ground": (0.06, _on_the_ground), "crouching": (0.14, _crouching),
+    "kneeling": (0.1, _kneeling), "bending": (0.14, _bending), "lying": (0.18, _lying), "falling": (0.1, _falling),
+    "jumping": (0.05, _jumping), "running": (0.05, _running), "carrying": (0.04, _carrying),
 }  # fmt: skip

@@ -10,15 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.render.scene import (
-    OCCLUSION,
-    Picture,
-    Sighting,
-    Thing,
-    both_shadows,
-    compose,
-    empty_picture,
-)
+from tsuiseki.datamodules.scenes.render import scene
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, extents
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -51,8 +43,8 @@ class _Window:
 
 
 def draw_things(
-    image: ImageArray, things: list[Thing], camera: PinholeCamera, light: Light, samples: int
-) -> list[Sighting | None]:
+    image: ImageArray, things: list[scene.Thing], camera: PinholeCamera, light: Light, samples: int
+) -> list[scene.Sighting | None]:
     """Draw ``things`` and their shadows into ``image``, and return what is seen of each (None: nothing).
 
     Args:
@@ -66,21 +58,21 @@ def draw_things(
     rects = [extents(thing.solids, camera) for thing in things]
     rects = [np.concatenate([r[:, :2].min(axis=0), r[:, 2:].max(axis=0)]) for r in rects]
 
-    def below(rows: slice, columns: slice) -> Picture:
-        return empty_picture(np.square(image[rows, columns].astype(np.float32) * np.float32(1 / 255)), samples)
+    def below(rows: slice, columns: slice) -> scene.Picture:
+        return scene.empty_picture(np.square(image[rows, columns].astype(np.float32) * np.float32(1 / 255)), samples)
 
     return draw_clusters(image, things, np.array(rects).reshape(-1, 4), camera, light, below)
 
 
 def draw_clusters(
     image: ImageArray,
-    things: list[Thing],
+    things: list[scene.Thing],
     rects: FloatArray,
     camera: RayCamera,
     light: Light,
-    below: Callable[[slice, slice], Picture],
+    below: Callable[[slice, slice], scene.Picture],
     exposure: float = 1.0,
-) -> list[Sighting | None]:
+) -> list[scene.Sighting | None]:
     """Draw ``things`` into ``image``, cluster by cluster, and return what is seen of each (None: nothing).
 
     Args:
@@ -92,18 +84,18 @@ def draw_clusters(
         below: gives what is behind the things in rows and columns of the picture.
         exposure: factor from the scene's light to that of the image.
     """
-    sightings: list[Sighting | None] = [None] * len(things)
+    sightings: list[scene.Sighting | None] = [None] * len(things)
     for (x1, y1, x2, y2), members in clusters(rects, camera.width, camera.height):
         rows, columns = slice(y1, y2), slice(x1, x2)
         window: RayCamera = _Window(camera, x1, y1, x2 - x1, y2 - y1)
         if isinstance(camera, PinholeCamera):
             middle = camera.principal_point - np.array([x1, y1])
             window = replace(camera, width=x2 - x1, height=y2 - y1, principal_point=middle)
-        picture, seen = compose(below(rows, columns), [things[i] for i in members], window, light)
+        picture, seen = scene.compose(below(rows, columns), [things[i] for i in members], window, light)
         image[rows, columns] = encoded(picture.colour, exposure)
         for i, sighting in zip(members, seen, strict=True):
             if sighting is not None:
-                sightings[i] = Sighting(sighting.box + np.array([x1, y1, x1, y1]), sighting.visibility)
+                sightings[i] = scene.Sighting(sighting.box + np.array([x1, y1, x1, y1]), sighting.visibility)
     return sightings
 
 
@@ -112,11 +104,11 @@ def encoded(colour: Float32, exposure: float = 1.0) -> ImageArray:
     return np.asarray(255 * np.sqrt(np.clip(colour * np.float32(exposure), 0, 1)) + 0.5).astype(np.uint8)
 
 
-def _darken(image: ImageArray, things: list[Thing], camera: PinholeCamera, light: Light) -> None:
+def _darken(image: ImageArray, things: list[scene.Thing], camera: PinholeCamera, light: Light) -> None:
     up = light.direction[2] * light.sun
     share = np.float32((up / np.maximum(up + light.sky, 1e-6)).mean())
-    sun, under = both_shadows(things, camera, light, SOFTNESS)
-    kept = np.sqrt((1 - share * sun) * (1 - np.float32(OCCLUSION) * under))
+    sun, under = scene.both_shadows(things, camera, light, SOFTNESS)
+    kept = np.sqrt((1 - share * sun) * (1 - np.float32(scene.OCCLUSION) * under))
     rows = np.flatnonzero(kept.min(axis=1) < 0.999)
     if len(rows):
         part = slice(int(rows[0]), int(rows[-1]) + 1)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from tsuiseki.datamodules.scenes.render.solids import (
     along,
     extents,
 )
-from tsuiseki.datamodules.scenes.things.town import front
+from tsuiseki.datamodules.scenes.things.town import Maker, front, random_thing
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray
@@ -94,9 +95,8 @@ def car(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
     return parts.solids()
 
 
-def bush(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
+def bush(rng: np.random.Generator, position: FloatArray, _: float) -> Solids:
     """A bush or, on a trunk, a tree."""
-    del yaw
     tree = rng.random() < 0.45
     size, low, parts = rng.uniform(0.25, 0.9), 0.0, Parts()
     green = colour_of(rng, ((0.20, 0.32, 0.13), (0.32, 0.42, 0.18), (0.38, 0.36, 0.18), (0.45, 0.30, 0.16)))
@@ -169,14 +169,11 @@ def building(rng: np.random.Generator, position: FloatArray, yaw: float) -> Soli
     return parts.solids()
 
 
-SMALL = (pole, crate, bench, car, bush, column, tripod)
-SHARES = (0.26, 0.16, 0.07, 0.13, 0.14, 0.16, 0.08)
-
-
-def random_clutter(rng: np.random.Generator, position: FloatArray) -> Thing:
-    """One thing that is nobody, standing at ``position`` ``(2,)``."""
-    make = SMALL[int(rng.choice(len(SMALL), p=SHARES))]
-    return Thing(make(rng, position, float(rng.uniform(0, 2 * np.pi))))
+SMALL: Mapping[Maker, float] = {
+    pole: 0.26, crate: 0.16, bench: 0.07, car: 0.13, bush: 0.14, column: 0.16, tripod: 0.08,
+}  # fmt: skip
+small_thing = partial(random_thing, kinds=SMALL)
+"""Draws one thing that is nobody, standing at a place."""
 
 
 def apparent_heights(camera: PinholeCamera, spots: FloatArray) -> FloatArray:
@@ -223,7 +220,7 @@ def clutter_around(
     count: int,
     taken: FloatArray,
     largest: float,
-    make: Callable[[np.random.Generator, FloatArray], Thing] = random_clutter,
+    make: Callable[[np.random.Generator, FloatArray], Thing] = small_thing,
 ) -> list[Thing]:
     """Up to ``count`` things that are nobody at random places in view.
 
@@ -246,11 +243,8 @@ def clutter_around(
 
 def buildings_behind(rng: np.random.Generator, count: int, distance: float) -> list[Thing]:
     """Buildings at more than ``distance`` metres from the origin, along +y."""
-    things = []
-    for _ in range(count):
-        place = np.array([rng.uniform(-30, 30), distance + rng.uniform(16, 45)])
-        things.append(Thing(building(rng, place, float(rng.normal(0, 0.25)))))
-    return things
+    places = (np.array([rng.uniform(-30, 30), distance + rng.uniform(16, 45)]) for _ in range(count))
+    return [Thing(building(rng, place, float(rng.normal(0, 0.25)))) for place in places]
 
 
 def fronts_behind(rng: np.random.Generator, count: int, taken: FloatArray, reach: float) -> list[Thing]:

@@ -6,6 +6,8 @@ Most of it is upright, as high as people, of several parts above one another in 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Mapping
+from typing import TypeAlias
 
 import numpy as np
 
@@ -145,9 +147,8 @@ def bicycle(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solid
     return parts.solids()
 
 
-def parasol(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
+def parasol(rng: np.random.Generator, position: FloatArray, _: float) -> Solids:
     """Closed it is as a person in a long coat, open a roof on a post."""
-    del yaw
     height, parts = float(rng.uniform(1.6, 3.0)), Parts()
     post = Surface(colour_of(rng, LIGHT[:2] + DARK[:2]), relief=0.05)
     parts.cone(above(position), above(position, height), (0.03, 0.03), post)
@@ -163,9 +164,8 @@ def parasol(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solid
     return parts.solids()
 
 
-def torso(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
+def torso(rng: np.random.Generator, position: FloatArray, _: float = 0.0) -> Solids:
     """Clothes on a stand without head, arms and legs."""
-    del yaw
     low, parts = float(rng.uniform(0.6, 1.0)), Parts()
     cloth, second = any_colour(rng), any_colour(rng)
     pattern = int(rng.choice([Pattern.PLAIN, Pattern.PLAIN, Pattern.ACROSS, Pattern.CHECKS]))
@@ -219,13 +219,16 @@ def planter(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solid
     return parts.solids()
 
 
-THINGS = (traffic_light, road_sign, bollards, meter, bin_, bicycle, parasol, torso, board, planter)
-SHARES = (0.18, 0.18, 0.08, 0.1, 0.08, 0.09, 0.07, 0.05, 0.1, 0.07)
+Maker: TypeAlias = Callable[[np.random.Generator, FloatArray, float], Solids]
+THINGS: Mapping[Maker, float] = {
+    traffic_light: 0.18, road_sign: 0.18, bollards: 0.08, meter: 0.1, bin_: 0.08, bicycle: 0.09, parasol: 0.07,
+    torso: 0.05, board: 0.1, planter: 0.07,
+}  # fmt: skip
 
 
-def random_town_thing(rng: np.random.Generator, position: FloatArray) -> Thing:
-    """One thing of a town that is nobody, standing at ``position`` ``(2,)``."""
-    make = THINGS[int(rng.choice(len(THINGS), p=SHARES))]
+def random_thing(rng: np.random.Generator, position: FloatArray, kinds: Mapping[Maker, float] = THINGS) -> Thing:
+    """One thing that is nobody, standing at ``position`` ``(2,)``; ``kinds`` says how often each is drawn."""
+    make = list(kinds)[int(rng.choice(len(kinds), p=list(kinds.values())))]
     return Thing(make(rng, position, float(rng.uniform(0, 2 * np.pi))))
 
 
@@ -255,8 +258,8 @@ def front(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
             )
             _opening(rng, parts, above(place, level * storey + size[2] + size[1]), yaw, size, glass, door)
             if shops and not door and rng.random() < 0.5:
-                parts.add(torso(rng, place - 0.12 * across(yaw)[:2], yaw))
-                parts.add(torso(rng, place + 0.12 * across(yaw)[:2], yaw))
+                parts.add(torso(rng, place - 0.12 * across(yaw)[:2]))
+                parts.add(torso(rng, place + 0.12 * across(yaw)[:2]))
         if shops:
             sign = Surface(any_colour(rng), any_colour(rng), Pattern.ALONG, 0.4, 0.05)
             parts.box(above(position, 0.85 * storey), (0.95 * wide / 2, _WALL, 0.2), yaw, sign)

@@ -15,7 +15,7 @@ from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_l
 from tsuiseki.datamodules.scenes.training_pictures import (
     TrainingSettings,
     random_training_scene,
-    varied_settings,
+    settings_of_scene,
 )
 from tsuiseki.tracking.errors import RequestError
 
@@ -126,7 +126,7 @@ def test_degradation_does_what_it_says() -> None:
 def test_varied_pictures_hold_crowds_and_nobody_and_are_the_same_with_one_seed() -> None:
     counts = []
     for seed in range(12):
-        first, again = (varied_settings(np.random.default_rng(seed), 96, 72) for _ in range(2))
+        first, again = (settings_of_scene("varied", np.random.default_rng(seed), 96, 72) for _ in range(2))
         assert first == again
         counts.append(first.people)
     assert {(0, 0), (25, 60)} <= set(counts)

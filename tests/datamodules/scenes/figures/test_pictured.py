@@ -12,7 +12,12 @@ from tsuiseki.datamodules.scenes.figures.standing_sprites import pictured_things
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.render.scene import compose, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import random_light
-from tsuiseki.datamodules.scenes.training_pictures import Stock, TrainingSettings, near_settings, random_training_scene
+from tsuiseki.datamodules.scenes.training_pictures import (
+    Stock,
+    TrainingSettings,
+    random_training_scene,
+    settings_of_scene,
+)
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 
 CAMERA = PinholeCamera.look_at(np.array([0.0, 0, 2.5]), np.array([0, 12.0, 0.8]), 150, 200, 150)
@@ -63,6 +68,8 @@ def test_nobody_is_labelled_for_them(photographs: Photographs) -> None:
 def test_near_pictures_show_people_large() -> None:
     heights = []
     for seed in range(6):
-        _, boxes, _ = random_training_scene(np.random.default_rng(seed), near_settings(160, 120))
+        _, boxes, _ = random_training_scene(
+            np.random.default_rng(seed), settings_of_scene("near", np.random.default_rng(0), 160, 120)
+        )
         heights.append(boxes[:, 3] - boxes[:, 1])
     assert np.median(np.concatenate(heights)) > 0.4 * 120

@@ -24,8 +24,8 @@ from tsuiseki.datamodules.scenes.render.solids import silhouette_box
 from tsuiseki.datamodules.scenes.training_pictures import (
     Stock,
     TrainingSettings,
-    overhead_settings,
     random_training_scene,
+    settings_of_scene,
 )
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cli import main
@@ -320,7 +320,13 @@ def test_who_is_seen_from_above_is_placed_by_the_middle(posed: SpriteLibrary, sp
 
 
 def test_pictures_from_straight_above_show_people_within_the_lens(posed: SpriteLibrary) -> None:
-    settings = replace(overhead_settings(120, 120), people=(6, 6), clutter=(2, 2), samples=1, degradation=0.0)
+    settings = replace(
+        settings_of_scene("overhead", np.random.default_rng(0), 120, 120),
+        people=(6, 6),
+        clutter=(2, 2),
+        samples=1,
+        degradation=0.0,
+    )
     for seed in range(3):
         image, boxes, visibility = random_training_scene(np.random.default_rng(seed), settings, Stock(posed))
         assert image[:3, :3].max() < 30

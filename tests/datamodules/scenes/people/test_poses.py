@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.people.poses import SHARES, _ahead, balanced, draw_pose, mirrored, random_name
+from tsuiseki.datamodules.scenes.people.poses import _DRAWN, _ahead, balanced, draw_pose, mirrored, random_name
 from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton, Pose, place
 
 BUILD = Build(1.7)
@@ -15,7 +15,7 @@ def placed(name: str, seed: int, heading: float = 0.0) -> PersonSkeleton:
     return place(BUILD, draw_pose(seed, BUILD, name), np.zeros(2), heading)
 
 
-@pytest.mark.parametrize("name", SHARES)
+@pytest.mark.parametrize("name", _DRAWN)
 def test_a_pose_is_that_of_its_seed(name: str) -> None:
     assert draw_pose(3, BUILD, name) == draw_pose(3, BUILD, name)
     assert draw_pose(3, BUILD, name) != draw_pose(4, BUILD, name)
@@ -25,7 +25,7 @@ def test_a_pose_is_that_of_its_seed(name: str) -> None:
 
 def test_every_pose_is_drawn() -> None:
     rng = np.random.default_rng(0)
-    assert {random_name(rng) for _ in range(300)} == set(SHARES)
+    assert {random_name(rng) for _ in range(300)} == set(_DRAWN)
 
 
 @pytest.mark.parametrize("name", ["crouching", "bending"])
