@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
-from tsuiseki.tracking.association.costs import ScoreCost
 from tsuiseki.tracking.features.exported import SizedDetect, open_appearance, open_detector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.people.inputs import PeopleInputs
-from tsuiseki.tracking.people.methods import LearntCosts, cost_of_scores, people_affinity, people_tracker
+from tsuiseki.tracking.people.methods import cost_of_scores, people_affinity, people_tracker
 from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.adapt.track_labels import TrackLabels, label
@@ -32,9 +31,6 @@ class FoundPeople:
         first: its 0-based number.
         tracks: in frames of the video.
         columns: tiles across in which the detector looked at a frame.
-        costs: of links, that the tracks were made with; None for hand-set ones.
-        scores: what scores cost where ``costs`` does not say so; None lets the video tell.
-        camera: where it stood still, by the pictures; None where nobody looked.
         seconds: that detecting and describing took, a frame.
     """
 
@@ -42,9 +38,6 @@ class FoundPeople:
     first: int
     tracks: list[Track]
     columns: int
-    costs: LearntCosts | None = None
-    scores: ScoreCost | None = None
-    camera: StandingCamera | None = None
     seconds: float = 0.0
 
 
@@ -105,33 +98,16 @@ def find(
     begun = perf_counter()
     detections = [found for _, found in inputs.found()]
     seconds = (perf_counter() - begun) / max(len(detections), 1)
-    columns, scores = columns_of(detector), cost_of_scores(detector)
-    found = FoundPeople(detections, watched.span[0], [], columns, costs, scores, camera, seconds)
-    return replace(found, tracks=track(watched, found, settings.score_threshold))
-
-
-def track(watched: Watched, found: FoundPeople, score_threshold: float) -> list[Track]:
-    """Everyone, out of the detections of ``found``, in frames of the video.
-
-    Args:
-        watched: the video.
-        found: holds detections and costs.
-        score_threshold: of the detections that are tracked.
-    """
+    scores = cost_of_scores(detector)
     # Labels take straddling tracks of an uncalibrated detector for counter-examples (see `labels`); those of a
     # calibrated one are dropped, as `track people` does.
-    calibrated = found.scores is not None
-    tracker = people_tracker(
-        "flow", None, found.costs, 0, watched.open(), found.camera, scores=found.scores, drop_straddling=calibrated
-    )
-    for here in found.detections:
-        tracker.update(here.select(here.scores >= score_threshold))
-    return [shifted(track, found.first) for track in tracker.tracks()]
-
-
-def columns_of(detector: ViewedDetector) -> int:
-    """Tiles across that were chosen."""
-    return max((choice.view.columns for choice in detector.choices.values()), default=1)
+    straddling = scores is not None
+    tracker = people_tracker("flow", None, costs, 0, watched.open(), camera, scores=scores, drop_straddling=straddling)
+    for here in detections:
+        tracker.update(here.select(here.scores >= settings.score_threshold))
+    tracks = [shifted(track, watched.span[0]) for track in tracker.tracks()]
+    columns = max((choice.view.columns for choice in detector.choices.values()), default=1)
+    return FoundPeople(detections, watched.span[0], tracks, columns, seconds)
 
 
 def above(detections: Sequence[Detections], score: float) -> list[Detections]:

@@ -52,32 +52,17 @@ class Arcs:
         return (len(self.labelled) - len(self.tail)) // 3
 
 
-@dataclass(frozen=True)
-class Problem:
-    """One question to the solver.
-
-    Attributes:
-        costs: ``(3 N + P,)``.
-        tail: ``(P,)``.
-        head: ``(P,)``.
-    """
-
-    costs: FloatArray
-    tail: IntArray
-    head: IntArray
-
-
-def cheapest(problem: Problem) -> FloatArray:
-    """``(3 N + P,)`` the cheapest flow, 0 or 1 an arc."""
-    count = (len(problem.costs) - len(problem.tail)) // 3
-    observation, start, end, link = np.split(problem.costs, [count, 2 * count, 3 * count])
+def cheapest(costs: FloatArray, tail: IntArray, head: IntArray) -> FloatArray:
+    """``(3 N + P,)`` the cheapest flow, 0 or 1 an arc, at as many costs; its links go from ``tail`` to ``head``."""
+    count = (len(costs) - len(tail)) // 3
+    observation, start, end, link = np.split(costs, [count, 2 * count, 3 * count])
     # A link that costs as much as an end and a start is never needed.
-    worth = np.flatnonzero(link < end[problem.tail] + start[problem.head])
-    found = solve(FlowGraph(observation, start, end, problem.tail[worth], problem.head[worth], link[worth]))
+    worth = np.flatnonzero(link < end[tail] + start[head])
+    found = solve(FlowGraph(observation, start, end, tail[worth], head[worth], link[worth]))
     starts = found.used.copy()
     starts[found.follower[found.follower >= 0]] = False
     taken = np.zeros(len(link))
-    taken[worth] = found.follower[problem.tail[worth]] == problem.head[worth]
+    taken[worth] = found.follower[tail[worth]] == head[worth]
     return np.concatenate([found.used, starts, found.used & (found.follower < 0), taken]).astype(np.float64)
 
 
@@ -105,22 +90,22 @@ class FlowLoss:
             names = ", ".join(get_args(FlowLossName))
             raise RequestError(f"expected the loss {names}, epsilon above 0 and pairs from 1")
 
-    def problems(self, costs: FloatArray, arcs: Arcs, rng: np.random.Generator) -> list[Problem]:
-        """What the solver is to be asked at ``(3 N + P,)`` costs: perturbed, then less the difference from x*."""
+    def asked(self, costs: FloatArray, arcs: Arcs, rng: np.random.Generator) -> list[FloatArray]:
+        """At what costs the solver is asked for ``(3 N + P,)`` ones: perturbed, then less the difference from x*."""
         asked = []
         if self.name != "hinge":
             draws = self.epsilon * rng.standard_normal((self.pairs, len(costs)))
             asked += [costs + sign * draw for draw in draws for sign in (1, -1)]
         if self.name != "fenchel_young":
             asked.append(costs - differing(arcs)[1])
-        return [Problem(one, arcs.tail, arcs.head) for one in asked]
+        return asked
 
     def value(
-        self, costs: FloatArray, arcs: Arcs, problems: list[Problem], flows: list[FloatArray]
+        self, costs: FloatArray, arcs: Arcs, asked: list[FloatArray], flows: list[FloatArray]
     ) -> tuple[float, FloatArray]:
         """The loss at the costs and its ``(3 N + P,)`` gradient, from the solver's answers."""
-        least = np.array([problem.costs @ flow for problem, flow in zip(problems, flows, strict=True)])
-        share = np.full(len(problems), 1 / len(problems))
+        least = np.array([one @ flow for one, flow in zip(asked, flows, strict=True)])
+        share = np.full(len(asked), 1 / len(asked))
         if self.name == "both":
             share[:] = 0.25 / self.pairs
             share[-1] = 0.5
@@ -141,8 +126,8 @@ class _ThroughTheSolver(torch.autograd.Function):
     def forward(ctx: Any, costs: Tensor, loss: FlowLoss, arcs: Arcs, rng: np.random.Generator) -> Tensor:
         """Ask the solver and keep the gradient."""
         known = costs.detach().double().cpu().numpy()
-        problems = loss.problems(known, arcs, rng)
-        value, gradient = loss.value(known, arcs, problems, [cheapest(problem) for problem in problems])
+        asked = loss.asked(known, arcs, rng)
+        value, gradient = loss.value(known, arcs, asked, [cheapest(one, arcs.tail, arcs.head) for one in asked])
         ctx.save_for_backward(torch.as_tensor(gradient, dtype=costs.dtype, device=costs.device))
         return costs.new_tensor(value)
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -26,6 +27,8 @@ from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.flow_loss import Arcs, DifferenceWeights
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,12 @@ class DetectedVideo:
         return path
 
 
+def picked(table: T, which: BoolArray) -> T:
+    """A dataclass of arrays with a row each, of which some are kept; what is no array stays."""
+    columns = {name: value[which] for name, value in vars(table).items() if isinstance(value, np.ndarray)}
+    return replace(table, **columns)  # type: ignore[type-var]
+
+
 @dataclass(frozen=True)
 class Origin:
     """Where the detections of a network come from, for a detector to learn.
@@ -83,10 +92,6 @@ class Origin:
     price: float
     truth: GroundTruth
 
-    def select(self, which: BoolArray) -> Origin:
-        """That of some of the detections."""
-        return replace(self, anchors=self.anchors[which], logits=self.logits[which])
-
 
 @dataclass(frozen=True)
 class Others:
@@ -104,22 +109,13 @@ class Others:
     tracks: IntArray
     features: FloatArray | None = None
 
-    def select(self, which: BoolArray) -> Others:
-        """Some of them."""
-        features = None if self.features is None else self.features[which]
-        return Others(self.frames[which], self.boxes[which], self.tracks[which], features)
-
     def and_more(self, more: Others) -> Others:
         """These, and ``more``; an empty one says nothing of features."""
         if not len(more.frames) or not len(self.frames):
             return self if len(self.frames) else more
-        both = None
-        if self.features is not None and more.features is not None:
-            both = np.concatenate([self.features, more.features])
-        frames, boxes, tracks = (
-            np.concatenate([getattr(one, name) for one in (self, more)]) for name in ("frames", "boxes", "tracks")
-        )
-        return Others(frames, boxes, tracks, both)
+        parts = [(getattr(self, x.name), getattr(more, x.name)) for x in fields(Others)]
+        both: list[Any] = [None if one is None or two is None else np.concatenate([one, two]) for one, two in parts]
+        return Others(*both)
 
 
 def no_others() -> Others:
@@ -227,33 +223,29 @@ def next_of_owner(frames: IntArray, owners: IntArray) -> IntArray:
 
 def taken_out(graph: Graph, which: BoolArray) -> Graph:
     """The graph without some of its detections, of which those in tracks become its others; x* is to be made anew."""
-    tracked = which & (graph.tracks >= 0)
-    features = None if graph.features is None else graph.features[tracked]
-    more = Others(graph.frames[tracked], graph.boxes[tracked], graph.tracks[tracked], features)
+    every = Others(graph.frames, graph.boxes, graph.tracks, graph.features)
+    more = picked(every, which & (graph.tracks >= 0))
     return replace(without(graph, which), others=graph.others.and_more(more))
 
 
 def without(graph: Graph, which: BoolArray) -> Graph:
     """The graph without some of its detections, as if they had never been; the labelled flow is to be made anew."""
-    kept = ~which
-    place = np.cumsum(kept) - 1
-    links = kept[graph.tail] & kept[graph.head]
-    nodes = np.tile(kept, 3)
+    return kept_of(graph, ~which, ~which[graph.tail] & ~which[graph.head])
+
+
+def kept_of(graph: Graph, nodes: BoolArray, links: BoolArray) -> Graph:
+    """The graph with some of its detections ``(N,)`` and some of the links between them ``(P,)``."""
+    place, three = np.cumsum(nodes) - 1, np.tile(nodes, 3)
     return replace(
         graph,
-        frames=graph.frames[kept],
-        owners=graph.owners[kept],
-        boxes=graph.boxes[kept],
-        tracks=graph.tracks[kept],
-        costs=graph.costs[np.append(nodes, links)],
-        fixed=graph.fixed[nodes],
-        detections=graph.detections[kept],
+        **{name: getattr(graph, name)[nodes] for name in ("frames", "owners", "boxes", "tracks", "detections")},
+        **{name: getattr(graph, name)[np.append(three, links)] for name in ("costs", "labelled")},
+        fixed=graph.fixed[three],
         tail=place[graph.tail[links]],
         head=place[graph.head[links]],
         links=graph.links[links],
-        labelled=graph.labelled[np.append(nodes, links)],
-        origin=None if graph.origin is None else graph.origin.select(kept),
-        features=None if graph.features is None else graph.features[kept],
+        origin=None if graph.origin is None else picked(graph.origin, nodes),
+        features=None if graph.features is None else graph.features[nodes],
     )
 
 
@@ -291,7 +283,7 @@ def window(graph: Graph, first: int, end: int) -> Graph:
     people = graph.people[(graph.people >= first) & (graph.people < end)]
     cut = replace(graph, costs=costs, fixed=fixed, people=people, name=f"{graph.name}, frames {first + 1}-{end}")
     always = bool(count) and bool((graph.costs[:count] <= -ALWAYS).all())
-    others = graph.others.select((graph.others.frames >= first) & (graph.others.frames < end))
+    others = picked(graph.others, (graph.others.frames >= first) & (graph.others.frames < end))
     return labelled(replace(without(cut, ~inside), others=others), all_used=always)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -21,7 +21,7 @@ from tsuiseki.tracking.features.exported import Describe, Detector
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.association.graphs import DetectedVideo
+from tsuiseki.trainers.association.graphs import DetectedVideo, picked
 from tsuiseki.trainers.association.videos import acting, described, detected
 
 RIGHT_OVERLAP = 0.5
@@ -170,15 +170,7 @@ def _assign(overlaps: FloatArray, least: float) -> IntArray:
 def every_nth(found: LabelledDetections, skip: int) -> LabelledDetections:
     """The detections of every ``skip``-th frame, as of a video with that much fewer frames."""
     kept = found.frames % skip == 0
-    return LabelledDetections(
-        found.frames[kept] // skip,
-        found.boxes[kept],
-        found.scores[kept],
-        None if found.features is None else found.features[kept],
-        found.ids[kept],
-        found.right[kept],
-        None if found.actions is None else found.actions[kept],
-    )
+    return replace(picked(found, kept), frames=found.frames[kept] // skip)
 
 
 def pair_samples(found: LabelledDetections, features: FeatureSet, gate: GateSettings, groups: int) -> PairSamples:
@@ -201,26 +193,16 @@ def pair_samples(found: LabelledDetections, features: FeatureSet, gate: GateSett
 
 def join_samples(parts: Sequence[PairSamples]) -> PairSamples:
     """All pairs of ``parts``, whose groups stay apart."""
-    groups, first = [], 0
-    for part in parts:
-        groups.append(part.group + first)
-        first += int(part.group.max(initial=-1)) + 1
+    first = np.cumsum([0, *(int(part.group.max(initial=-1)) + 1 for part in parts)])
     return PairSamples(
         np.concatenate([part.rows for part in parts]),
         np.concatenate([part.same for part in parts]),
-        np.concatenate(groups),
+        np.concatenate([part.group + before for part, before in zip(parts, first, strict=False)]),
     )
 
 
 def with_unknown(samples: PairSamples, column: int, share: float, rng: np.random.Generator) -> PairSamples:
     """A ``share`` of the pairs once more without the feature of a ``column``, so that trees price it unknown, too."""
-    chosen = np.flatnonzero(rng.random(len(samples.same)) < share)
-    rows: FloatArray = samples.rows[chosen].copy()
-    rows[:, column] = np.nan
-    order: IntArray = np.concatenate([np.arange(len(samples.same)), chosen])
-    return replace(
-        samples,
-        rows=np.concatenate([samples.rows, rows]),
-        same=samples.same[order],
-        group=samples.group[order],
-    )
+    more = picked(samples, rng.random(len(samples.same)) < share)
+    more.rows[:, column] = np.nan
+    return PairSamples(*(np.concatenate([getattr(one, x.name) for one in (samples, more)]) for x in fields(samples)))

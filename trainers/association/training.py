@@ -21,7 +21,7 @@ from tsuiseki.tracking.association.learnt_costs import FeatureNames
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
-from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, Problem, cheapest, finite
+from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, cheapest, finite
 from tsuiseki.trainers.association.graphs import FlowCounts, Graph, Graphs
 from tsuiseki.trainers.association.window_costs import CostMakers, contrast_within
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss
@@ -302,7 +302,7 @@ class AssociationTraining(lightning.LightningModule):
         with torch.no_grad():
             costs = self.makers().costs(batch).double().cpu().numpy()
         self._counts.append(FlowCounts())
-        self._counts[-1].add(graph, cheapest(Problem(costs, graph.tail, graph.head)))
+        self._counts[-1].add(graph, cheapest(costs, graph.tail, graph.head))
 
     def on_validation_epoch_end(self) -> None:
         """Log agreement with the labelled flow, MOTA and switches of all windows."""

@@ -17,7 +17,7 @@ from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.people.flow_input import FlowSettings
-from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, window
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, kept_of, window
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.videos import OTHER_RATE, acting, described, detected_videos, filmed, part_of
 from tsuiseki.trainers.association.window_costs import WindowCrops, crops_of
@@ -269,12 +269,4 @@ def affordable(graph: Graph, most: float = DEAREST) -> Graph:
     """The graph without the links that cost more than ``most`` by default, unless the labelled flow has them."""
     nodes = 3 * len(graph)
     kept = (graph.costs[nodes:] <= most) | (graph.labelled[nodes:] > 0)
-    every = np.append(np.ones(nodes, np.bool_), kept)
-    return replace(
-        graph,
-        costs=graph.costs[every],
-        tail=graph.tail[kept],
-        head=graph.head[kept],
-        links=graph.links[kept],
-        labelled=graph.labelled[every],
-    )
+    return kept_of(graph, np.ones(len(graph), np.bool_), kept)

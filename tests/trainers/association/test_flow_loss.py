@@ -15,7 +15,6 @@ from tsuiseki.trainers.association.flow_loss import (
     DifferenceWeights,
     FlowLoss,
     FlowLossName,
-    Problem,
     cheapest,
     differing,
 )
@@ -85,7 +84,7 @@ def test_the_cheapest_of_all_flows_is_found(count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     tail, head = random_arcs(rng, count, 0.5)
     costs = rng.normal(0, 2, 3 * count + len(tail))
-    flow = cheapest(Problem(costs, tail, head))
+    flow = cheapest(costs, tail, head)
     assert costs @ flow == pytest.approx(min(costs @ other for other in all_flows(count, tail, head)), abs=ROUNDED)
 
 
@@ -169,12 +168,12 @@ def test_descent_ends_at_the_labelled_flow(name: FlowLossName) -> None:
     arcs, start = window(2)
     costs, rng = torch.tensor(start, requires_grad=True), np.random.default_rng(0)
     optimiser = torch.optim.SGD([costs], lr=0.3)
-    assert (cheapest(Problem(start, arcs.tail, arcs.head)) != arcs.labelled).any()
+    assert (cheapest(start, arcs.tail, arcs.head) != arcs.labelled).any()
     for _ in range(80):
         optimiser.zero_grad()
         FlowLoss(name, 0.3, 2)(costs, arcs, rng).backward()
         optimiser.step()
-    np.testing.assert_array_equal(cheapest(Problem(costs.detach().numpy(), arcs.tail, arcs.head)), arcs.labelled)
+    np.testing.assert_array_equal(cheapest(costs.detach().numpy(), arcs.tail, arcs.head), arcs.labelled)
 
 
 @pytest.mark.parametrize("pairs", [1, 3])

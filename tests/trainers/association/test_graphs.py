@@ -10,7 +10,7 @@ import pytest
 from tsuiseki.tracking.association.evidence import JOIN_FEATURES
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.association.flow_loss import DifferenceWeights, Problem, cheapest
+from tsuiseki.trainers.association.flow_loss import DifferenceWeights, cheapest
 from tsuiseki.trainers.association.graphs import DetectedVideo, FlowCounts, Graph, window, windows
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 
@@ -65,7 +65,7 @@ def test_labelled_flow(graph: Graph) -> None:
 def test_the_labelled_flow_is_a_flow(graph: Graph) -> None:
     """Where it is made the cheapest of all, the solver finds it."""
     for piece in (graph, *windows(graph, 0.5)):
-        found = cheapest(Problem(3 * (1 - 2 * piece.labelled), piece.tail, piece.head))
+        found = cheapest(3 * (1 - 2 * piece.labelled), piece.tail, piece.head)
         np.testing.assert_array_equal(found, piece.labelled)
 
 
@@ -106,7 +106,7 @@ def test_tracklets() -> None:
     assert joins.labelled[12:].sum() == 2
     assert sorted(joins.owners) == [1, 1, 2, 2]
     assert (joins.owners[joins.tail] != joins.owners[joins.head]).any()
-    np.testing.assert_array_equal(cheapest(Problem(joins.costs, joins.tail, joins.head)), joins.labelled)
+    np.testing.assert_array_equal(cheapest(joins.costs, joins.tail, joins.head), joins.labelled)
     assert joins.fixed.all()
 
 
@@ -131,7 +131,7 @@ def test_windows_of_next_to_nothing(empty: DetectedVideo) -> None:
     levels = sequence_graphs(empty)
     for graph in (levels.detections, levels.tracklets):
         assert graph.arcs(DifferenceWeights()).count == len(graph)
-        flow = cheapest(Problem(graph.costs, graph.tail, graph.head))
+        flow = cheapest(graph.costs, graph.tail, graph.head)
         assert flow.shape == graph.labelled.shape
         counts = FlowCounts()
         counts.add(graph, flow)

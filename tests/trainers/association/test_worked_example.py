@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from tsuiseki.trainers.association.flow_loss import Arcs, DifferenceWeights, FlowLoss, Problem, cheapest
+from tsuiseki.trainers.association.flow_loss import Arcs, DifferenceWeights, FlowLoss, cheapest
 
 # a, b in the first frame, a, b in the second one; links a-a, b-b, a-b, b-a.
 OWNERS = np.array([0, 1, 0, 1])
@@ -26,7 +26,7 @@ def loss_and_gradient(loss: FlowLoss) -> tuple[float, np.ndarray]:
 
 
 def test_the_tracker_swaps_them() -> None:
-    np.testing.assert_array_equal(cheapest(Problem(COSTS, TAIL, HEAD)), SWAPPED)
+    np.testing.assert_array_equal(cheapest(COSTS, TAIL, HEAD), SWAPPED)
     np.testing.assert_allclose([COSTS @ RIGHT, COSTS @ SWAPPED], [-9.8, -10.6])
 
 

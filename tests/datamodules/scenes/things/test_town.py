@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.things.clutter import fronts_behind, reach_of
-from tsuiseki.datamodules.scenes.things.town import THINGS, front, random_town_thing
+from tsuiseki.datamodules.scenes.things.town import THINGS, front, random_thing
 from tsuiseki.datamodules.scenes.training_pictures import TrainingSettings, random_training_scene
 from tsuiseki.tracking.errors import RequestError
 
@@ -29,7 +29,7 @@ def test_things_stand_on_their_place_and_are_of_a_sensible_size(make):
 
 
 def test_the_same_seed_gives_the_same_thing_and_another_one_another():
-    one, two, other = (random_town_thing(np.random.default_rng(s), PLACE).solids for s in (4, 4, 5))
+    one, two, other = (random_thing(np.random.default_rng(s), PLACE).solids for s in (4, 4, 5))
     np.testing.assert_array_equal(one.start, two.start)
     np.testing.assert_array_equal(one.colour, two.colour)
     assert len(one) != len(other) or (one.colour != other.colour).any()
