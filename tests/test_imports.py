@@ -27,7 +27,7 @@ ALLOWED = {
 # Inside `tracking` a module imports only what stands before it here.
 LAYERS = ("errors", "arguments", "weights", "types", "geometry", "output", "options", "processes", "devices", "onnx",
           "preprocessing", "interchange", "formats", "video", "stages", "cameras", "features", "filters",
-          "association", "evaluation", "report", "result", "cli", "review", "answers",
+          "association", "evaluation", "report", "result", "cli", "following", "review", "answers",
           "single", "people", "drone", "fisheye", "animals",
           "bodies", "points", "sphere", "floor", "linking", "batch", "calibrate", "demo", "front")  # fmt: skip
 TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (

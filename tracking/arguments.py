@@ -120,7 +120,8 @@ def typed(kind: Any, value: Any, name: str, default: Any = MISSING) -> Any:
                 continue
     except yaml.YAMLError:
         pass
-    wanted = " or ".join(shown(one) for one in several) + " separated by commas" * is_several(several[0])
+    named = [get_args(several[0])[0]] if is_several(kind, lists=True) else several
+    wanted = " or ".join(map(shown, named)) + " separated by commas" * is_several(several[0])
     got = ",".join(map(str, words)) if isinstance(words, list) else words
     raise RequestError(f"{option_shown(name)}: expected {wanted}, got '{got}'")
 

@@ -22,9 +22,10 @@ from tsuiseki.tracking.animals.skeleton import (
 from tsuiseki.tracking.animals.tracker import AnimalTracker
 from tsuiseki.tracking.answers.page import with_page
 from tsuiseki.tracking.answers.scene import Scene
-from tsuiseki.tracking.cli.options import Output, Video
+from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
+from tsuiseki.tracking.following import Video
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.formats.result_folder import POINTS
 from tsuiseki.tracking.report.overlay import draw_marks
@@ -190,12 +191,12 @@ def animals(video: Video, output: Output, skeleton: SkeletonSettings, choice: An
     with its plots and numbers in report/, run.json and, with --overlay, overlay.webm; with --points or --labels also
     points.sleap.csv and points.dlc.csv, and points.sleap.h5 where h5py is installed.
     """
-    from tsuiseki.tracking.cli.run import count, frames_expected
+    from tsuiseki.tracking.following import count
 
     source = video.open(images=True, replayable=True, timed=True)
     table = skeleton.table()
     with output.run() as run:
-        steps = run.steps(run.frames(source, record=video.overlay), total=frames_expected(source))
+        steps = run.steps(run.frames(source, record=video.overlay))
         result = animal_result(source, steps, skeleton, table, choice, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
         hint = "; nothing stands out, give `threshold` or another `contrast`"

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.answers.settings import CountSettings
-from tsuiseki.tracking.cli.options import Output
+from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import OutputFile
 

@@ -17,8 +17,8 @@ from typing import IO, Any
 
 from tsuiseki.tracking.arguments import is_several
 from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group
-from tsuiseki.tracking.cli.options import Output
 from tsuiseki.tracking.cli.parser import options_of, parse
+from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.output import RUN_FILE, is_partial, versions, whole_file
 from tsuiseki.tracking.weights import shipped_or_file

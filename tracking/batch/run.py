@@ -21,8 +21,8 @@ from tsuiseki.tracking.batch.schedule import Journal, Row, Schedule
 from tsuiseki.tracking.batch.sources import jobs_of
 from tsuiseki.tracking.batch.tasks import TOKEN, Doing
 from tsuiseki.tracking.cli.commands import EVALUATE, TRACK
-from tsuiseki.tracking.cli.options import Output
 from tsuiseki.tracking.cli.parser import Option, arguments_of, documentation, options_of, plain, read
+from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.output import held, whole_file

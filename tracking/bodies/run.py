@@ -20,16 +20,17 @@ from tsuiseki.tracking.bodies.settings import (
     starting_states,
 )
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
-from tsuiseki.tracking.cli.options import SeededOutput, Video
+from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import StandingOut, video_background
 from tsuiseki.tracking.features.colour_region import parse_colour
+from tsuiseki.tracking.following import Video
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray, as_numbers
 from tsuiseki.tracking.types.tracks import BodyTrack
-from tsuiseki.tracking.video.source import Source, SourceLike, endless, named
+from tsuiseki.tracking.video.source import Source, SourceLike, named
 
 
 class BodyKeywords(TypedDict, total=False):
@@ -72,9 +73,7 @@ def track_deformable(source: SourceLike, body: str = "goldfish", **keywords: Unp
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    opened, tracker = _opened(source, body, **keywords)
-    if endless(opened):
-        raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_deformable")
+    opened, tracker = _opened(source, body, ", or use follow_deformable", **keywords)
     made = {"body": body, "source": named(source), "seed": keywords.get("seed", 0)}
     return body_result(opened, tracker, opened.frames(), StageTimes(), made)
 
@@ -86,7 +85,7 @@ def follow_deformable(
 
     Arguments and errors are those of `track_deformable`.
     """
-    opened, tracker = _opened(source, body, **keywords)
+    opened, tracker = _opened(source, body, None, **keywords)
 
     def each() -> Iterator[tuple[Frame, list[BodyTrack]]]:
         for frame in opened.frames():
@@ -97,8 +96,10 @@ def follow_deformable(
     return each()
 
 
-def _opened(source: SourceLike, body: str, **keywords: Unpack[BodyKeywords]) -> tuple[Source, DeformableTracker]:
-    opened = Video.given(source, keywords.get("frames")).open(images=True)
+def _opened(
+    source: SourceLike, body: str, ends: str | None, **keywords: Unpack[BodyKeywords]
+) -> tuple[Source, DeformableTracker]:
+    opened = Video.given(source, keywords.get("frames")).open(images=True, ends=ends)
     init, motion = keywords.get("init"), keywords.get("motion")
     choice = BodyChoice(
         body,
@@ -202,12 +203,12 @@ def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
     Args:
         seed: of the particles.
     """
-    from tsuiseki.tracking.cli.run import count, frames_expected
+    from tsuiseki.tracking.following import count
 
     source = video.open(images=True)
     tracker = body_tracker(choice, source, output.seed)
     with output.run() as run:
-        steps = run.steps(run.frames(source, record=video.overlay), total=frames_expected(source))
+        steps = run.steps(run.frames(source, record=video.overlay))
         result = body_result(source, tracker, steps, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
         seen = sum(int(track.tracking.sum()) for track in result)

@@ -11,11 +11,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsuiseki.tracking.cli.options import SeededOutput
-from tsuiseki.tracking.cli.run import tell_models
+from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
+from tsuiseki.tracking.features.view_choice import tell_models
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shipped, shipped_or_file
 
@@ -111,7 +111,7 @@ def _adapt(
     teacher = None if teacher is None else shipped_or_file("detector", teacher)
     sources, work = request["sources"], output.out / WORK
     with output.run() as run:
-        tell_models(run, looking)
+        run.facts |= tell_models(looking)
         if resumed(work, {**request, "settings": asdict(settings), **contents_of(sources, start, teacher)}):
             print("going on with what an earlier run has finished")
         with _kept(work):

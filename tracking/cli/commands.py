@@ -7,18 +7,12 @@ commands that track never import torch.
 from __future__ import annotations
 
 import importlib
-import inspect
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
-from tsuiseki.tracking.errors import Interrupted, signal_of
-
 if TYPE_CHECKING:
-    from tsuiseki.tracking.cli.options import Reproduction
-    from tsuiseki.trainers.experiments.study import Outcome
+    pass
 
 T = TypeVar("T")
 
@@ -46,7 +40,9 @@ class Command:
         found: Callable[..., Any] = getattr(importlib.import_module(f"tsuiseki.{module}"), function)
         if words[0] != "reproduce":
             return found
-        return reproduction(words[-1], found)
+        from tsuiseki.trainers.experiments.study import command
+
+        return command(words[-1], found)
 
 
 class Group:
@@ -176,45 +172,3 @@ COMMANDS: Tree = {
     "convert": Command("tracking.cli.convert:convert", "write a result into the file of another program"),
     "reproduce": Group(f"{PAPER} {EXTRA}", "trainers.experiments", REPRODUCE),
 }
-
-
-def reproduction(name: str, experiment: Callable[..., Outcome]) -> Callable[..., int]:
-    """The command for an experiment: its own options, and those that every experiment has."""
-
-    def command(output: Reproduction, **options: Any) -> int:
-        with output.run() as run:
-            with run.times.measure("experiment"):
-                outcome = _outcome(experiment, output.cache, options)
-            for file, write in outcome.parts():
-                run.write(file, write)
-            tables = [table.text() for table in outcome.tables if table.rows]
-            run.done("\n".join([*tables, *outcome.notes, f"results: {output.out}"]))
-        return run.status
-
-    from tsuiseki.tracking.cli.options import Reproduction
-
-    bench, *own = inspect.signature(experiment, eval_str=True).parameters.values()
-    output = bench.replace(name="output", annotation=Reproduction, default=Reproduction(Path("out") / name))
-    every = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own, output)]
-    command.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
-    command.__doc__ = inspect.getdoc(experiment)
-    return command
-
-
-def _outcome(experiment: Callable[..., Outcome], cache: Path, options: Mapping[str, Any]) -> Outcome:
-    from tsuiseki.tracking.cli.progress import progress
-    from tsuiseki.trainers.experiments.store import Store
-    from tsuiseki.trainers.experiments.study import Bench, Watch
-
-    class Terminal(Watch):
-        def over(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-            return progress(items, what, total)
-
-        def say(self, line: str) -> None:
-            print(line, file=sys.stderr, flush=True)
-
-    try:
-        return experiment(Bench(Store(cache), Terminal()), **options)
-    except KeyboardInterrupt as error:
-        kept = f"what was computed is kept in {cache}: run the same command again to go on"
-        raise Interrupted(signal_of(error), kept) from error

@@ -32,7 +32,7 @@ from tsuiseki.tracking.arguments import (
     unknown,
     usual_of,
 )
-from tsuiseki.tracking.cli.options import Output
+from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
 

@@ -1,12 +1,12 @@
 """The frame of every command: where the video comes from, and what happens to the result, whatever happens.
 
-A command is a function of typed options; those that several commands share stand in `options`.
+A command is a function of typed options; those that several share stand below and in `tracking.following`.
 
     def blobs(video: Video, output: SeededOutput, particles: int = 500) -> int:
         source = video.open()                                   # checked before anything is computed
         tracker = BlobTracker(..., output.seed)
         with output.run() as run:
-            steps = run.steps(run.frames(source), total=frames_expected(source))
+            steps = run.steps(run.frames(source))
             result = blob_result(tracker, steps, ...)           # what the function for Python returns, too
             run.save(result, lambda: video.draw(run, source, result))
             run.done(f"{len(result)} objects: {output.out / 'tracks.txt'}")
@@ -27,7 +27,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path, PurePath
 from types import FrameType, TracebackType
@@ -36,13 +36,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from tsuiseki.tracking.cli.ending import DEADLINE, DONE, FAILED, LATE, NOTES, complain, on_signals, said_of
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import Dropped, Interrupted, RequestError, RunError, signal_of
-from tsuiseki.tracking.output import RunRecord, output_folder
+from tsuiseki.tracking.options import NO_OPTION, Seed, Shared
+from tsuiseki.tracking.output import RunRecord, check_output_folder, output_folder
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.weights.catalogue import records_of
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.cli.options import Output
     from tsuiseki.tracking.result import Result
     from tsuiseki.tracking.types import Frame
     from tsuiseki.tracking.video.source import Source
@@ -79,6 +79,7 @@ class Run:
         self._patient = self._written = False
         self._summary = self._reason = ""
         self._first: int | None = None
+        self._expected: int | None = None
         self._live = False
         self._recording: Path | None = None
         self._kept: Path | None = None
@@ -110,7 +111,10 @@ class Run:
             source: the video.
             record: keep the frames of a live source for `replay`.
         """
+        from tsuiseki.tracking.video.source import frames_expected
+
         self.sources.append(source)
+        self._expected = frames_expected(source)
         if not source.live:
             return self._read(source.frames())
         return self._read(self.unending(source.frames()), source.frame_rate if record else None)
@@ -170,13 +174,18 @@ class Run:
     def steps(self, items: Iterable[T], what: str = "tracking", total: int | None = None) -> Iterator[T]:
         """``items``, with progress, up to an interrupt or to where they fail.
 
+        Args:
+            items: of the run.
+            what: is done, for the line.
+            total: number of items; by default that of the frames of the last source, where it is known.
+
         Raises:
             RunError: there is none.
             KeyboardInterrupt: before the first step was finished.
         """
         self._patient, before = True, self.count
         self._before = before
-        watched, end = progress(items, what, total), object()
+        watched, end = progress(items, what, self._expected if total is None else total), object()
         try:
             while (item := self._next(watched, end)) is not end:
                 yield item  # type: ignore[misc]
@@ -366,45 +375,31 @@ class Run:
             print(self._summary)
 
 
-def frames_expected(source: Source) -> int | None:
-    """How many frames the stretch of ``source`` has, as far as it is known."""
-    wanted, length = source.frames_wanted, source.length or getattr(source, "promised", None)
-    last = length - 1 if wanted.last is None and length else wanted.last
-    return None if last is None else last - wanted.first + 1
+@dataclass(frozen=True)
+class Output(Shared):
+    """Where the result goes.
 
-
-def count(number: int, one: str, several: str) -> str:
-    """``1 person`` or ``3 people``."""
-    return f"{number} {one if number == 1 else several}"
-
-
-def tell_models(run: Run, detect: object, *others: object) -> None:
-    """Print, and keep for ``run.json``, what the networks run on, and how the file of ``detect`` is read.
-
-    Only what is not the usual way is printed: a GPU, and a file that was recognised.
+    Attributes:
+        out: folder for the results.
+        overwrite: replace an earlier result in the folder.
+        command: the program's words, for ``run.json``.
+        settings: every option with its value, as a file for ``--config`` has them; likewise.
     """
-    from tsuiseki.tracking.features.foreign_detector import ForeignDetector
-    from tsuiseki.tracking.features.view_choice import devices_of, inner_detector
 
-    device = devices_of(detect, *others)
-    run.facts |= device
-    if "cuda" in device.get("device", ""):
-        print(f"networks run on {device['device']}", flush=True)
-    found = inner_detector(detect)
-    if isinstance(found, ForeignDetector):
-        run.facts["detector"] = found.facts
-        print(f"{found.path.name} is read as {found}", flush=True)
+    out: Path
+    overwrite: bool = False
+    command: Sequence[str] = field(default=("tsuiseki",), metadata=NO_OPTION)
+    settings: Mapping[str, Any] = field(default_factory=dict, metadata=NO_OPTION)
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        check_output_folder(self.out, self.overwrite)
+
+    def run(self) -> Run:
+        """A run that writes there."""
+        return Run(self)
 
 
-def tell_blank(detect: object) -> None:
-    """Print that the file of ``detect`` has given nothing for any picture, where that is so."""
-    from tsuiseki.tracking.features.foreign_detector import ForeignDetector
-    from tsuiseki.tracking.features.view_choice import inner_detector
-
-    found = inner_detector(detect)
-    if isinstance(found, ForeignDetector) and found.blank:
-        print(
-            f"{found.path.name} gave no box of any class for any picture; check that it is the right export and that "
-            f"its pictures are {found.input}",
-            flush=True,
-        )
+@dataclass(frozen=True)
+class SeededOutput(Seed, Output):
+    """Where the result of something random goes."""

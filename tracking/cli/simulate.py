@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.progress import progress
+from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
 

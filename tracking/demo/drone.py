@@ -10,8 +10,7 @@ from tsuiseki.tracking.demo.run import OVERLAY_FILE, REPORT_FILE, record_method,
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from tsuiseki.tracking.cli.options import SeededOutput
-    from tsuiseki.tracking.cli.run import Run
+    from tsuiseki.tracking.cli.run import Run, SeededOutput
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.devices import Device
     from tsuiseki.tracking.drone.run import DroneResult
@@ -23,12 +22,12 @@ def demo_drone(output: SeededOutput, frames: int, threads: int, device: Device) 
     """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
-    from tsuiseki.tracking.cli.run import frames_expected, tell_models
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import DRONE_METHODS, scored
     from tsuiseki.tracking.drone.models import DroneModels
     from tsuiseki.tracking.drone.run import link, observations
     from tsuiseki.tracking.drone.settings import DroneSettings
+    from tsuiseki.tracking.features.view_choice import tell_models
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.people.settings import FindingOptions
     from tsuiseki.tracking.video.source import open_source
@@ -41,12 +40,12 @@ def demo_drone(output: SeededOutput, frames: int, threads: int, device: Device) 
             )
         source = open_source(clip)
         models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads, device=device))
-        tell_models(run, models.observers.detect, models.observers.describe, models.observers.recognise)
+        run.facts |= tell_models(models.observers.detect, models.observers.describe, models.observers.recognise)
         truth = read_ground_truth(clip / "gt" / "gt.txt")
         cache = str(clip), run.work / "observations"
         results = {
             name: link(
-                run.steps(observations(run, source, models, cache), total=frames_expected(source)),
+                run.steps(observations(run, source, models, cache)),
                 source, models, method, DroneSettings(), run.times, {"frames": frames, "method": method},
             )
             for method, name in DRONE_METHODS.items()

@@ -7,8 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from tsuiseki.tracking.cli.options import SeededOutput
-from tsuiseki.tracking.cli.run import Run, frames_expected
+from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 
@@ -68,10 +67,10 @@ def _demo_street(
     """Generate a street, track it three ways, score and report."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
-    from tsuiseki.tracking.cli.run import tell_models
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import scored, shipped_street, street_inputs, street_trackers
     from tsuiseki.tracking.features.standing_camera import StandingCamera
+    from tsuiseki.tracking.features.view_choice import tell_models
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.people.tracker import run_trackers
     from tsuiseki.tracking.video.source import open_source
@@ -87,9 +86,9 @@ def _demo_street(
         source = open_source(clip)
         camera = StandingCamera()
         inputs = street_inputs(source, models, threads, camera, device)
-        tell_models(run, inputs.detect, inputs.describe)
+        run.facts |= tell_models(inputs.detect, inputs.describe)
         found = inputs.found(run.frames(source), run.times)
-        steps = run.steps(found, total=frames_expected(source))
+        steps = run.steps(found)
         tracks, log = run_trackers(steps, street_trackers(source, models, threads, camera), run.times)
         truth = read_ground_truth(clip / "gt" / "gt.txt").between(0, run.count - 1)
         scores = scored("street", truth, tracks, run.count)

@@ -16,8 +16,7 @@ from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity, CostChanges, CostNetwork
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE
-from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.cli.run import Run, count, frames_expected
+from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.drone.models import DroneMethod, DroneModels, as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
@@ -27,6 +26,7 @@ from tsuiseki.tracking.errors import RequestError, RunError, a_path
 from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import devices_of
+from tsuiseki.tracking.following import Video, count
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.people.inputs import GivenDetections
@@ -296,8 +296,8 @@ def drone(
         seed: of random numbers; kept in run.json, for the methods here draw none.
         drone: settings of the flow and of what is reported.
     """
-    from tsuiseki.tracking.cli.run import tell_blank, tell_models
     from tsuiseki.tracking.features.camera_path import line_on_camera
+    from tsuiseki.tracking.features.view_choice import tell_blank, tell_models
 
     if not 0 <= threshold <= 1:
         raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
@@ -306,9 +306,9 @@ def drone(
     moving = not keep_camera_motion and preset == "default"
     models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)
     with output.run() as run:
-        tell_models(run, models.observers.detect, models.observers.describe, models.observers.recognise)
+        run.facts |= tell_models(models.observers.detect, models.observers.describe, models.observers.recognise)
         seen = observations(run, source, models, None if cache is None else (video.source, cache))
-        steps = run.steps(seen, total=frames_expected(source))
+        steps = run.steps(seen)
         result = link(steps, source, models, method, drone, run.times, output.settings, costs, threshold)
         if unknown := result.facts.get("flow", {}).get("camera_unknown"):
             print(line_on_camera(unknown))

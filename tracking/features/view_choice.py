@@ -11,10 +11,12 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from tsuiseki.tracking.features.exported import Detector, SizedDetect
+from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.views import (
     EVERY_TILE,
     LARGEST_SCALE,
@@ -328,3 +330,29 @@ def most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None, largest:
 
 def _expected(found: Detections) -> float:
     return float(found.scores[found.scores >= _CERTAIN].sum())
+
+
+def tell_models(detect: object, *others: object) -> dict[str, Any]:
+    """What the networks run on, and how the file of ``detect`` is read, for ``run.json``.
+
+    What is not the usual way is printed, too: a GPU, and a file that was recognised.
+    """
+    facts = dict[str, Any](devices_of(detect, *others))
+    if "cuda" in facts.get("device", ""):
+        print(f"networks run on {facts['device']}", flush=True)
+    found = inner_detector(detect)
+    if isinstance(found, ForeignDetector):
+        facts["detector"] = found.facts
+        print(f"{found.path.name} is read as {found}", flush=True)
+    return facts
+
+
+def tell_blank(detect: object) -> None:
+    """Print that the file of ``detect`` has given nothing for any picture, where that is so."""
+    found = inner_detector(detect)
+    if isinstance(found, ForeignDetector) and found.blank:
+        print(
+            f"{found.path.name} gave no box of any class for any picture; check that it is the right export and that "
+            f"its pictures are {found.input}",
+            flush=True,
+        )

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
-from tsuiseki.tracking.cli.options import SeededOutput
-from tsuiseki.tracking.cli.run import count, frames_expected
+from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import (
@@ -26,6 +25,7 @@ from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, CeilingOptions, Fis
 from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
 from tsuiseki.tracking.fisheye.view import CeilingSource, CeilingView, Passed, given_detections, open_ceiling
+from tsuiseki.tracking.following import count
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.rotated import write_rotated_detections
 from tsuiseki.tracking.formats.world_tables import write_world
@@ -136,20 +136,20 @@ def fisheye(
         hungarian: settings of --method hungarian.
         flow: settings of --method flow.
     """
-    from tsuiseki.tracking.cli.run import tell_blank, tell_models
+    from tsuiseki.tracking.features.view_choice import tell_blank, tell_models
     from tsuiseki.tracking.fisheye.page import floor_page
 
     opened = opened_ceiling(source, cameras, ceiling, finding, detections)
     sections, lines, made = [], [], output.settings
     with output.run() as run:
-        tell_models(run, opened[0].detector, opened[0].describe)
+        run.facts |= tell_models(opened[0].detector, opened[0].describe)
         for inputs in opened:
             if run.asked:
                 break
             name, video = inputs.ceiling.placed.name, inputs.ceiling.source
             folder = "" if len(opened) == 1 else name
             found = inputs.found(run.frames(video, record=ceiling.overlay), run.times)
-            steps = run.steps(found, f"tracking {name}", frames_expected(video))
+            steps = run.steps(found, f"tracking {name}")
             chosen = method or ("hungarian" if video.live else "flow")
             result = floor_result(inputs, steps, chosen, hungarian, flow, run.times, made)
             run.save(result, partial(ceiling.draw, run, video, result, folder), folder)

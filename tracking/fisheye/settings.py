@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from tsuiseki.tracking.association.costs import ObservationCost
-from tsuiseki.tracking.cli.options import Drawing
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
+from tsuiseki.tracking.following import Drawing
 
 MOST_TILES = 16
 

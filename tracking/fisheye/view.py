@@ -12,9 +12,9 @@ import numpy as np
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras
 from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, PersonTable, cached_table
 from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
-from tsuiseki.tracking.cli.run import count
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Describe
+from tsuiseki.tracking.following import count
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.rotated import (
     RotatedBoxes,

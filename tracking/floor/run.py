@@ -10,11 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.camera_files import AnyCamera, CameraOverFloor, read_cameras
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras
 from tsuiseki.tracking.cameras.multicamera import StandingPeople, is_floor_folder, read_floor_folder, read_standing
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cli.options import Drawing, SeededOutput
-from tsuiseki.tracking.cli.run import Run, count
+from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer, as_detector
 from tsuiseki.tracking.fisheye.unrolled import looking
@@ -24,6 +23,7 @@ from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, me
 from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.page import floor_files
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
+from tsuiseki.tracking.following import Drawing, count
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.sensed_points import is_point_file
 from tsuiseki.tracking.formats.world_tables import FloorPositions, read_floor_positions
@@ -34,9 +34,9 @@ from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.settings import FrameTimes
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import Detections, FloatArray, Frame, Track
+from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.tracking.types.measurements import PersonOnFloor
-from tsuiseki.tracking.video.source import Source, SourceLike, address_of, named, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, address_of, frames_of_size, named, open_source
 from tsuiseki.tracking.weights import shipped
 
 OneFloorMethod = Literal["flow", "lmb"]
@@ -129,7 +129,7 @@ class FloorRun:
                 wanted.appearance or shipped("appearance_people"), wanted.threads, device=wanted.device
             )
         inputs = PeopleInputs(source, detect, describe, threads=wanted.threads)
-        rows = inputs.with_frames(_checked(source, placed.camera), stages)
+        rows = inputs.with_frames(frames_of_size(source, placed.camera.width, placed.camera.height), stages)
         seen = rows if watch is None else watch(rows, f"detecting in {placed.name}", source.length)
         return [StandingPeople.of(found) for _, found in seen]
 
@@ -174,18 +174,6 @@ def _draw(
         rate = placed.frame_rate or video.frame_rate
         painted = replace(result, painter=Overlay(own, rate).draw, frame_rate=rate)
         drawing.draw(run, video, painted, placed.name)
-
-
-def _checked(source: Source, camera: AnyCamera) -> Iterable[Frame]:
-    """The frames, each of the size that its camera has."""
-    for frame in source.frames():
-        height, width = frame.image.shape[:2]
-        if (width, height) != (camera.width, camera.height):
-            raise RequestError(
-                f"{source.name}: expected {camera.width}x{camera.height} pixels as in the camera file, got "
-                f"{width}x{height}"
-            )
-        yield frame
 
 
 def open_floor(

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from tsuiseki.tracking.cli.options import Output
+from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer, open_appearance
 from tsuiseki.tracking.formats.mot import write_tracks

@@ -6,19 +6,17 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
-from tsuiseki.tracking.cli.options import SourceOptions
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.cli.run import count, frames_expected
 from tsuiseki.tracking.devices import Device
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
+from tsuiseki.tracking.following import SourceOptions, count
 from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.formats.sensed_points import write_points
 from tsuiseki.tracking.options import OutputFile, Shared
 from tsuiseki.tracking.people.inputs import PeopleInputs, people_detect
 from tsuiseki.tracking.people.settings import FindingOptions, PeopleFinding
 from tsuiseki.tracking.types import Detections, Frame
-from tsuiseki.tracking.video.source import Source, endless
+from tsuiseki.tracking.video.source import Source, frames_expected
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 
@@ -75,9 +73,7 @@ def detect(video: SourceOptions, output: OutputFile, looking: Looking) -> int:
     FILE becomes MOTChallenge text (det.txt), with the class in column 8. Where its name ends in .csv, it gets the
     columns frame,x,y with the centre of each box. Frames count from 1.
     """
-    source = video.open(images=True)
-    if endless(source):
-        raise RequestError(f"{source.name} does not end by itself; give `frames`")
+    source = video.open(images=True, ends="")
     found = [Detections.empty()] * source.frames_wanted.first
     for _, here in progress(network_detections(source, looking.finding), "detecting", frames_expected(source)):
         found.append(here)

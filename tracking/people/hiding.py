@@ -26,7 +26,7 @@ from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import BoolArray, Detections, Frame, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.video.source import Source, image_size, open_source
+from tsuiseki.tracking.video.source import Source, image_size, length_of, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 TracksLike: TypeAlias = str | Path | Result[Any] | Sequence[Track]
@@ -218,9 +218,10 @@ def hide(
     doubts = _checked_out(out, video, overwrite)
     source, tracks = _opened(video, result)
     watch = shown if progress else lambda items, *_: items
-    total = source.length or getattr(source, "promised", None)
     with output_file(out, overwrite) as work, output_file(doubts, overwrite) as listed:
-        hiding = look_again(source, watch(source.frames(), "looking", total), tracks, wanted, finding, style)
+        hiding = look_again(
+            source, watch(source.frames(), "looking", length_of(source)), tracks, wanted, finding, style
+        )
         last = hiding.first + len(hiding.seconds) - 1
         if late := [track.id for track in tracks if track.frames[-1] > last]:
             raise RequestError(
@@ -261,7 +262,7 @@ def _opened(video: Path, result: TracksLike) -> tuple[Source, Sequence[Track]]:
         raise RequestError(
             f"expected the video of the result, {size[0]}x{size[1]} pixels, got {pictures[0]}x{pictures[1]}"
         )
-    length = source.length or getattr(source, "promised", None)
+    length = length_of(source)
     last = max([wanted.last or 0, *(int(track.frames[-1]) for track in tracks)])
     if length and (last >= length + slack or (whole and last + 1 < length - slack)):
         raise RequestError(f"expected the video of the result, which has {last + 1} frames, got {length} in {video}")

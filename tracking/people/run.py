@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsuiseki.tracking.cli.options import SeededOutput, Video
+from tsuiseki.tracking.cli.run import SeededOutput
+from tsuiseki.tracking.following import Video
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 
 if TYPE_CHECKING:
@@ -55,7 +56,8 @@ def track(
         look: gives what runs instead, and each frame's number with what is there.
     """
     from tsuiseki.tracking.answers.page import counted, with_page
-    from tsuiseki.tracking.cli.run import count, frames_expected, tell_blank, tell_models
+    from tsuiseki.tracking.features.view_choice import tell_blank, tell_models
+    from tsuiseki.tracking.following import count
     from tsuiseki.tracking.formats.mot import detection_lines
     from tsuiseki.tracking.people.hiding import Wanted
     from tsuiseki.tracking.people.tracking import open_people, people_result
@@ -64,13 +66,13 @@ def track(
     source = video.open(images=wanted is not None, timed=True)
     opened = open_people(source, finding, linking, output.seed)
     with output.run() as run:
-        tell_models(run, opened.inputs.detect, opened.inputs.describe)
+        run.facts |= tell_models(opened.inputs.detect, opened.inputs.describe)
         if look is None:
             found = opened.inputs.found(run.frames(source, record=video.overlay or wanted is not None), run.times)
         else:
             opened, found = look(run, opened)
         kept = run.kept("detections.txt", found, None if finding.detections else detection_lines)
-        steps = run.steps(kept, total=frames_expected(source))
+        steps = run.steps(kept)
         settings = {"method": linking.method, "source": video.source, "hide": hide}
         result, lines = people_result(opened, steps, run.times, settings)
         for line in lines:

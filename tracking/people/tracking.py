@@ -22,7 +22,6 @@ from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.association.looks import stride_of
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.cli.run import frames_expected
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
@@ -62,7 +61,16 @@ from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.types.class_choice import called
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.types.tracks import targets_at
-from tsuiseki.tracking.video.source import Source, SourceLike, endless, image_size, named, open_source
+from tsuiseki.tracking.video.source import (
+    Source,
+    SourceLike,
+    endless,
+    frames_expected,
+    image_size,
+    length_of,
+    named,
+    open_source,
+)
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 
@@ -471,8 +479,7 @@ def check_corrections(path: Path, source: Source) -> None:
     from tsuiseki.tracking.review.corrections import CorrectedVideo, read_corrections
 
     wanted = source.frames_wanted
-    length = source.length or getattr(source, "promised", 0)
-    frames = wanted.last + 1 if wanted.last is not None else int(length or 0)
+    frames = wanted.last + 1 if wanted.last is not None else length_of(source) or 0
     video = CorrectedVideo(Path(source.name).name, image_size(source), frames)
     read_corrections(path, video, getattr(source, "slack", 0.0) if wanted.last is None else 0.0)
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tsuiseki.tracking.cli.options import SeededOutput
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.cli.run import count, frames_expected
+from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.following import count
 from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_model, sensing_model, write_sensed_tracks
 from tsuiseki.tracking.people.detect import network_detections
 from tsuiseki.tracking.people.settings import FindingOptions
@@ -26,7 +26,7 @@ from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
-from tsuiseki.tracking.video.source import open_source
+from tsuiseki.tracking.video.source import frames_expected, open_source
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

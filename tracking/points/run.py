@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.answers.settings import CountSettings
-from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.cli.run import count, frames_expected
+from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box, parse_colour
+from tsuiseki.tracking.following import Video, count
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.sensed_points import is_point_file, read_points, write_point_tracks
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -33,7 +33,7 @@ from tsuiseki.tracking.points.tracker import BlobTracker, PointTracker, SingleBl
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
-from tsuiseki.tracking.video.source import Source, SourceLike, endless, named
+from tsuiseki.tracking.video.source import Source, SourceLike, named
 
 AnyBlobTracker: TypeAlias = BlobTracker | SingleBlobTracker | PointTracker
 USUAL_EXTENT = (640.0, 480.0)
@@ -63,9 +63,7 @@ def track_blobs(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    opened, tracker = _prepared(source, colour, settings, frames, seed)
-    if endless(opened):
-        raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_blobs")
+    opened, tracker = _prepared(source, colour, settings, frames, seed, ", or use follow_blobs")
     return blob_result(opened, tracker, opened.frames(), StageTimes(), {"source": named(source), "seed": seed})
 
 
@@ -150,9 +148,14 @@ def chosen_colour(source: Source, colour: ColourLike) -> ColourRange:
 
 
 def _prepared(
-    source: SourceLike, colour: ColourLike, settings: BlobSettings | None, frames: str | None, seed: int
+    source: SourceLike,
+    colour: ColourLike,
+    settings: BlobSettings | None,
+    frames: str | None,
+    seed: int,
+    ends: str | None = None,
 ) -> tuple[Source, BlobTracker | SingleBlobTracker]:
-    opened = Video.given(source, frames).open(images=True)
+    opened = Video.given(source, frames).open(images=True, ends=ends)
     settings = settings or BlobSettings()
     return opened, colour_tracker(chosen_colour(opened, colour), settings, seed)
 
@@ -299,7 +302,7 @@ def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
         if choice.detector is not None:
             found = network_detections(source, FindingOptions(detector=choice.detector), seen)
             seen = (here for _, here in found)
-        steps = run.steps(seen, total=frames_expected(source) if measured is None else len(measured))
+        steps = run.steps(seen, total=None if measured is None else len(measured))
         result = blob_result(source, tracker, steps, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
         summary = f"{count(len(result), 'object', 'objects')} in {run.count} frames: {output.out / 'tracks.txt'}"

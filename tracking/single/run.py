@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.answers.page import with_page
 from tsuiseki.tracking.answers.settings import CountSettings
-from tsuiseki.tracking.cli.options import SeededOutput, Video
-from tsuiseki.tracking.cli.run import Run, frames_expected
+from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.following import Video
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.single import find_single_sequences, has_labels, write_boxes
 from tsuiseki.tracking.geometry import corners_from_xywh
@@ -232,7 +232,7 @@ def single(
         followed = follow_target(run.frames(source, record=video.overlay), wanted, tracker, run.times, said)
         if said is not None:
             followed = from_both_sides(followed, said, choice.tracker(output.seed)[0])
-        steps = run.steps(followed, total=frames_expected(source))
+        steps = run.steps(followed)
         result = single_result(source, steps, run.times, output.settings, constants, plot)
         warn_if_not_asked(tracker)
         run.save(result, lambda: video.draw(run, source, result))

@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.volume import check_volume, common_volume, in_sight
-from tsuiseki.tracking.cli.options import Drawing, SeededOutput
-from tsuiseki.tracking.cli.run import Run
+from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.following import Drawing
 from tsuiseki.tracking.formats.world_tables import read_path3d
 from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
@@ -40,10 +40,10 @@ from tsuiseki.tracking.sphere.views import (
     median_background,
 )
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import FloatArray, Frame, Position
+from tsuiseki.tracking.types import FloatArray, Position
 from tsuiseki.tracking.types.tracks import Path3D
 from tsuiseki.tracking.video.image_folder import read_image
-from tsuiseki.tracking.video.source import Source, SourceLike, named, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, frames_of_size, named, open_source
 from tsuiseki.tracking.video.synchronise import LatestFrames, Moment, moments_with_images
 
 BACKGROUND_FRAMES = 25
@@ -137,7 +137,9 @@ def sphere_run(
     broad = weigh.broad() if isinstance(weigh, SphereContourLikelihood) else weigh
     search = partial(find_ball, weigh, broad, [p.camera for p in placed], radius, box, settings.particles)
     start = Start(place, settings.spread, settings.particles, search)
-    frames = [partial(checked_frames, video, camera) for video, camera in zip(videos, placed, strict=True)]
+    frames = [
+        partial(frames_of_size, video, p.camera.width, p.camera.height) for video, p in zip(videos, placed, strict=True)
+    ]
 
     def recorded(moments: Sequence[Moment]) -> Iterator[Seen]:
         return moments_with_images(moments, [begin() for begin in frames])
@@ -195,23 +197,6 @@ def _tracker(settings: SphereSettings, weigh: ViewLikelihood, radius: float) -> 
     plain = printed or settings.likelihood == "background"
     tracker = SphereTracker(weigh, moves, covering=None, stages=1) if plain else SphereTracker(weigh, moves)
     return replace(tracker, patience=np.inf) if printed else tracker
-
-
-def checked_frames(source: Source, placed: PlacedCamera) -> Iterator[Frame]:
-    """The frames of ``source``, each of the size that its camera has.
-
-    Raises:
-        RequestError: one has another size.
-    """
-    camera = placed.camera
-    for frame in source.frames():
-        if frame.image.shape[:2] != (camera.height, camera.width):
-            height, width = frame.image.shape[:2]
-            raise RequestError(
-                f"{source.name}: expected {camera.width}x{camera.height} pixels as in the camera file, "
-                f"got {width}x{height}"
-            )
-        yield frame
 
 
 def chosen_likelihood(

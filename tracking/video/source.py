@@ -120,6 +120,18 @@ def image_size(source: Source) -> Size | None:
     return size if size and min(size) > 0 else None
 
 
+def length_of(source: Source) -> int | None:
+    """How many frames the whole video has, or promises."""
+    return source.length or getattr(source, "promised", None)
+
+
+def frames_expected(source: Source) -> int | None:
+    """How many frames the stretch of ``source`` has, as far as it is known."""
+    wanted, length = source.frames_wanted, length_of(source)
+    last = length - 1 if wanted.last is None and length else wanted.last
+    return None if last is None else last - wanted.first + 1
+
+
 def address_of(source: Source) -> str:
     """What `open_source` took to open it; empty for images."""
     return str(getattr(source, "address", getattr(source, "path", "")))
@@ -128,6 +140,21 @@ def address_of(source: Source) -> str:
 def named(source: SourceLike) -> str:
     """A source that was given, for the settings of a run."""
     return str(source) if isinstance(source, str | Path | int) else "images"
+
+
+def frames_of_size(source: Source, width: int, height: int) -> Iterator[Frame]:
+    """The frames of ``source``, each of the size that its camera has, pixels.
+
+    Raises:
+        RequestError: one has another size.
+    """
+    for frame in source.frames():
+        high, wide = frame.image.shape[:2]
+        if (wide, high) != (width, height):
+            raise RequestError(
+                f"{source.name}: expected {width}x{height} pixels as in the camera file, got {wide}x{high}"
+            )
+        yield frame
 
 
 def some_frames(source: Source, numbers: Sequence[int]) -> Iterator[Frame]:

@@ -8,7 +8,9 @@ prints nor writes, as `tsuiseki reproduce` does that for all of them alike.
 
 from __future__ import annotations
 
+import inspect
 import json
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import partial
@@ -17,7 +19,9 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.cli.progress import progress
+from tsuiseki.tracking.cli.run import Output
+from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.evaluation.tables import score_table
 from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray
@@ -384,3 +388,53 @@ def some_of(known: Sequence[str], **asked: Sequence[str]) -> None:
         if not words or not set(words) <= set(known):
             wrong = next((word for word in words if word not in known), "none")
             raise RequestError(f"`{name}`: expected some of {', '.join(known)}, got {wrong!r}")
+
+
+class Terminal(Watch):
+    """Shows the progress."""
+
+    def over(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+        """See `Watch.over`."""
+        return progress(items, what, total)
+
+    def say(self, line: str) -> None:
+        """See `Watch.say`."""
+        print(line, file=sys.stderr, flush=True)
+
+
+@dataclass(frozen=True)
+class Reproduction(Output):
+    """Where an experiment computes, and where its result goes.
+
+    Attributes:
+        out: folder for results.json, tables.md, plots, pictures and run.json.
+        cache: folder that keeps what was computed, so that an experiment that was stopped goes on where it was; what
+            other arguments, data or code made is never taken.
+    """
+
+    cache: Path = Path("out/cache/experiments")
+
+
+def command(name: str, experiment: Callable[..., Outcome]) -> Callable[..., int]:
+    """The command for an experiment: its own options, and those that every experiment has."""
+
+    def reproduce(output: Reproduction, **options: Any) -> int:
+        with output.run() as run:
+            try:
+                with run.times.measure("experiment"):
+                    outcome = experiment(Bench(Store(output.cache), Terminal()), **options)
+            except KeyboardInterrupt as error:
+                kept = f"what was computed is kept in {output.cache}: run the same command again to go on"
+                raise Interrupted(signal_of(error), kept) from error
+            for file, write in outcome.parts():
+                run.write(file, write)
+            tables = [table.text() for table in outcome.tables if table.rows]
+            run.done("\n".join([*tables, *outcome.notes, f"results: {output.out}"]))
+        return run.status
+
+    bench, *own = inspect.signature(experiment, eval_str=True).parameters.values()
+    output = bench.replace(name="output", annotation=Reproduction, default=Reproduction(Path("out") / name))
+    every = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own, output)]
+    reproduce.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
+    reproduce.__doc__ = inspect.getdoc(experiment)
+    return reproduce

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from tsuiseki.tracking.cli.commands import reproduction
 from tsuiseki.tracking.cli.ending import ended
 from tsuiseki.tracking.cli.parser import call
 from tsuiseki.tracking.options import PlottedFile
 from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
+from tsuiseki.trainers.experiments.study import command as reproduction
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 

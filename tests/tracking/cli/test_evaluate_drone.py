@@ -134,7 +134,7 @@ def test_tracks_of_frames_of_another_size_are_compared_in_their_pixels(
         assert main(["evaluate", kind, str(labels), str(large), "--size", "0,720"]) == 2
         assert "--size: expected a width and height from 1 pixel on, got 0,720" in capsys.readouterr().err
     assert main(["evaluate", "people", str(labels), str(large), "--size", "1920"]) == 2
-    assert "--size: expected 2 values separated by commas, got '1920'" in capsys.readouterr().err
+    assert "--size: expected 2 whole numbers separated by commas, got '1920'" in capsys.readouterr().err
 
 
 def test_label_files_of_generated_clips_are_in_pixels_of_their_own_frames(

@@ -1,17 +1,16 @@
-"""Options that several commands share, each told once: what to look at, and where the result goes."""
+"""What the runs share that follow something through a video: the options of its source, and what is drawn and told."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.options import BY_PLACE, NO_OPTION, Seed, Shared
-from tsuiseki.tracking.output import check_output_folder
+from tsuiseki.tracking.options import BY_PLACE, Shared
 from tsuiseki.tracking.types.frame_range import parse_frames
 
 if TYPE_CHECKING:
@@ -76,18 +75,21 @@ class SourceOptions(Shared):
         if self.fps is not None and not 0 < self.fps <= 1000:
             raise RequestError(f"`fps`: expected frames a second above 0 and up to 1000, got {self.fps:g}")
 
-    def open(self, *, images: bool = False, replayable: bool = False, timed: bool = False) -> Source:
+    def open(
+        self, *, images: bool = False, replayable: bool = False, timed: bool = False, ends: str | None = None
+    ) -> Source:
         """The source, checked.
 
         Args:
             images: refuse a sequence that is text only.
             replayable: refuse a webcam or stream.
             timed: the result depends on the frame rate, so say where it is not known.
+            ends: refuse what does not end by itself; what else to do then, or nothing.
 
         Raises:
             RequestError: see `open_source`.
         """
-        from tsuiseki.tracking.video.source import open_source
+        from tsuiseki.tracking.video.source import endless, open_source
 
         opened = open_source(self.source, parse_frames(self.frames), self.fps)
         if timed and opened.rate_missing:
@@ -102,6 +104,8 @@ class SourceOptions(Shared):
             raise RequestError(
                 "expected a video that can be played again, got a live source; record it, or give a list of images"
             )
+        if ends is not None and endless(opened):
+            raise RequestError(f"{opened.name} does not end by itself; give `frames`{ends}")
         return opened
 
 
@@ -109,54 +113,14 @@ class SourceOptions(Shared):
 class Video(SourceOptions, Drawing):
     """What to look at, and whether to draw."""
 
-    def open(self, *, images: bool = False, replayable: bool = False, timed: bool = False) -> Source:
+    def open(self, **checks: Any) -> Source:
         """See `SourceOptions.open`; raises RequestError, too, where there is nothing to draw the overlay on."""
-        opened = super().open(images=images, replayable=replayable, timed=timed)
+        opened = super().open(**checks)
         if self.overlay and not opened.has_images:
             raise RequestError(f"{opened.name} has no images to draw on; leave `overlay` out")
         return opened
 
 
-@dataclass(frozen=True)
-class Output(Shared):
-    """Where the result goes.
-
-    Attributes:
-        out: folder for the results.
-        overwrite: replace an earlier result in the folder.
-        command: the program's words, for ``run.json``.
-        settings: every option with its value, as a file for ``--config`` has them; likewise.
-    """
-
-    out: Path
-    overwrite: bool = False
-    command: Sequence[str] = field(default=("tsuiseki",), metadata=NO_OPTION)
-    settings: Mapping[str, Any] = field(default_factory=dict, metadata=NO_OPTION)
-
-    def check(self) -> None:
-        """See `Shared.check`."""
-        check_output_folder(self.out, self.overwrite)
-
-    def run(self) -> Run:
-        """A run that writes there; see `tsuiseki.tracking.cli.run`."""
-        from tsuiseki.tracking.cli.run import Run
-
-        return Run(self)
-
-
-@dataclass(frozen=True)
-class SeededOutput(Seed, Output):
-    """Where the result of something random goes."""
-
-
-@dataclass(frozen=True)
-class Reproduction(Output):
-    """Where an experiment computes, and where its result goes.
-
-    Attributes:
-        out: folder for results.json, tables.md, plots, pictures and run.json.
-        cache: folder that keeps what was computed, so that an experiment that was stopped goes on where it was; what
-            other arguments, data or code made is never taken.
-    """
-
-    cache: Path = Path("out/cache/experiments")
+def count(number: int, one: str, several: str) -> str:
+    """``1 person`` or ``3 people``."""
+    return f"{number} {one if number == 1 else several}"
