@@ -6,7 +6,7 @@ import shlex
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.view_choice import tell_models
+from tsuiseki.tracking.options import NO_OPTION, Shared
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shipped, shipped_or_file
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.features.exported import SizedDetect
     from tsuiseki.trainers.adapt.round import Round
     from tsuiseki.trainers.adapt.rounds import Adaptation
-    from tsuiseki.trainers.adapt.watch import AdaptSettings, CameraVideos
+    from tsuiseki.trainers.adapt.watch import CameraVideos
 
 # Pictures, labels and detectors of the rounds, until the result is whole.
 WORK = ".adapt"
@@ -35,22 +36,55 @@ _ALONE = (
 )
 
 
+@dataclass(frozen=True)
+class AdaptSettings(Shared):
+    """How a camera is learnt.
+
+    Attributes:
+        rounds: at most; each looks, learns and looks again, as long as that gets better.
+        steps: of learning in each round.
+        pictures: of the videos together, evenly spread; labels are taken from them.
+        score_threshold: of the detections that are tracked, in (0, 1).
+        sitting: people may sit or stand through most of the video; what never moves is then left out of the learning.
+        seed: of all chance.
+        threads: CPU cores; 0 takes all.
+        device: what the exported networks run on, as in track people; learning stays on the CPU.
+        fps: frames a second, where the videos do not say or are wrong.
+    """
+
+    rounds: int = 3
+    steps: int = 100
+    pictures: int = 400
+    score_threshold: float = 0.3
+    sitting: bool = False
+    seed: int = field(default=0, metadata=NO_OPTION)
+    threads: int = 0
+    device: Device = "auto"
+    fps: float | None = None
+
+    def check(self) -> None:
+        """See `Shared.check`."""
+        if min(self.rounds, self.steps) < 1 or self.pictures < 20 or self.threads < 0:
+            raise RequestError(
+                "expected `rounds` and `steps` from 1, `pictures` from 20 and `threads` from 0, "
+                f"got {self.rounds}, {self.steps}, {self.pictures} and {self.threads}"
+            )
+        if not 0 < self.score_threshold < 1:
+            raise RequestError(f"expected a `score_threshold` between 0 and 1, got {self.score_threshold:g}")
+        if self.fps is not None and not 0 < self.fps <= 1000:
+            raise RequestError(f"`fps`: expected frames a second above 0 and up to 1000, got {self.fps:g}")
+
+
 def adapt(
     sources: list[str],
     /,
     output: SeededOutput,
+    how: AdaptSettings,
     frames: str | None = None,
-    fps: float | None = None,
     detector: Path | None = None,
     teacher: Path | None = None,
+    corrections: Path | None = None,
     view: str = "auto",
-    rounds: int = 3,
-    steps: int = 100,
-    pictures: int = 400,
-    score_threshold: float = 0.3,
-    sitting: bool = False,
-    threads: int = 0,
-    device: Device = "auto",
     detector_options: DetectorOptions = DETECTOR_OPTIONS,
 ) -> int:
     """Learn a camera from its unlabelled video: who is tracked with confidence teaches the detector.
@@ -64,31 +98,19 @@ def adapt(
         sources: videos, folders of images or sequence folders, all of one camera; 100 frames at least, some minutes
             are better.
         frames: learn from this stretch of each only, counted from 1 with both ends, such as 1-300.
-        fps: frames a second, where the videos do not say or are wrong.
         detector: exported detector to start from, which is also left where no round is better; by default
             detector_figures.onnx starts, and detector_people.onnx is left. A bare word, such as street, names a shipped
             one.
         teacher: detector of any project that looks first, where the one to start from sees too little.
+        corrections: reviewed result of the only video, or its corrections.jsonl. Who was corrected is certain to be a
+            person, what was deleted to be background.
         view: tiles of a frame, as in track people.
-        rounds: at most; each looks, learns and looks again, as long as that gets better.
-        steps: of learning in each round.
-        pictures: of the videos that labels are taken from.
-        score_threshold: of the detections that are tracked.
-        sitting: people may sit or stand through most of the video; what never moves is then left out of the learning.
-        seed: of all chance.
-        threads: CPU cores; 0 takes all.
-        device: what the exported networks run on, as in track people; learning stays on the CPU.
         detector_options: what the file of the teacher does not tell, where that is another project's.
     """
-    from tsuiseki.trainers.adapt.watch import AdaptSettings
-
     parse_frames(frames)
-    settings = AdaptSettings(
-        rounds=rounds, steps=steps, pictures=pictures, score_threshold=score_threshold, sitting=sitting,
-        seed=output.seed, threads=threads, device=device, fps=fps,
-    )  # fmt: skip
+    settings = replace(how, seed=output.seed)
     request = {"sources": sources, "frames": frames, "view": view, "options": asdict(detector_options)}
-    return _adapt(output, settings, request, detector, teacher, detector_options)
+    return _adapt(output, settings, request, detector, teacher, corrections, detector_options)
 
 
 def _adapt(
@@ -97,9 +119,11 @@ def _adapt(
     request: dict[str, Any],
     detector: Path | None,
     teacher: Path | None,
+    corrections: Path | None,
     options: DetectorOptions,
 ) -> int:
     """Learn by ``settings``; ``request`` holds the words of the command that a later run must repeat to go on."""
+    from tsuiseki.trainers.adapt.certain import certain_boxes, corrections_in
     from tsuiseki.trainers.adapt.rounds import Adaptation, contents_of, resumed
     from tsuiseki.trainers.adapt.watch import open_camera
     from tsuiseki.trainers.exporting.exported_weights import layout_of
@@ -110,16 +134,19 @@ def _adapt(
     looking = _teacher(teacher, options, settings.device)
     teacher = None if teacher is None else shipped_or_file("detector", teacher)
     sources, work = request["sources"], output.out / WORK
+    said = None if corrections is None else corrections_in(corrections, sources)
+    contents = contents_of(sources, start, teacher=teacher, corrections=said)
     with output.run() as run:
         run.facts |= tell_models(looking)
-        if resumed(work, {**request, "settings": asdict(settings), **contents_of(sources, start, teacher)}):
+        if resumed(work, {**request, "settings": asdict(settings), **contents}):
             print("going on with what an earlier run has finished")
         with _kept(work):
             camera = open_camera(sources, parse_frames(request["frames"]), work, settings, request["view"])
             for line in _said_of_motion(camera):
                 print(line, flush=True)
             default = shipped(PEOPLE_DETECTOR)
-            adaptation = Adaptation(camera, start, work, settings, default, looking)
+            certain = None if said is None else certain_boxes(said, camera.videos[0].size)
+            adaptation = Adaptation(camera, start, work, settings, default, looking, certain)
             _run(run, adaptation, default if detector is None else start)
     if not run.status:
         shutil.rmtree(work, ignore_errors=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
+from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.features.exported import SizedDetect, open_appearance, open_detector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
@@ -15,8 +16,9 @@ from tsuiseki.tracking.people.inputs import PeopleInputs
 from tsuiseki.tracking.people.methods import cost_of_scores, people_affinity, people_tracker
 from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.trainers.adapt.certain import CertainBoxes
 from tsuiseki.trainers.adapt.track_labels import TrackLabels, label
-from tsuiseki.trainers.adapt.watch import HELD_OUT, AdaptSettings, Foreground, Watched
+from tsuiseki.trainers.adapt.watch import HELD_OUT, Foreground, Watched
 
 # Detections down to this score are known, so that what the tracker rejects is, too.
 LOWEST_SCORE = 0.1
@@ -61,11 +63,16 @@ class RoundVideo:
 
 
 def labelled(
-    watched: Watched, foreground: Foreground | None, found: FoundPeople, sitting: bool, onto_silhouettes: float
+    watched: Watched,
+    foreground: Foreground | None,
+    found: FoundPeople,
+    sitting: bool,
+    onto_silhouettes: float,
+    certain: CertainBoxes | None = None,
 ) -> RoundVideo:
     """Take labels from what was found in a video; see `label`."""
     kept = [found.detections[frame - found.first] for frame in watched.frames]
-    labels = label(watched, foreground, found.tracks, kept, sitting, onto_silhouettes)
+    labels = label(watched, foreground, found.tracks, kept, sitting, onto_silhouettes, certain)
     return RoundVideo(watched, foreground, found, labels, found.first + round((1 - HELD_OUT) * watched.length))
 
 

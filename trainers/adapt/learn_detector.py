@@ -17,13 +17,14 @@ from lightning.pytorch.callbacks import Callback, EMAWeightAveraging, ModelCheck
 from tsuiseki.datamodules.augmentation import Augmentation, fitted_scale
 from tsuiseki.datamodules.detection_data import Composition, DetectionData
 from tsuiseki.datamodules.footage import TrainingSource
+from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.features.views import view_of
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, ImageArray
-from tsuiseki.trainers.adapt.watch import HELD_OUT, KEPT_BACK, AdaptSettings, Watched
+from tsuiseki.trainers.adapt.watch import HELD_OUT, KEPT_BACK, Watched
 from tsuiseki.trainers.exporting.export import export_onnx, load_module
 from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import ExportedLayout

@@ -16,11 +16,13 @@ from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.drone.observations import file_digest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.people.settings import NONE
+from tsuiseki.trainers.adapt.certain import CertainBoxes
 from tsuiseki.trainers.adapt.find import RoundVideo, above, find, labelled
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
 from tsuiseki.trainers.adapt.round import (
@@ -32,7 +34,7 @@ from tsuiseki.trainers.adapt.round import (
     round_scores,
 )
 from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, TAKEN, Verdict
-from tsuiseki.trainers.adapt.watch import KEPT_BACK, AdaptSettings, CameraVideos, Watched
+from tsuiseki.trainers.adapt.watch import KEPT_BACK, CameraVideos, Watched
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 
 # What a detector must not lose against the default, share of its detections on tracks; and how much longer it may look.
@@ -53,6 +55,7 @@ class Adaptation:
         settings: how.
         default: what `tsuiseki track people` takes, which a learnt detector must beat.
         teacher: detector that looks first, in place of ``start``; may be of another project.
+        certain: what corrections say of the only video.
         tell: gets a line about what is being done.
     """
 
@@ -62,6 +65,7 @@ class Adaptation:
     settings: AdaptSettings
     default: Path
     teacher: SizedDetect | None = None
+    certain: CertainBoxes | None = None
     tell: Callable[[str], None] = print
 
     def folder(self, number: int) -> Path:
@@ -125,9 +129,9 @@ def file_state(source: str) -> list[int]:
     return [len(found), sum(x.st_size for x in found), max((x.st_mtime_ns for x in found), default=0)]
 
 
-def contents_of(sources: Sequence[str], start: Path, teacher: Path | None) -> dict[str, Any]:
-    """What videos and models hold, as plain values: a file of the same name may have been written anew."""
-    models = {"detector": file_digest(start), "teacher": file_digest(teacher) if teacher else ""}
+def contents_of(sources: Sequence[str], start: Path, **files: Path | None) -> dict[str, Any]:
+    """What videos and files hold, as plain values: a file of the same name may have been written anew."""
+    models = {name: file_digest(file) if file else "" for name, file in {"detector": start, **files}.items()}
     return {"contents": [file_state(source) for source in sources], **models}
 
 
@@ -212,7 +216,7 @@ def _look(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> 
         looks = f"looking at {video.source}"
         adaptation.tell(f"{looks} with the default" if number == DEFAULT else f"round {number}: {looks}")
         found = find(video, detector, settings, camera.view, affinity)
-        videos.append(labelled(video, foreground, found, settings.sitting, onto))
+        videos.append(labelled(video, foreground, found, settings.sitting, onto, adaptation.certain))
     scores = round_scores(videos, settings.score_threshold)
     if not number and adaptation.teacher is not None:
         scores = replace(scores, agreement=_before_learning(adaptation, videos))

@@ -14,7 +14,7 @@ from tsuiseki.tracking.types import Detections, ImageArray, Track
 from tsuiseki.trainers.adapt.find import above
 from tsuiseki.trainers.adapt.round import Round
 from tsuiseki.trainers.adapt.rounds import Adaptation
-from tsuiseki.trainers.adapt.track_labels import SHORT, STILL, TAKEN, TWICE, UNSURE
+from tsuiseki.trainers.adapt.track_labels import DELETED, SHORT, STILL, TAKEN, TWICE, UNSURE
 from tsuiseki.trainers.adapt.watch import HELD_OUT, Watched
 
 _PICTURES, _EXAMPLES = 4, 12
@@ -22,6 +22,7 @@ _MEANINGS = {
     TAKEN: "Taken as labels",
     STILL: "Refused, and background to learn from: never moves",
     TWICE: "Refused, and background to learn from: lies on surer tracks",
+    DELETED: "Refused, and background to learn from: deleted by a correction",
     UNSURE: "Refused, and left out: unsure",
     SHORT: "Refused, and left out: too short",
 }
@@ -97,7 +98,7 @@ def _examples(adaptation: Adaptation, taught_by: Round) -> dict[str, list[ImageA
                     name = _FILLED
                 if frame in number_of:
                     places.setdefault(name, []).append((video, number_of[frame], track.boxes[row]))
-    names = [_MEANINGS[TAKEN], _FILLED, *(_MEANINGS[v] for v in (STILL, TWICE, UNSURE, SHORT))]
+    names = [_MEANINGS[TAKEN], _FILLED, *(_MEANINGS[v] for v in (STILL, TWICE, DELETED, UNSURE, SHORT))]
     return {
         name: [example_crop(video.picture(picture), box) for video, picture, box in _some(rng, places[name])]
         for name in names

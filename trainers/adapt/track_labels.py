@@ -15,9 +15,10 @@ import numpy as np
 
 from tsuiseki.datamodules.identity_crops import uncovered
 from tsuiseki.tracking.association.tracklets import EXPLAINED, explained_boxes, is_straddling
-from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, shared_with_all
+from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, iou_matrix, shared_with_all
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.trainers.adapt.certain import NOBODY, PERSON, SAME, CertainBoxes
 from tsuiseki.trainers.adapt.foreground import (
     Difference,
     covered_share,
@@ -28,7 +29,7 @@ from tsuiseki.trainers.adapt.foreground import (
 )
 from tsuiseki.trainers.adapt.watch import Foreground, Watched
 
-TAKEN, STILL, UNSURE, SHORT, TWICE = "taken", "never moves", "unsure", "short", "twice"
+TAKEN, STILL, UNSURE, SHORT, TWICE, DELETED = "taken", "never moves", "unsure", "short", "twice", "deleted"
 # Least mean score of the detections of a track that becomes labels, and least seconds of them.
 _SURE, _LEAST_SECONDS = 0.5, 0.6
 # Least share of a box that differs from the empty view, the median over the track: what differs less never moves.
@@ -48,8 +49,8 @@ class Verdict:
 
     Attributes:
         id: of the track.
-        verdict: taken, never moves, unsure (a low score, or filled in for the most part), short, or twice (it lies on
-            surer tracks).
+        verdict: taken, never moves, unsure (a low score, or filled in for the most part), short, twice (it lies on
+            surer tracks), or deleted by a correction.
         boxes: of it.
         filled: of them that no detection supports.
         score: mean of its detections.
@@ -108,6 +109,7 @@ def label(
     found: Sequence[Detections],
     sitting: bool = False,
     onto_silhouettes: float = ONTO_SILHOUETTES,
+    certain: CertainBoxes | None = None,
 ) -> TrackLabels:
     """Choose what to learn from.
 
@@ -118,13 +120,16 @@ def label(
         found: detections of each kept picture; those that lie on no track are rejected.
         sitting: what never moves is left out of the learning; otherwise it is background to learn from.
         onto_silhouettes: share of the way that boxes are moved onto silhouettes, in [0, 1].
+        certain: what corrections say of the video.
     """
     number_of = {frame: number for number, frame in enumerate(watched.frames)}
     shares = _moving(tracks, foreground, number_of)
     verdicts = [_judge(track, share, watched.frame_rate) for track, share in zip(tracks, shares, strict=True)]
+    verdicts = [_as_said(one, track, certain) for one, track in zip(verdicts, tracks, strict=True)]
     # Of each track the boxes that lie on those of tracks that are taken.
     covered = explained_boxes(tracks, [one.verdict == TAKEN for one in verdicts])
     verdicts = [_unless_twice(one, track, on) for one, track, on in zip(verdicts, tracks, covered, strict=True)]
+    verdicts = [_as_said(one, track, certain) for one, track in zip(verdicts, tracks, strict=True)]
     offset = _offset(tracks, verdicts, foreground, number_of, onto_silhouettes)
     # A box that was filled in where others are shows a person who is hidden: no example.
     entries = _together([
@@ -137,7 +142,8 @@ def label(
         picture = None if foreground is None else foreground.picture(number)
         people = _placed(entries.select(entries.frames == frame), found[number], picture, offset, onto_silhouettes)
         people = people.select(_reach_in(people.boxes, watched.size))
-        rows.append(_rows(number, people, rejected[number], picture))
+        said = None if certain is None else certain.at(frame)
+        rows.append(_rows(number, people, rejected[number], picture, said))
     moved = tuple(_moved(track, offset, watched.size) for track in tracks)
     return TrackLabels(_joined(rows), tuple(verdicts), moved, offset)
 
@@ -178,6 +184,14 @@ def _unless_twice(verdict: Verdict, track: Track, explained: BoolArray) -> Verdi
     return replace(verdict, verdict=TWICE) if twice else verdict
 
 
+def _as_said(verdict: Verdict, track: Track, certain: CertainBoxes | None) -> Verdict:
+    """The verdict, or what corrections say: deleted where most detections were, taken where one is a person."""
+    kinds = np.empty(0) if certain is None else certain.on(track.frames, track.boxes)
+    if 2 * (kinds == NOBODY).sum() > track.observed.sum():
+        return replace(verdict, verdict=DELETED)
+    return replace(verdict, verdict=TAKEN) if (kinds != NOBODY).any() else verdict
+
+
 def _offset(
     tracks: Sequence[Track],
     verdicts: Sequence[Verdict],
@@ -215,7 +229,7 @@ def _reach_in(boxes: FloatArray, size: tuple[int, int]) -> BoolArray:
 
 def _entries(track: Track, verdict: Verdict, unseen: BoolArray, sitting: bool) -> _Entries:
     """What a track says in each frame; nothing, where it is background to learn from."""
-    background = verdict.verdict == TWICE or (verdict.verdict == STILL and not sitting)
+    background = verdict.verdict in (TWICE, DELETED) or (verdict.verdict == STILL and not sitting)
     sure = (verdict.verdict == TAKEN) & ~unseen
     every = _Entries(track.frames, np.full(len(track), track.id), track.boxes, sure, track.observed)
     return every.select(np.full(len(track), not background))
@@ -242,15 +256,31 @@ def _placed(
     return replace(people, boxes=boxes)
 
 
-def _rows(number: int, people: _Entries, rejected: Detections, picture: Difference | None) -> GroundTruth:
+def _rows(
+    number: int, people: _Entries, rejected: Detections, picture: Difference | None, said: CertainBoxes | None
+) -> GroundTruth:
     """Labels of one picture."""
+    people = people if said is None else _corrected(people, said)
     others = _perhaps_people(people.boxes, people.sure, rejected, picture)
+    others = others if said is None else others[~_alike(others, said.boxes[said.kinds == NOBODY])]
     every = np.concatenate([people.boxes, others])
     counted = np.concatenate([people.sure, np.zeros(len(others), dtype=np.bool_)])
     visibility = np.ones(len(every))
     visibility[: len(people.boxes)] = uncovered(people.boxes)
     names = np.concatenate([people.ids, _NAMES_OF_OTHERS + np.arange(len(others))])
     return GroundTruth(np.full(len(every), number), names.astype(np.int64), every, counted, ~counted, visibility)
+
+
+def _corrected(people: _Entries, said: CertainBoxes) -> _Entries:
+    """What tracks say in one frame, without boxes of nobody, with those drawn, and those that no track has."""
+    kept = people.select(~_alike(people.boxes, said.boxes[said.kinds != PERSON]))
+    boxes = said.boxes[(said.kinds != NOBODY) & ~_alike(said.boxes, kept.boxes)]
+    numbers, there = _NAMES_OF_OTHERS - 1 - np.arange(len(boxes)), np.ones(len(boxes), dtype=np.bool_)
+    return _together([kept, _Entries(numbers, numbers, boxes, there, there)])
+
+
+def _alike(boxes: FloatArray, others: FloatArray) -> BoolArray:
+    return np.asarray((iou_matrix(boxes, others) >= SAME).any(axis=1))
 
 
 def _perhaps_people(

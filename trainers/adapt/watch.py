@@ -12,7 +12,7 @@ import numpy as np
 
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import empty_view
-from tsuiseki.tracking.devices import Device
+from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.output import whole_file
@@ -26,44 +26,6 @@ from tsuiseki.trainers.adapt.foreground import CameraMotion, Difference, differe
 # that no weight is learnt from and that says what scores mean.
 HELD_OUT, CALIBRATED = 0.15, 0.1
 KEPT_BACK = HELD_OUT + CALIBRATED
-
-
-@dataclass(frozen=True)
-class AdaptSettings:
-    """How a camera is learnt.
-
-    Attributes:
-        rounds: at most.
-        steps: of learning in each round.
-        pictures: kept of the videos together, evenly spread; labels are taken from them.
-        score_threshold: of the detections that are tracked, in (0, 1).
-        sitting: people may sit or stand through most of the video; what never moves is then left out of the learning.
-        seed: of all chance.
-        threads: CPU cores; 0 takes all.
-        device: what exported networks run on.
-        fps: frames a second, where the videos do not say or are wrong.
-    """
-
-    rounds: int = 3
-    steps: int = 100
-    pictures: int = 400
-    score_threshold: float = 0.3
-    sitting: bool = False
-    seed: int = 0
-    threads: int = 0
-    device: Device = "auto"
-    fps: float | None = None
-
-    def __post_init__(self) -> None:
-        if min(self.rounds, self.steps) < 1 or self.pictures < 20 or self.threads < 0:
-            raise RequestError(
-                "expected `rounds` and `steps` from 1, `pictures` from 20 and `threads` from 0, "
-                f"got {self.rounds}, {self.steps}, {self.pictures} and {self.threads}"
-            )
-        if not 0 < self.score_threshold < 1:
-            raise RequestError(f"expected a `score_threshold` between 0 and 1, got {self.score_threshold:g}")
-        if self.fps is not None and not 0 < self.fps <= 1000:
-            raise RequestError(f"`fps`: expected frames a second above 0 and up to 1000, got {self.fps:g}")
 
 
 FEWEST_FRAMES = 100

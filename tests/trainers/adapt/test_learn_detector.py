@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from tests.trainers.adapt import street
+from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.errors import Interrupted
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.types import Detections
@@ -21,7 +22,7 @@ from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt import learn_detector
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, TorchDetector, fine_tune
 from tsuiseki.trainers.adapt.track_labels import label
-from tsuiseki.trainers.adapt.watch import HELD_OUT, AdaptSettings, Watched, foreground_of, watch
+from tsuiseki.trainers.adapt.watch import HELD_OUT, Watched, foreground_of, watch
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.detector_training import DetectorTraining

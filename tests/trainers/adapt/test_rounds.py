@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tests.trainers.adapt import street
+from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
@@ -27,7 +28,7 @@ from tsuiseki.trainers.adapt.rounds import (
     resumed,
     rounds,
 )
-from tsuiseki.trainers.adapt.watch import AdaptSettings, CameraVideos, Watched, open_camera
+from tsuiseki.trainers.adapt.watch import CameraVideos, Watched, open_camera
 
 START = Path("start.onnx")
 TEACHER: Any = Path("teacher.onnx")

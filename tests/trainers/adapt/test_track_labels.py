@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.trainers.adapt import street
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.review.corrections import CORRECTIONS_FILE, CorrectedVideo, Correction, append, boxes_of
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
-from tsuiseki.trainers.adapt.track_labels import SHORT, STILL, TAKEN, TWICE, UNSURE, label
+from tsuiseki.trainers.adapt.certain import certain_boxes, corrections_in
+from tsuiseki.trainers.adapt.track_labels import DELETED, SHORT, STILL, TAKEN, TWICE, UNSURE, label
 from tsuiseki.trainers.adapt.watch import Watched, foreground_of, watch
 
 NONE = Detections.empty()
@@ -132,3 +136,27 @@ def test_labels_are_as_wide_as_detected_in_their_frame(watched: Watched) -> None
     people = label(watched, None, [track], found).people
     for n, frame in enumerate(watched.frames):
         np.testing.assert_allclose(people.boxes[people.frames == n], street.people(frame)[:1] + wider[frame])
+
+
+def test_what_was_corrected_is_certain(watched: Watched, tmp_path: Path) -> None:
+    """A doubtful track that is said to be a person teaches, a deleted one is background, a drawn box is a label."""
+    doubtful, wrong = street.track_of(1, score=0.3), replace(street.track_of(0), id=3)
+    moved, alone = watched.frames[5], np.array([60.0, 5.0, 74.0, 25.0])
+    (one,), (drawn,) = boxes_of([moved], [street.box_of(1, moved)]), boxes_of([moved], [alone])
+    said = [
+        Correction("right", boxes_of(range(9), doubtful.boxes[:9])),
+        Correction("delete", boxes_of(wrong.frames.tolist(), wrong.boxes)),
+        Correction("several", parts=(Correction("box", (drawn,)), Correction("box", (one, one._replace(x=one.x + 3))))),
+    ]
+    append(tmp_path / CORRECTIONS_FILE, said, CorrectedVideo("street", street.SIZE, street.FRAMES))
+    certain = certain_boxes(corrections_in(tmp_path, ["street"]), street.SIZE)
+    rejected = [Detections(street.box_of(0, f)[None], np.array([0.9])) for f in watched.frames]
+    labels = label(watched, None, [doubtful, wrong], rejected, certain=certain)
+    assert [v.verdict for v in labels.verdicts] == [TAKEN, DELETED]
+    assert not labels.people.ignored.any()
+    here = labels.people.boxes[labels.people.frames == 5]
+    np.testing.assert_allclose(here, [alone, street.box_of(1, moved) + np.array([3, 0, 3, 0])], atol=0.01)
+    assert (np.bincount(labels.people.frames) == [1 + (n == 5) for n in range(40)]).all()
+    for wrong_place, sources in ((tmp_path / "gone", ["a"]), (tmp_path, ["a", "b"])):
+        with pytest.raises(RequestError, match="`corrections`"):
+            corrections_in(wrong_place, sources)
