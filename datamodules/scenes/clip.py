@@ -96,6 +96,17 @@ def write_image(path: Path, image: ImageArray, quality: int = QUALITY) -> None:
     path.write_bytes(data.tobytes())
 
 
+def expect(kind: str, *own: tuple[bool, str, object]) -> None:
+    """Refuse settings of a ``kind``: of each expectation whether it holds, what it is, and what was given.
+
+    Raises:
+        RequestError: something expected does not hold.
+    """
+    for holds, what, got in own:
+        if not holds:
+            raise RequestError(f"{kind}: expected {what}, got {got}")
+
+
 @dataclass(frozen=True)
 class ClipSettings:
     """Settings of any clip of one size.
@@ -124,14 +135,13 @@ class ClipSettings:
             RequestError: something expected does not hold.
         """
         size, rate = (self.width, self.height), self.frame_rate
-        common = (
+        expect(
+            f"{kind} clip",
             (min(size) >= smallest, f"at least {smallest}x{smallest} pixels", f"{size[0]}x{size[1]}"),
             (self.frames >= 1, "at least one frame", self.frames),
             (bool(np.isfinite(rate)) and rate > 0, "a positive frame_rate", rate),
+            *own,
         )
-        for holds, what, got in (*common, *own):
-            if not holds:
-                raise RequestError(f"{kind} clip: expected {what}, got {got}")
 
     def write_info(self, folder: Path, name: str, truth: GroundTruth | None = None) -> None:
         """Write ``seqinfo.ini`` of the sequence ``name``, and ``gt/gt.txt`` of its ``truth``."""

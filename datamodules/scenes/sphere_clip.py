@@ -15,7 +15,7 @@ from typing import ClassVar
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import Moment, write_image
+from tsuiseki.datamodules.scenes.clip import Moment, expect, write_image
 from tsuiseki.datamodules.scenes.people.person import Person, person_thing, random_person
 from tsuiseki.datamodules.scenes.people.posture import Pose, place, stride_length, walking
 from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, shadows
@@ -24,7 +24,6 @@ from tsuiseki.datamodules.scenes.render.solids import Colour, Float32, Parts, Pa
 from tsuiseki.datamodules.scenes.things.room import draw_hall, hall_furniture
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.world_tables import write_path3d
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.tracks import Path3D
@@ -80,12 +79,15 @@ class CarriedBallSettings:
     lateness: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not 2 <= self.cameras <= len(AZIMUTHS):
-            raise RequestError(f"expected 2 to {len(AZIMUTHS)} cameras, got {self.cameras}")
-        if self.frames < 1 or self.frame_rate <= 0 or self.radius <= 0 or self.noise < 0 or self.samples < 1:
-            raise RequestError("expected positive frames, frame rate, radius and samples, and noise of at least 0")
-        if min(self.exposure, self.defocus, self.readout) < 0 or len(self.lateness) not in (0, self.cameras):
-            raise RequestError("expected exposure, defocus and readout of at least 0, and a lateness for each camera")
+        positive = (self.frames, self.frame_rate, self.radius, self.samples)
+        others = (self.noise, self.exposure, self.defocus, self.readout)
+        expect(
+            "ball clip",
+            (2 <= self.cameras <= len(AZIMUTHS), f"2 to {len(AZIMUTHS)} cameras", self.cameras),
+            (min(positive) > 0, "positive frames, frame rate, radius and samples", positive),
+            (min(others) >= 0, "noise, exposure, defocus and readout of at least 0", others),
+            (len(self.lateness) in (0, self.cameras), "a lateness for each camera", self.lateness),
+        )
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import people_in_view
+from tsuiseki.datamodules.scenes.clip import expect, people_in_view
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dressed, pictured_things, tilt_of
 from tsuiseki.datamodules.scenes.people.person import person_thing, random_person, random_pose
@@ -113,20 +113,18 @@ class TrainingSettings:
     boxes: BoxConvention = "silhouettes"
 
     def __post_init__(self) -> None:
-        for name in ("people", "person_height", "clutter", "camera_height", "town", "things"):
-            low, high = getattr(self, name)
-            if not 0 <= low <= high:
-                raise RequestError(f"training scenes: expected {name} as (least, greatest) from 0, got {low}, {high}")
-        if min(self.width, self.height) < 32 or not 1 <= self.samples <= 8 or self.degradation < 0:
-            raise RequestError(
-                "training scenes: expected at least 32x32 pixels, samples 1-8 and no negative degradation, "
-                f"got {self.width}x{self.height}, {self.samples} and {self.degradation}"
-            )
-        if not 0 <= self.sun <= 1:
-            raise RequestError(f"training scenes: expected sun as a chance in [0, 1], got {self.sun}")
-        if self.boxes not in get_args(BoxConvention):
-            named = ", ".join(get_args(BoxConvention))
-            raise RequestError(f"training scenes: expected boxes as one of {named}, got {self.boxes!r}")
+        names = ("people", "person_height", "clutter", "camera_height", "town", "things")
+        ranges = ((name, *getattr(self, name)) for name in names)
+        size, kinds = (self.width, self.height), get_args(BoxConvention)
+        expect(
+            "training scenes",
+            *((0 <= low <= high, f"{name} as (least, greatest) from 0", (low, high)) for name, low, high in ranges),
+            (min(size) >= 32, "at least 32x32 pixels", size),
+            (1 <= self.samples <= 8, "samples 1-8", self.samples),
+            (self.degradation >= 0, "no negative degradation", self.degradation),
+            (0 <= self.sun <= 1, "sun as a chance in [0, 1]", self.sun),
+            (self.boxes in kinds, f"boxes as one of {', '.join(kinds)}", repr(self.boxes)),
+        )
 
 
 STREET = TrainingSettings()

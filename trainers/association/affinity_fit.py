@@ -12,9 +12,10 @@ of .764, with costs that are not fitted to them .864. An exported network says i
 
 from __future__ import annotations
 
+import itertools
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -102,22 +103,6 @@ def trained_frames(training_data: str, sequence: str) -> list[tuple[float, float
     return found
 
 
-def network_uses(
-    name: str, parts: Sequence[tuple[int, int]], *networks: Mapping[Path, Appearance | Detector]
-) -> Iterator[NetworkUse]:
-    """Which network looks at which frames: of each kind one looks at all of them, or each at its own.
-
-    Args:
-        name: of the sequence that is looked at.
-        parts: first frame of each span, from 0, and the one after its last.
-        networks: of each kind, by their files.
-    """
-    for few in networks:
-        for k, (start, stop) in enumerate(parts if few else []):
-            path, network = list(few.items())[k % len(few)]
-            yield NetworkUse(path, network.model.card, name, start + 1, stop)
-
-
 def check_unseen(uses: Sequence[NetworkUse]) -> None:
     """Refuse networks that were trained on what they look at; warn of those that do not say.
 
@@ -200,8 +185,14 @@ class AffinityVideo(Shared):
         videos = list(labelled_sequences(self.folders))
         if not self.seen:
             count = max(len(models), len(detectors))
-            cut = [(video.name, spans(video, self.frames, count)) for video in videos]
-            check_unseen([use for name, parts in cut for use in network_uses(name, parts, models, detectors)])
+            uses = list[NetworkUse]()
+            kinds: tuple[list[tuple[Path, Appearance | Detector]], ...] = ([*models.items()], [*detectors.items()])
+            for video, few in itertools.product(videos, kinds):
+                # Of each kind one network looks at all frames, or each at its own.
+                for k, (start, stop) in enumerate(spans(video, self.frames, count) if few else []):
+                    path, network = few[k % len(few)]
+                    uses.append(NetworkUse(path, network.model.card, video.name, start + 1, stop))
+            check_unseen(uses)
         find, faults = [*detectors.values()] or self.detections, self.faults or DetectorFaults()
         streams = self.actions or [shipped(f"action_drone_{name}") for name in STREAMS]
         recognise = ActionRecogniser(streams) if acting else None

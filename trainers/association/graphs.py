@@ -259,12 +259,10 @@ def short_runs(graph: Graph, fewest: int) -> BoolArray:
     return np.asarray((np.bincount(label, minlength=count)[label] < fewest) & (graph.owners >= 0))
 
 
-def windows(graph: Graph, seconds: float, step: float | None = None) -> list[Graph]:
-    """The graph cut into windows of so many seconds that start every ``step`` seconds, by default end to end."""
-    length = max(1, round(seconds * graph.frame_rate))
-    apart = max(1, round((step or seconds) * graph.frame_rate))
-    last = int(graph.frames.max(initial=0))
-    return [window(graph, first, first + length) for first in range(0, last + 1, apart)]
+def windows(graph: Graph, seconds: float) -> list[Graph]:
+    """The graph cut into windows of so many seconds, of two frames at least, end to end."""
+    length = max(2, round(seconds * graph.frame_rate))
+    return [window(graph, first, first + length) for first in range(0, int(graph.frames.max(initial=0)) + 1, length)]
 
 
 def window(graph: Graph, first: int, end: int) -> Graph:

@@ -20,17 +20,16 @@ from tsuiseki.models.association_network import AppearanceProjection, Associatio
 from tsuiseki.tracking.association.learnt_costs import FeatureNames
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, cheapest, finite
 from tsuiseki.trainers.association.graphs import FlowCounts, Graph, Graphs
 from tsuiseki.trainers.association.window_costs import CostMakers, contrast_within
 from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss
 from tsuiseki.trainers.association.windows import AssociationData, TrainingWindow
 from tsuiseki.trainers.exporting.export import load_module
-from tsuiseki.trainers.exporting.exported_weights import fold_normalisations, layout_of
+from tsuiseki.trainers.exporting.exported_weights import fold_normalisations, layout_of, opened_onnx
 from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 from tsuiseki.trainers.networks.detector_training import DetectorTraining
-from tsuiseki.trainers.networks.modules import Optimisation, gathered, plain_hyperparameters
+from tsuiseki.trainers.networks.modules import Optimisation, gathered, plain_hyperparameters, read_checkpoint
 
 
 def siamese_of(checkpoint: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
@@ -69,8 +68,7 @@ def projection_of(graphs: Sequence[Graphs], kept: int) -> AppearanceProjection:
 
 def _exported_siamese(path: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
     try:
-        model = onnx.load(path)
-        card = ModelCard.from_json({p.key: p.value for p in model.metadata_props}[METADATA_KEY])
+        model, card = opened_onnx(path)
         arrays = {x.name.removesuffix("_half"): onnx.numpy_helper.to_array(x) for x in model.graph.initializer}
         made_of: dict[str, Any] = {"trunk": card.name, "feature_length": card.feature_length}
         made_of |= {"height": card.input_height, "width": card.input_width}
@@ -129,7 +127,7 @@ def heads_only(detector: DetectorTraining) -> DetectorTraining:
 
 
 def _made_of(kind: type, checkpoint: Path) -> dict[str, Any]:
-    given = torch.load(checkpoint, map_location="cpu", weights_only=True)["hyper_parameters"]
+    given = read_checkpoint(checkpoint, "hyper_parameters")
     known = set(inspect.signature(kind.__init__).parameters)  # type: ignore[misc]
     return {name: value for name, value in given.items() if name in known}
 

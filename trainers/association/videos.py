@@ -46,13 +46,18 @@ def labelled_sequences(folders: Sequence[Path], frame_rate: float = OTHER_RATE) 
             sequence = _sequence(folder, labelled.name)
             truth = labelled.people()
             length = labelled.length or int(truth.frames.max(initial=-1)) + 1
-            images = _images(sequence, labelled.files)
+            # One file a frame; none where there are labels alone, or one video file.
+            images = labelled.files if len(labelled.files) > 1 else ()
+            if sequence is not None:
+                images, width, height = sequence.images, sequence.width, sequence.height
+            else:
+                height, width = read_image(images[0]).shape[:2] if images else (0, 0)
             yield DetectedVideo(
                 labelled.name,
                 [Detections.empty()] * length,
                 truth,
                 frame_rate if sequence is None else sequence.frame_rate,
-                _size(sequence, images),
+                (width, height) if min(width, height) > 0 else None,
                 images,
                 given=None if sequence is None else sequence.detections_path,
             )
@@ -204,22 +209,6 @@ def _sequence(folder: Path, name: str) -> MotSequence | None:
         return next((one for one in find_sequences(folder) if one.name == name), None)
     except RequestError:
         return None
-
-
-def _images(sequence: MotSequence | None, files: tuple[Path, ...]) -> tuple[Path, ...]:
-    """One file a frame; none where there are labels alone, or one video file."""
-    if sequence is not None:
-        return sequence.images
-    return files if len(files) > 1 else ()
-
-
-def _size(sequence: MotSequence | None, images: tuple[Path, ...]) -> tuple[int, int] | None:
-    if sequence is not None and min(sequence.width, sequence.height) > 0:
-        return sequence.width, sequence.height
-    if sequence is None and images:
-        height, width = read_image(images[0]).shape[:2]
-        return width, height
-    return None
 
 
 def part_of(video: DetectedVideo, first: float, last: float) -> DetectedVideo:

@@ -17,7 +17,7 @@ from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.people.flow_input import FlowSettings
-from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, kept_of, window
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, kept_of, window, windows
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.videos import OTHER_RATE, acting, described, detected_videos, filmed, part_of
 from tsuiseki.trainers.association.window_costs import WindowCrops, crops_of
@@ -109,10 +109,7 @@ class EveryWindow(Dataset[TrainingWindow]):
     def __init__(self, graphs: Sequence[Graphs], seconds: float, images: WindowImages = WindowImages()) -> None:
         self.images = images
         self.windows = [
-            TrainingWindow(window(one.detections, first, first + length), one.tracklets)
-            for one in graphs
-            for length in [max(2, round(seconds * one.detections.frame_rate))]
-            for first in range(0, int(one.detections.frames.max(initial=0)) + 1, length)
+            TrainingWindow(part, one.tracklets) for one in graphs for part in windows(one.detections, seconds)
         ]
 
     def __len__(self) -> int:

@@ -27,7 +27,7 @@ from tsuiseki.trainers.association.windows import RandomWindows, affordable
 from tsuiseki.trainers.experiments import given_sequences
 from tsuiseki.trainers.experiments.given_sequences import DataSet, GivenSequence, given_detections, sums_of
 from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table, some_of
-from tsuiseki.trainers.networks.modules import Optimisation, warmup_cosine
+from tsuiseki.trainers.networks.modules import Optimisation, WarmupCosine
 
 
 @dataclass(frozen=True)
@@ -65,19 +65,17 @@ def fitted(module: AssociationTraining, graphs: Sequence[Graphs], fit: Fit) -> A
     windows = RandomWindows(graphs, fit.seconds, fit.steps, lambda: (fit.seed, 0))
     groups = [group for group in module.parameter_groups() if group["params"]]
     how = fit.optimisation
-    highest = [group.get("lr", how.learning_rate) for group in groups]
     optimiser = AdamW(groups, lr=how.learning_rate)
+    schedule = WarmupCosine(optimiser, how.warmup_steps, max(fit.steps, 11), how.final_share)
     for step in range(fit.steps):
         batch = windows[step]
-        if not len(batch.detections):
-            continue
-        for group, rate in zip(optimiser.param_groups, highest, strict=True):
-            group["lr"] = rate * warmup_cosine(step, how.warmup_steps, max(fit.steps, 11), how.final_share)
-        optimiser.zero_grad()
-        objective, others = module.losses(batch, module.loss, np.random.default_rng([fit.seed, step]))
-        finite(fit.flow * objective + others, batch.detections.name).backward()  # type: ignore[no-untyped-call]
-        torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0)
-        optimiser.step()
+        if len(batch.detections):
+            optimiser.zero_grad()
+            objective, others = module.losses(batch, module.loss, np.random.default_rng([fit.seed, step]))
+            finite(fit.flow * objective + others, batch.detections.name).backward()  # type: ignore[no-untyped-call]
+            torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0)
+            optimiser.step()
+        schedule.step()
     return module
 
 

@@ -57,7 +57,7 @@ def layout_of(path: Path) -> ExportedLayout:
         RequestError: it is no detector of this toolkit's default architecture, or has a map of stride 4, which is no
             longer learnt.
     """
-    model, card = _opened(path)
+    model, card = opened_onnx(path)
     tensors = {x.name: x for x in model.graph.initializer}
     kind, _, trunk = card.name.partition("-")
     if kind != "people":
@@ -93,7 +93,7 @@ def exported_weights(path: Path) -> dict[str, Tensor]:
     Raises:
         RequestError: the file is no detector that `tsuiseki export detector` wrote.
     """
-    model, card = _opened(path)
+    model, card = opened_onnx(path)
     tensors = {
         x.name.removesuffix("_half").removeprefix(_PREFIX): torch.tensor(onnx.numpy_helper.to_array(x)).float()
         for x in model.graph.initializer
@@ -114,7 +114,12 @@ def exported_weights(path: Path) -> dict[str, Tensor]:
     return weights
 
 
-def _opened(path: Path) -> tuple[onnx.ModelProto, ModelCard]:
+def opened_onnx(path: Path) -> tuple[onnx.ModelProto, ModelCard]:
+    """The model in an exported file, and what it says about itself.
+
+    Raises:
+        RequestError: the file is no such model.
+    """
     try:
         model = onnx.load(path)
         return model, ModelCard.from_json({p.key: p.value for p in model.metadata_props}[METADATA_KEY])

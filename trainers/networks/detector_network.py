@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -18,6 +17,7 @@ from tsuiseki.models.ssd import coco_start, ssd300, ssd512, ssdlite320
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
+from tsuiseki.trainers.networks.modules import read_checkpoint
 
 Architecture = Literal["people", "ssdlite320", "ssd300", "ssd512"]
 Resize = Literal["letterbox", "stretch"]
@@ -81,10 +81,7 @@ def take_over(network: nn.Module, checkpoint: Path) -> int:
         raise RequestError(f"expected a checkpoint to start from at {checkpoint}, found none")
     if checkpoint.suffix == ".onnx":
         return _fill(network, exported_weights(checkpoint), checkpoint)
-    try:
-        found = torch.load(checkpoint, map_location="cpu", weights_only=True)["state_dict"]
-    except (RuntimeError, KeyError, TypeError, EOFError, pickle.UnpicklingError) as error:
-        raise RequestError(f"{checkpoint}: expected a checkpoint of `tsuiseki train detector`") from error
+    found = read_checkpoint(checkpoint, "state_dict")
     return _fill(network, {name.removeprefix("network."): value for name, value in found.items()}, checkpoint)
 
 
@@ -175,10 +172,8 @@ def _described(path: Path) -> tuple[dict[str, Any], ModelCard, tuple[float, floa
         parts = {"trunk": layout.trunk, "anchors": layout.anchors, "channels": layout.channels}
         scale, shift = layout.card.settings.get("score_calibration", (1.0, 0.0))
         return {"architecture": "people", **parts}, layout.card, (float(scale), float(shift))
-    try:
-        given = torch.load(path, map_location="cpu", weights_only=True)["hyper_parameters"]
-        parts = {name: given[name] for name in _LAYOUT}
-        card = detector_card("", (given["height"], given["width"]), given["resize"], given["normalisation"])
-    except (RuntimeError, KeyError, TypeError, EOFError, pickle.UnpicklingError) as error:
-        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector` to learn from") from error
-    return parts, card, (1.0, 0.0)
+    given = read_checkpoint(path, "hyper_parameters")
+    if not given.keys() >= {*_LAYOUT, "height", "width", "resize", "normalisation"}:
+        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector` to learn from")
+    card = detector_card("", (given["height"], given["width"]), given["resize"], given["normalisation"])
+    return {name: given[name] for name in _LAYOUT}, card, (1.0, 0.0)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import pickle
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -18,6 +19,7 @@ from torch import Tensor, nn
 from torch.optim import SGD, AdamW, Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 
 T = TypeVar("T")
@@ -60,6 +62,18 @@ class Optimisation:
         total = max(int(trainer.estimated_stepping_batches), self.warmup_steps + 1)
         falling = WarmupCosine(optimiser, self.warmup_steps, total, self.final_share)
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": falling, "interval": "step"}}
+
+
+def read_checkpoint(path: Path, part: Literal["hyper_parameters", "state_dict"]) -> dict[str, Any]:
+    """A part of the checkpoint of a detector, of which nothing but tensors and plain values is unpickled.
+
+    Raises:
+        RequestError: it is no such checkpoint.
+    """
+    try:
+        return dict(torch.load(path, map_location="cpu", weights_only=True)[part])
+    except (RuntimeError, KeyError, TypeError, EOFError, pickle.UnpicklingError) as error:
+        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector`") from error
 
 
 def plain_hyperparameters(module: LightningModule) -> None:
@@ -130,17 +144,6 @@ def decay_groups(module: nn.Module, weight_decay: float, learning_rate: float | 
     ]
 
 
-def warmup_cosine(step: int, warmup: int, total: int, final_share: float) -> float:
-    """Factor on the learning rate: a linear rise to 1 at ``warmup``, a cosine fall to ``final_share`` at ``total``.
-
-    >>> [round(warmup_cosine(s, 10, 110, 0.0), 2) for s in (0, 9, 10, 60, 110)]
-    [0.1, 1.0, 1.0, 0.5, 0.0]
-    """
-    if step < warmup:
-        return (step + 1) / warmup
-    return cosine(step, warmup, total, 1.0, final_share)
-
-
 def cosine(step: int, first: int, last: int, before: float, after: float) -> float:
     """From ``before`` at step ``first`` along half a cosine to ``after`` at ``last``, and so on from there."""
     progress = min(1.0, (step - first) / max(last - first, 1))
@@ -148,7 +151,7 @@ def cosine(step: int, first: int, last: int, before: float, after: float) -> flo
 
 
 class WarmupCosine(LambdaLR):
-    """`warmup_cosine` over the steps of a training, which may be gone on with over more steps or fewer.
+    """A linear rise to 1 and a cosine fall over the steps of a training, which may go on over more steps or fewer.
 
     A checkpoint holds where the factor was. From there it falls to the final share over the steps that are left now, so
     it never jumps; a training that had ended goes on at the final share.

@@ -11,6 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip import expect
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.figures.rendering import STEEP, Sprite, random_sprites
 from tsuiseki.datamodules.scenes.people.poses import draw_pose
@@ -46,17 +47,14 @@ class SpriteSettings:
     poses: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.people < 1 or self.views < 1 or not 32 <= self.height <= 1024 or self.processes < 0:
-            raise RequestError(
-                "sprites: expected at least one person and one view, a height of 32 to 1024 pixels and processes >= 0, "
-                f"got {self.people}, {self.views}, {self.height} and {self.processes}"
-            )
-        if not -0.5 <= self.tilts[0] <= self.tilts[1] <= 1.55:
-            raise RequestError(
-                f"sprites: expected tilts as (least, greatest) within -0.5 to 1.55 radians, got {self.tilts}"
-            )
-        if not 0 <= self.poses <= 1:
-            raise RequestError(f"sprites: expected poses as a share in [0, 1], got {self.poses}")
+        expect(
+            "sprites",
+            (min(self.people, self.views) >= 1, "at least one person and one view", (self.people, self.views)),
+            (32 <= self.height <= 1024, "a height of 32 to 1024 pixels", self.height),
+            (self.processes >= 0, "processes >= 0", self.processes),
+            (-0.5 <= self.tilts[0] <= self.tilts[1] <= 1.55, "tilts as (least, greatest) in -0.5 to 1.55", self.tilts),
+            (0 <= self.poses <= 1, "poses as a share in [0, 1]", self.poses),
+        )
 
 
 class SpriteLibrary:

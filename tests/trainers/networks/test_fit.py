@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import signal
 from pathlib import Path
@@ -25,7 +24,7 @@ from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.detector_network import detector_card
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 from tsuiseki.trainers.networks.fit import DETECTOR, EpochLines, TaskCLI, fit_detector
-from tsuiseki.trainers.networks.modules import Optimisation, warmup_cosine
+from tsuiseki.trainers.networks.modules import Optimisation
 
 
 def sequence(folder: Path, frames: int = 6) -> Path:
@@ -244,14 +243,6 @@ def test_a_person_is_learnt(config: Path, tmp_path: Path) -> None:
     column = rows[0].split(",").index("val/ap50")
     scores = [float(row.split(",")[column]) for row in rows[1:] if row.split(",")[column]]
     assert max(scores) > 0.8
-
-
-def test_rate_rises_then_falls() -> None:
-    rates = [warmup_cosine(step, 20, 200, 0.01) for step in range(220)]
-    assert rates[:3] == pytest.approx([0.05, 0.1, 0.15])
-    assert max(rates) == 1.0
-    assert all(b <= a for a, b in itertools.pairwise(rates[20:]))
-    assert rates[-1] == pytest.approx(0.01)
 
 
 def test_detections_are_decoded_suppressed_and_cut_off() -> None:
