@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -32,7 +33,7 @@ from tsuiseki.tracking.floor.walking import (
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 LEAST_CHANCE, CERTAIN = 0.05, 50.0
-CHUNK = 20_000
+CHUNK, MOMENTS = 20_000, 200
 FASTEST, FARTHEST = 4.0, 4.0
 """Speed of a link, m/s, and its length beside the noise, metres."""
 
@@ -132,31 +133,38 @@ def _grouped(
     parts: list[PersonNodes] = []
     tracks: list[IntArray] = []
     total = 0
-    for moment in np.flatnonzero(np.diff(edges)).tolist():
-        own, there = slice(edges[moment], edges[moment + 1]), slice(ends[moment], ends[moment + 1])
+    for first in range(0, moments, MOMENTS):
+        last = min(first + MOMENTS, moments)
+        own, there = slice(edges[first], edges[last]), slice(ends[first], ends[last])
+        if own.start == own.stop:
+            continue
         here = MomentPoints(
-            points.sensor[own], points.places[own], points.covariances[own], gain[own], missed[own], points.names[own],
-            _alike(points, own, settings),
+            points.moment[own], points.sensor[own], points.places[own], points.covariances[own], gain[own], missed[own],
+            points.names[own], _alike(points, edges[first : last + 1], settings),
         )  # fmt: skip
         if expected is not None:
-            known, numbers = ExpectedTracks(mean[there], covariance[there], away[there]), expected.track[there]
-        label = group(here, settings.density, known)
-        nodes = weighed(here, label, moment)
+            known = ExpectedTracks(expected.moment[there], mean[there], covariance[there], away[there])
+            numbers = expected.track[there]
+        nodes, label = weighed(here, group(here, settings.density, known))
         parts.append(replace(nodes, node=nodes.node + total))
         total += len(nodes.moment)
         # Groups of new people go on with no track.
-        tracks.append(np.append(numbers, -1)[np.minimum(np.unique(label), len(numbers))])
+        tracks.append(np.append(numbers, -1)[np.minimum(label, len(numbers))])
     return joined_nodes(parts), np.concatenate(tracks)
 
 
-def _alike(points: FloorPoints, own: slice, settings: FloorFlow) -> FloatArray | None:
-    """``(N, N)`` what appearance says for one person, of pairs of one moment that were seen from a like side."""
+def _alike(points: FloorPoints, edges: IntArray, settings: FloorFlow) -> list[FloatArray] | None:
+    """``(n, n)`` of each moment: what appearance says for one person, of pairs that were seen from a like side."""
     if points.features is None or points.facing is None:
         return None
-    features, facing = points.features[own], points.facing[own]
-    known = (features != 0).any(axis=1)
-    side = np.maximum(facing @ facing.T, 0.0) * (known[:, None] & known[None])
-    return np.asarray(settings.appearance * side * (settings.neutral - 1.0 + features @ features.T))
+    blocks = []
+    for first, last in pairwise(edges.tolist()):
+        features, facing = points.features[first:last], points.facing[first:last]
+        known = (features != 0).any(axis=1)
+        side = np.maximum(facing @ facing.T, 0.0) * (known[:, None] & known[None])
+        if last > first:
+            blocks.append(np.asarray(settings.appearance * side * (settings.neutral - 1.0 + features @ features.T)))
+    return blocks
 
 
 def _mean_features(points: FloorPoints, nodes: PersonNodes) -> FloatArray | None:
@@ -180,11 +188,18 @@ def _passes(
     nodes: PersonNodes, table: IntArray, times: FloatArray, settings: FloorFlow, beyond: int
 ) -> tuple[Gaussians, Gaussians, Expectations]:
     """States of the nodes from the past and from the future, and where tracks are expected."""
-    walk, count = settings.walking, len(times)
-    ahead, expected = filtered(walk, times, table, nodes.places, nodes.covariances, beyond)
-    behind, back = filtered(walk, times[::-1], table[:, ::-1], nodes.places, nodes.covariances, beyond)
-    back = replace(back, moment=count - 1 - back.moment)
-    return ahead, behind, from_both_sides(expected, back, walk, count)
+    walk, (tracks, count), groups = settings.walking, table.shape, len(nodes.moment)
+    # Both ways at once: from behind, nodes and tracks have numbers of their own.
+    turned = np.where(table >= 0, table + groups, -1)[:, ::-1]
+    steps = np.stack([np.diff(one, prepend=one[:1]) for one in (times, times[::-1])])
+    places, covariances = np.tile(nodes.places, (2, 1)), np.tile(nodes.covariances, (2, 1, 1))
+    states, found = filtered(
+        walk, steps.repeat(tracks, axis=0), np.concatenate([table, turned]), places, covariances, beyond
+    )
+    ahead, behind = (Gaussians(states.mean[k], states.covariance[k]) for k in (np.s_[:groups], np.s_[groups:]))
+    past, back = (found.chosen(found.track // max(tracks, 1) == way) for way in (0, 1))
+    back = replace(back, track=back.track - tracks, moment=count - 1 - back.moment)
+    return ahead, behind, from_both_sides(past, back, walk, count)
 
 
 def _linked(

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.filters.kalman import Gaussians, predict, update
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.filters.kalman import Gaussians
+from tsuiseki.tracking.floor.grouping import inverted, log_normal
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 PLACE = np.eye(2, 4)
 SURPRISE = 16.0
@@ -49,14 +50,15 @@ class Walking:
 
     def moved(self, states: Gaussians, seconds: FloatArray) -> Gaussians:
         """The states ``seconds`` ``(N,)`` later, or earlier where they are negative."""
-        transition = np.broadcast_to(np.eye(4), (len(seconds), 4, 4)).copy()
-        transition[:, 0, 2] = transition[:, 1, 3] = seconds
-        noise = np.zeros((len(seconds), 4, 4))
-        length, both = np.abs(seconds), seconds * np.abs(seconds) / 2
-        for axis in (0, 1):
-            noise[:, axis, axis], noise[:, axis + 2, axis + 2] = length**3 / 3, length
-            noise[:, axis, axis + 2] = noise[:, axis + 2, axis] = both
-        return predict(states, transition, self.restless**2 * noise)
+        mean, covariance, tau = states.mean.copy(), states.covariance.copy(), seconds[:, None, None]
+        mean[:, :2] += seconds[:, None] * mean[:, 2:]
+        across, velocity = states.covariance[:, :2, 2:], states.covariance[:, 2:, 2:]
+        length, noise = np.abs(tau), self.restless**2 * np.eye(2)
+        covariance[:, :2, :2] += tau * (across + across.swapaxes(1, 2)) + tau**2 * velocity + length**3 / 3 * noise
+        covariance[:, :2, 2:] += tau * velocity + tau * length / 2 * noise
+        covariance[:, 2:, :2] = covariance[:, :2, 2:].swapaxes(1, 2)
+        covariance[:, 2:, 2:] += length * noise
+        return Gaussians(mean, covariance)
 
 
 @dataclass(frozen=True)
@@ -73,15 +75,20 @@ class Expectations:
     moment: IntArray
     states: Gaussians
 
+    def chosen(self, rows: BoolArray) -> Expectations:
+        """Those of ``rows`` ``(E,)``."""
+        states = Gaussians(self.states.mean[rows], self.states.covariance[rows])
+        return Expectations(self.track[rows], self.moment[rows], states)
+
 
 def filtered(
-    walking: Walking, times: FloatArray, table: IntArray, places: FloatArray, covariances: FloatArray, beyond: int
+    walking: Walking, steps: FloatArray, table: IntArray, places: FloatArray, covariances: FloatArray, beyond: int
 ) -> tuple[Gaussians, Expectations]:
     """One pass along all tracks.
 
     Args:
         walking: the motion.
-        times: ``(T,)`` of the moments, rising or falling.
+        steps: ``(K, T)`` seconds of each moment since the one before it in the pass; negative from behind.
         table: ``(K, T)`` node of each track at each moment, -1 for none.
         places: ``(G, 2)`` of the nodes.
         covariances: ``(G, 2, 2)``.
@@ -100,25 +107,34 @@ def filtered(
     for moment in range(count):
         going = np.flatnonzero((first < moment) & (moment <= last + beyond))
         if len(going):
-            seconds = np.full(len(going), times[moment] - times[moment - 1])
-            ahead = walking.moved(Gaussians(live[going], spread[going]), seconds)
+            ahead = walking.moved(Gaussians(live[going], spread[going]), steps[going, moment])
             live[going], spread[going] = ahead.mean, ahead.covariance
             kept.append((going, moment, ahead.mean, ahead.covariance))
             node = table[going, moment]
             here = node >= 0
             met, node = going[here], node[here]
             if len(met):
-                prior = Gaussians(live[met], spread[met])
-                after, surprise = update(prior, places[node], PLACE, covariances[node])
-                solved = np.linalg.solve(surprise.covariance, surprise.residual[..., None])[..., 0]
+                after, square = _updated(live[met], spread[met], places[node], covariances[node])
                 # Who turned at once begins anew: the state stays that of the node alone.
-                calm = np.einsum("ni,ni->n", surprise.residual, solved) <= SURPRISE
+                calm = square <= SURPRISE
                 states.mean[node[calm]], states.covariance[node[calm]] = after.mean[calm], after.covariance[calm]
                 live[met], spread[met] = states.mean[node], states.covariance[node]
         new = np.flatnonzero(first == moment)
         new = new[filled[new, moment]]
         live[new], spread[new] = states.mean[table[new, moment]], states.covariance[table[new, moment]]
     return states, _expectations(kept)
+
+
+def _updated(
+    mean: FloatArray, covariance: FloatArray, places: FloatArray, noise: FloatArray
+) -> tuple[Gaussians, FloatArray]:
+    """The states ``(N, 4)`` after a measured place each, and ``(N,)`` the squared Mahalanobis distance to it."""
+    residual = places - mean[:, :2]
+    inverse, _ = inverted(covariance[:, :2, :2] + noise)
+    solved = np.matmul(inverse, residual[..., None])
+    gain = np.matmul(covariance[:, :, :2], inverse)
+    after = mean + np.matmul(covariance[:, :, :2], solved)[..., 0]
+    return Gaussians(after, covariance - np.matmul(gain, covariance[:, :2])), (residual * solved[..., 0]).sum(axis=1)
 
 
 def _expectations(kept: Sequence[tuple[IntArray, int, FloatArray, FloatArray]]) -> Expectations:
@@ -158,16 +174,16 @@ def from_both_sides(ahead: Expectations, behind: Expectations, walking: Walking,
 def link_likelihood(walking: Walking, past: Gaussians, future: Gaussians, seconds: FloatArray) -> FloatArray:
     """``(P,)`` log density of going on from each state of the past to each of the future, a square metre."""
     ahead = walking.moved(past, seconds)
-    together = _log_normal(future.mean - ahead.mean, future.covariance + ahead.covariance)
-    prior = np.broadcast_to(walking.speed**2 * np.eye(2), (len(seconds), 2, 2))
-    free = _log_normal(ahead.mean[:, 2:], ahead.covariance[:, 2:, 2:] + prior)
+    apart, spread = future.mean - ahead.mean, future.covariance + ahead.covariance
+    # The density of the place, times that of the velocity given the place.
+    inverse, _ = inverted(spread[:, :2, :2])
+    gain = np.matmul(spread[:, 2:, :2], inverse)
+    place, _ = log_normal(apart[:, :2], spread[:, :2, :2])
+    rest = apart[:, 2:] - np.matmul(gain, apart[:, :2, None])[..., 0]
+    velocity, _ = log_normal(rest, spread[:, 2:, 2:] - np.matmul(gain, spread[:, :2, 2:]))
+    free, _ = log_normal(ahead.mean[:, 2:], ahead.covariance[:, 2:, 2:] + walking.speed**2 * np.eye(2))
     wide = (walking.turning * seconds) ** 2
     anyhow = past.covariance[:, :2, :2] + future.covariance[:, :2, :2] + wide[:, None, None] * np.eye(2)
-    turned = _log_normal(future.mean[:, :2] - past.mean[:, :2], anyhow)
-    return np.asarray(np.logaddexp(np.log1p(-walking.turns) + together - free, np.log(walking.turns) + turned))
-
-
-def _log_normal(apart: FloatArray, covariance: FloatArray) -> FloatArray:
-    solved = np.linalg.solve(covariance, apart[..., None])[..., 0]
-    square = np.einsum("ni,ni->n", apart, solved)
-    return np.asarray(-0.5 * (apart.shape[1] * np.log(2 * np.pi) + np.linalg.slogdet(covariance)[1] + square))
+    turned, _ = log_normal(future.mean[:, :2] - past.mean[:, :2], anyhow)
+    going = np.log1p(-walking.turns) + place + velocity - free
+    return np.asarray(np.logaddexp(going, np.log(walking.turns) + turned))

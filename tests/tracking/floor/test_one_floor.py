@@ -44,6 +44,7 @@ def points_at(places, sensor, sensors=3, deviation=0.2, names=None):
     places = np.asarray(places, dtype=float)
     count = len(places)
     return MomentPoints(
+        np.zeros(count, dtype=int),
         np.asarray(sensor),
         places,
         np.tile(deviation**2 * np.eye(2), (count, 1, 1)),
@@ -121,10 +122,36 @@ def test_certain_names_keep_apart():
 
 def test_points_go_to_the_track_that_is_expected_there():
     expected = ExpectedTracks(
-        np.array([[0.0, 0.0], [0.8, 0.0]]), np.tile(0.04 * np.eye(2), (2, 1, 1)), np.log(np.full((2, 3), 0.2))
+        np.zeros(2, dtype=int),
+        np.array([[0.0, 0.0], [0.8, 0.0]]),
+        np.tile(0.04 * np.eye(2), (2, 1, 1)),
+        np.log(np.full((2, 3), 0.2)),
     )
     label = group(points_at([[0.1, 0], [0.7, 0], [0.75, 0.05]], [0, 0, 1]), 0.05, expected)
     assert label.tolist() == [0, 1, 1]
+
+
+def test_moments_are_grouped_together_as_each_alone():
+    rng = np.random.default_rng(0)
+    sizes = [5, 0, 12, 9]
+    moment = np.repeat(np.arange(4), sizes)
+    points = points_at(rng.uniform(0, 2, (26, 2)), rng.integers(3, size=26), names=rng.integers(-3, 2, 26).clip(-1))
+    points = replace(points, moment=moment)
+    blocks = [rng.normal(0, 0.5, (size, size)) for size in sizes if size]
+    places = rng.uniform(0, 2, (6, 2))
+    due = ExpectedTracks(
+        np.array([0, 0, 1, 2, 2, 3]), places, np.tile(0.04 * np.eye(2), (6, 1, 1)), np.log(np.full((6, 3), 0.2))
+    )
+    label = group(replace(points, alike=blocks), 0.05, due)
+    assert (label < 6).any()
+    assert len(set(label[label >= 6])) < (label >= 6).sum()
+    for number, block in zip((0, 2, 3), blocks, strict=True):
+        own, tracks = np.flatnonzero(moment == number), np.flatnonzero(due.moment == number)
+        rows = {name: getattr(points, name)[own] for name in ("moment", "sensor", "places", "covariances", "gain")}
+        here = replace(points, **rows, missed=points.missed[own], names=points.names[own], alike=[block])
+        there = ExpectedTracks(due.moment[tracks], places[tracks], due.covariances[tracks], due.missed[tracks])
+        numbers = np.concatenate([tracks, 6 + own])
+        assert label[own].tolist() == numbers[group(here, 0.05, there)].tolist()
 
 
 def test_everybody_is_followed(world):
