@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import torch
@@ -136,17 +136,8 @@ NOTE = (
 )
 
 
-@dataclass(frozen=True)
-class Fold:
-    """Sequences that teach, and sequences that are tracked by what was learnt.
-
-    Attributes:
-        train: the first.
-        tests: the second.
-    """
-
-    train: tuple[GivenSequence, ...]
-    tests: tuple[GivenSequence, ...]
+Fold: TypeAlias = tuple[tuple[GivenSequence, ...], tuple[GivenSequence, ...]]
+"""Sequences that teach, and sequences that are tracked by what was learnt."""
 
 
 def reproduce(
@@ -198,12 +189,12 @@ def given_rows(
     """``(S, 83)`` sums of each row of a data set; a sequence is tracked by what the other groups taught."""
     count = min(FOLDS[one.key], len(sequences))
     groups = [tuple(sequences[group::count]) for group in range(count)]
-    folds = [Fold(tuple(s for s in sequences if s not in tests), tests) for tests in groups]
+    folds = [(tuple(s for s in sequences if s not in tests), tests) for tests in groups]
     found = Study(fits, folds, fold_sums, f"{one.title}, groups").run(bench)
     rows = {DEFAULT: sums_of(bench, flow_sums, [(given,) for given in sequences])}
     for name, by_fold in found.items():
-        sums = {given: each for fold, part in zip(folds, by_fold, strict=True)
-                for given, each in zip(fold.tests, part, strict=True)}  # fmt: skip
+        sums = {given: each for (_, tests), part in zip(folds, by_fold, strict=True)
+                for given, each in zip(tests, part, strict=True)}  # fmt: skip
         rows[str(name)] = np.stack([sums[given] for given in sequences])
     rows["right links"] = sums_of(bench, given_sequences.right_sums, [(given, GAP, True) for given in sequences])
     return rows
@@ -214,7 +205,7 @@ def _unseen_rows(
 ) -> Iterator[tuple[DataSet, dict[str, FloatArray]]]:
     """The rows of each set: the default, the costs of pairs that ship, and costs learnt on streets."""
     every = tuple(given for sequences in sets.values() for given in sequences)
-    ((learnt,),) = Study({BOTH: UNSEEN_FIT}, [Fold(tuple(streets), every)], fold_sums, "unseen").run(bench).values()
+    ((learnt,),) = Study({BOTH: UNSEEN_FIT}, [(tuple(streets), every)], fold_sums, "unseen").run(bench).values()
     sums = dict(zip(every, learnt, strict=True))
     for one, sequences in sets.items():
         default, pairs = (sums_of(bench, flow_sums, [(g, trees) for g in sequences]) for trees in (None, PAIRS))
@@ -223,12 +214,12 @@ def _unseen_rows(
 
 def fold_sums(fit: Fit, fold: Fold) -> list[FloatArray]:
     """``(83,)`` sums of each tested sequence, tracked by costs that were learnt on the others."""
-    every = [graphs_of_given(given) for given in fold.train]
+    every = [graphs_of_given(given) for given in fold[0]]
     graphs = [one for one in every if len(one.detections) and len(one.detections.tail)]
     torch.manual_seed(fit.seed)
     module = AssociationTraining(trust=fit.trust, loss=fit.loss, joins=fit.joins, optimisation=fit.optimisation)
     changes = NetworkChanges(fitted(module, graphs, fit).network.eval())
-    return [_sums(given, changes=changes) for given in fold.tests]
+    return [_sums(given, changes=changes) for given in fold[1]]
 
 
 def flow_sums(given: GivenSequence, trees: Path | None = None) -> FloatArray:

@@ -143,19 +143,6 @@ class CpuTimes(StageTimes):
 
 
 @dataclass(frozen=True)
-class CeilingModels:
-    """Files of the networks.
-
-    Attributes:
-        detector: file.
-        appearance: file.
-    """
-
-    detector: Path
-    appearance: Path
-
-
-@dataclass(frozen=True)
 class Observed:
     """The observations of a sequence, and the truth of one frame in every second.
 
@@ -187,14 +174,14 @@ class Observed:
         return result
 
 
-def observe(clip: CeilingClip, models: CeilingModels) -> Observed:
-    """What the networks make of the pictures of a sequence."""
+def observe(clip: CeilingClip, detector_file: Path, appearance_file: Path) -> Observed:
+    """What the networks of two files make of the pictures of a sequence."""
     room = clip.plan()
     camera = room.cameras[clip.camera]
-    appearance = Appearance(models.appearance, threads=1)
+    appearance = Appearance(appearance_file, threads=1)
     table = build_table(camera, room.floor)
     views = {crops: CeilingView(camera, table, PersonModel(), appearance, crops) for crops in CROPS}
-    detector = looking(Detector(models.detector, LEAST_SCORE, threads=1), camera, "unrolled")
+    detector = looking(Detector(detector_file, LEAST_SCORE, threads=1), camera, "unrolled")
     times, unmeasured = CpuTimes(dict.fromkeys(STAGES, 0.0)), CpuTimes()
     found, truths = list[FloorDetections](), list[FrameTruth]()
     features: dict[str, list[FloatArray]] = {crops: [] for crops in CROPS}
@@ -445,11 +432,11 @@ def reproduce(
     """
     study.at_least_one(seeds=seeds, seconds=seconds, fast_seconds=fast_seconds)
     tested = _tested(first_seed, seeds, fast_seeds)
-    models = CeilingModels(shipped(DETECTORS["unrolled"]), shipped("appearance_people"))
+    models = shipped(DETECTORS["unrolled"]), shipped("appearance_people")
     plans = [(room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)]
     plans += [(room, seed, fast_seconds, 15) for seed in tested[:fast_seeds] for room in ROOMS]
     jobs = [CeilingClip(*plan, camera, calibration) for plan in plans for camera in range(CAMERAS)]
-    every = list(zip(jobs, bench.each(observe, [(clip, models) for clip in jobs], "clips"), strict=True))
+    every = list(zip(jobs, bench.each(observe, [(clip, *models) for clip in jobs], "clips"), strict=True))
     chosen, least = _chosen(bench, every)
     results = _results(bench, [one for one in every if one[0].seed in tested], chosen, least)
     values: dict[str, Any] = {

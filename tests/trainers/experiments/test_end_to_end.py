@@ -16,7 +16,6 @@ from tsuiseki.trainers.experiments.end_to_end import (
     FOLDS,
     STREETS,
     Fit,
-    Fold,
     fold_sums,
     given_rows,
     write_streets,
@@ -70,7 +69,7 @@ def test_each_group_is_tracked_by_what_the_others_taught(data: Path, tmp_path: P
     one = next(one for one in DATA_SETS if one.key == "mot15")
     sequences, fit = find_given(data, one), Fit(steps=3)
     rows = given_rows(Bench(Store(tmp_path)), one, sequences, {"short": fit})
-    expected = [fold_sums(fit, Fold((b,), (a,)))[0] for a, b in (sequences, sequences[::-1])]
+    expected = [fold_sums(fit, ((b,), (a,)))[0] for a, b in (sequences, sequences[::-1])]
     np.testing.assert_allclose(rows["short"], expected)
     assert set(rows) == {"default", "short", "right links"}
 

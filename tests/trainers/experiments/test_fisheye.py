@@ -23,7 +23,6 @@ from tsuiseki.trainers.experiments.fisheye import (
     STAGES,
     STARTS,
     CeilingClip,
-    CeilingModels,
     Graded,
     Observed,
     _strip,
@@ -153,9 +152,8 @@ def test_detections_below_the_lowest_score_are_left_out():
     assert sum(map(len, observed().described("upright", 0.9))) == 0
 
 
-def three_people(clip: CeilingClip, models: CeilingModels) -> Observed:
+def three_people(clip: CeilingClip, *_) -> Observed:
     """Stands for `observe`: what `observed` makes up."""
-    del models
     return replace(observed(clip.seconds, clip.seed + clip.camera), seconds=dict.fromkeys(STAGES, 1.0))
 
 
@@ -199,7 +197,7 @@ def test_a_prevented_switch_is_one_that_the_other_does_not_have():
 @pytest.mark.slow
 def test_a_room_is_drawn_observed_and_shown():
     clip = CeilingClip("small", 3, 3, 1, 0, None)
-    some = observe(clip, CeilingModels(shipped(DETECTORS["unrolled"]), shipped("appearance_people")))
+    some = observe(clip, shipped(DETECTORS["unrolled"]), shipped("appearance_people"))
     assert len(some.found) == 3
     assert set(some.truth.frames) == {0, 1, 2}
     assert len(some.truth) > 3
