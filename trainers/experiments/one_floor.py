@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
@@ -21,8 +21,8 @@ from tsuiseki.tracking.formats.world_tables import FloorPositions
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
-from tsuiseki.tracking.types.measurements import PersonOnFloor
 from tsuiseki.trainers.experiments import study
+from tsuiseki.trainers.experiments.floor_places import CAMERAS, FRAMES, PEOPLE, as_placed, measure_place
 from tsuiseki.trainers.experiments.study import Bench, Column, Curve, Outcome, Study, Table, tabulated
 
 MISSED, FALSE, NOISE = 0.3, 2.0, 0.05
@@ -54,7 +54,9 @@ class FollowedBy:
     method: Method = "flow"
 
 
-def reproduce(bench: Bench, data: Path = Path("../shared/data"), seeds: int = 5, seed: int = 200) -> Outcome:
+def reproduce(
+    bench: Bench, data: Path = Path("../shared/data"), seeds: int = 5, seed: int = 200, places: int = 5
+) -> Outcome:
     """People on one floor: all cameras together, fewer, and nearest-neighbour grouping with SORT.
 
     DIR gets results.json, tables.md and cameras.png.
@@ -64,6 +66,7 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), seeds: int = 5,
         data: folder that holds multicamera/wildtrack and multicamera/shelf.
         seeds: draws of misses, false alarms and noise.
         seed: of the first. Settings were chosen with the seeds 100 and 101.
+        places: generated ones with pictures, of the seeds from ``seed`` on; 0 leaves them out.
     """
     study.at_least_one(seeds=seeds)
     folder = data / "multicamera/wildtrack"
@@ -95,6 +98,9 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), seeds: int = 5,
             [(name, str(n), f"{100 * near:.1f}", str(ids)) for name, n, near, ids in shelf],
         ),
     ]
+    if places:
+        drawn = Study({"generated places": bench.store}, range(seed, seed + places), measure_place, "places").run(bench)
+        tables.append(_of_places(drawn))
     counts = list(every[1:])
     names = [f"{count + 1} cameras" if count < every[-1] else "all cameras" for count in counts]
     lines = [
@@ -108,6 +114,18 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), seeds: int = 5,
     )
     values = {"wildtrack": dict(found), "shelf": shelf}
     return Outcome(values, tables, {"cameras": study.curves({"WILDTRACK": lines}, ("cameras",), "%")}, notes=[note])
+
+
+def _of_places(found: Mapping[str, Sequence[dict[str, float]]]) -> Table:
+    columns = [
+        Column(name, key, ".1f", 100, study.with_interval)
+        for name, key in (
+            ("IDF1", "idf1"), ("MOTA", "mota"), ("IDF1, mean of each camera alone", "idf1_alone"),
+            ("MOTA, mean of each alone", "mota_alone"), ("gain of IDF1", "gain"), ("ids kept, %", "kept"),
+        )
+    ]  # fmt: skip
+    title = f"Generated places with pictures: {CAMERAS} cameras, {PEOPLE} people, {FRAMES} frames"
+    return tabulated(found, [*columns, Column("changes of view", "changes", ".0f")], title=title)
 
 
 def measure(row: FollowedBy, seed: int) -> dict[str, float]:
@@ -127,19 +145,6 @@ def measure(row: FollowedBy, seed: int) -> dict[str, float]:
     )
     spent = 1000 * (time.process_time() - begin) / length
     return {**asdict(evaluate_on_floor(known.truth, found)), "milliseconds": spent}
-
-
-def as_placed(people: Sequence[PersonOnFloor]) -> PlacedTruth:
-    """The rows of tracks."""
-    times = [one.times for one in people]
-    ids = [np.full(len(one), one.id) for one in people]
-    places = [one.positions for one in people]
-    none = np.empty(0)
-    return PlacedTruth(
-        np.concatenate([none, *times]),
-        np.concatenate([none.astype(np.int64), *ids]),
-        np.concatenate([np.empty((0, 2)), *places]),
-    )
 
 
 def simulated(known: FloorFolder, rng: np.random.Generator) -> list[list[StandingPeople]]:

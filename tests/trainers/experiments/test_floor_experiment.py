@@ -9,7 +9,8 @@ import pytest
 
 from tsuiseki.tracking.cameras.multicamera import PlacedTruth, read_floor_folder
 from tsuiseki.tracking.cli import main
-from tsuiseki.trainers.experiments import one_floor
+from tsuiseki.trainers.experiments import floor_places, one_floor
+from tsuiseki.trainers.experiments.floor_places import kept_ids
 from tsuiseki.trainers.experiments.one_floor import FollowedBy, floor_detections, measure, simulated
 
 FRAMES = 10
@@ -45,6 +46,18 @@ def test_rows_are_measured_and_drawn_anew(data_folder, monkeypatch):
     assert scores["floor"]["mota"] > 0.8
 
 
+def test_an_id_is_kept_where_it_is_that_of_before_in_another_view():
+    """One leaves the first view for the second and keeps the id; the other does so and gets a new one."""
+    times = np.arange(8) * 0.5
+    truth = PlacedTruth(np.tile(times, 2), np.repeat([1, 2], 8), np.repeat([[0.0, 0.0], [5.0, 5.0]], 8, axis=0))
+    found = PlacedTruth(truth.times, np.where((truth.ids == 2) & (truth.times > 1.6), 7, truth.ids), truth.places + 0.1)
+    first = np.arange(8) < 4
+    views = {who: np.stack([first, ~first], axis=1) for who in (1, 2)}
+    assert kept_ids(truth, found, views) == (1, 2)
+    # Who is in no other view within a second does not change views.
+    assert kept_ids(truth, found, {1: np.stack([first, np.zeros(8, bool)], axis=1)}) == (0, 0)
+
+
 def test_simulated_errors_are_as_many_as_said(data_folder):
     known = short_folder(data_folder / "multicamera/wildtrack")
     boxes = sum(len(each) for found in known.found for each in found)
@@ -57,10 +70,23 @@ def test_simulated_errors_are_as_many_as_said(data_folder):
 @pytest.mark.slow
 def test_the_experiment_runs_to_its_tables(data_folder, tmp_path, monkeypatch):
     monkeypatch.setattr(one_floor, "read_floor_folder", three_cameras)
+    monkeypatch.setattr(floor_places, "FRAMES", 8)
     out = tmp_path / "out"
-    words = ["--data", str(data_folder), "--seeds", "1", "--out", str(out), "--cache", str(tmp_path / "cache")]
+    words = [
+        "--data",
+        str(data_folder),
+        "--seeds",
+        "1",
+        "--places",
+        "1",
+        "--out",
+        str(out),
+        "--cache",
+        str(tmp_path / "cache"),
+    ]
     assert main(["reproduce", "one-floor", *words]) == 0
     tables = (out / "tables.md").read_text()
     assert "| all cameras |" in tables
     assert "Shelf, given keypoints" in tables
+    assert "| generated places |" in tables
     assert (out / "cameras.png").is_file()
