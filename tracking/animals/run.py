@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,11 +29,14 @@ from tsuiseki.tracking.features.background_difference import Contrast, video_bac
 from tsuiseki.tracking.following import Video
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.formats.result_folder import POINTS
+from tsuiseki.tracking.people.tracking import check_corrections, correction_files
 from tsuiseki.tracking.report.overlay import draw_marks
 from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.review.session import SOLVED_STATES, STATES_FILE
+from tsuiseki.tracking.review.tracks import corrected_bodies
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame
-from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
+from tsuiseki.tracking.types.tracks import BodyTrack, PointTable, boxes_about
 from tsuiseki.tracking.video.source import Source, SourceLike, named
 
 
@@ -44,6 +48,7 @@ def track_animals(
     skeleton: SkeletonSettings | None = None,
     frames: str | None = None,
     settings: AnimalSettings | None = None,
+    corrections: str | Path | None = None,
     seed: int = 0,
 ) -> Result[BodyTrack]:
     """Several animals before a fixed camera: place, heading and size of each in every frame.
@@ -55,6 +60,7 @@ def track_animals(
         skeleton: what is known of their points.
         frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
         settings: see `AnimalSettings`.
+        corrections: corrections.jsonl of a reviewed result, to do again what still applies.
         seed: as all trackers have it; this one draws no random numbers.
 
     Returns:
@@ -68,8 +74,11 @@ def track_animals(
     opened = Video.given(source, frames).open(images=True, replayable=True)
     skeleton = skeleton or SkeletonSettings()
     made = {"contrast": contrast, "source": named(source), "seed": seed}
-    choice = AnimalChoice(contrast, threshold, animals=settings or AnimalSettings())
-    return animal_result(opened, opened.frames(), skeleton, skeleton.table(), choice, StageTimes(), made)
+    choice = AnimalChoice(
+        contrast, threshold, None if corrections is None else Path(corrections), animals=settings or AnimalSettings()
+    )
+    choice.check()
+    return animal_result(opened, opened.frames(), skeleton, skeleton.table(), choice, StageTimes(), made)[0]
 
 
 def animal_result(
@@ -80,8 +89,8 @@ def animal_result(
     choice: AnimalChoice,
     times: StageTimes,
     made: Mapping[str, Any],
-) -> Result[BodyTrack]:
-    """The result of a run with the settings ``made``.
+) -> tuple[Result[BodyTrack], list[str]]:
+    """The result of a run with the settings ``made``, and lines for the user.
 
     Args:
         source: the video.
@@ -116,12 +125,13 @@ def animal_result(
     tracks, fields = [one.track for one in found], list(FIELDS)
     if choice.scale is not None:
         tracks, fields = in_millimetres(tracks, choice.scale, source)
-    files: dict[str, Writer] = {"states.csv": lambda path, _: write_states(path, tracks, fields)}
+    tracks, placed, files, known, lines = _corrected(tracks, fields, placed, choice.corrections, source, numbers)
+    files |= {STATES_FILE: lambda path, _: write_states(path, tracks, fields)}
     result = Result[BodyTrack].of(
         source,
         tracks,
         settings=made,
-        facts=facts,
+        facts=facts | known,
         seconds=times.seconds,
         frames={"frame": numbers, "animals": [len(poses) for poses in seen]},
         files=files if placed is None else files | _point_files(placed, numbers[-1] + 1),
@@ -130,7 +140,36 @@ def animal_result(
         points=placed,
     )
     scene = None if choice.scale is None else Scene(scale=choice.scale / 1000)
-    return with_page(result, nouns=("animal", "animals"), scene=scene)
+    return with_page(result, nouns=("animal", "animals"), scene=scene), lines
+
+
+def _corrected(
+    tracks: list[BodyTrack],
+    fields: Sequence[str],
+    points: PointTable | None,
+    corrections: Path | None,
+    source: Source,
+    frames: Sequence[int],
+) -> tuple[list[BodyTrack], PointTable | None, dict[str, Writer], dict[str, Any], list[str]]:
+    """Animals and their points under the corrections of an earlier result; the rest is as `correction_files` has it."""
+    if corrections is None:
+        return tracks, points, {}, {}, []
+    boxes, files, facts, lines = correction_files(boxes_about(tracks, fields), None, corrections, source, frames)
+    files |= {SOLVED_STATES: lambda path, _: write_states(path, tracks, fields)}
+    if points is not None:
+        before = np.concatenate([np.full(len(track), track.id) for track in tracks])
+        now = {
+            (frame, f"track_{before[row]}"): f"track_{track.id}"
+            for track in boxes
+            for frame, row in zip(track.frames.tolist(), track.detection.tolist(), strict=True)
+            if row >= 0
+        }
+        names = [now.get(place, "") for place in zip(points.frames.tolist(), points.tracks, strict=True)]
+        kept = np.array([name != "" for name in names], dtype=np.bool_)
+        points = PointTable(
+            points.nodes, points.frames[kept], tuple(filter(None, names)), points.points[kept], points.scores[kept]
+        )
+    return corrected_bodies(boxes, tracks, fields), points, files, facts, lines
 
 
 def _poses_by_points(table: PointTable, skeleton: SkeletonSettings, frames: Sequence[int]) -> list[list[AnimalPose]]:
@@ -195,15 +234,18 @@ def animals(video: Video, output: Output, skeleton: SkeletonSettings, choice: An
 
     source = video.open(images=True, replayable=True, timed=True)
     table = skeleton.table()
+    if choice.corrections is not None:
+        check_corrections(choice.corrections, source)
     with output.run() as run:
         steps = run.steps(run.frames(source, record=video.overlay))
-        result = animal_result(source, steps, skeleton, table, choice, run.times, output.settings)
+        result, lines = animal_result(source, steps, skeleton, table, choice, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
         hint = "; nothing stands out, give `threshold` or another `contrast`"
         if skeleton.points is not None:
             hint = f"; the points in {skeleton.points} make none: an animal takes two in a frame, in several frames"
         hint = "" if result else hint
-        run.done(f"{count(len(result), 'animal', 'animals')} in {run.count} frames: {output.out / 'states.csv'}{hint}")
+        made = f"{count(len(result), 'animal', 'animals')} in {run.count} frames: {output.out / STATES_FILE}{hint}"
+        run.done("\n".join([made, *lines]))
     return run.status
 
 

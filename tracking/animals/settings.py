@@ -52,12 +52,14 @@ class AnimalChoice(Shared):
     Attributes:
         contrast: how animals differ from what lies behind them: bright, dark or any; auto finds out.
         threshold: difference in grey levels from which a pixel belongs to an animal; by default found in the video.
+        corrections: corrections.jsonl of tsuiseki review, to do again on this result what still applies.
         scale: millimetres of a pixel; adds a_mm,b_mm,length_mm,width_mm,speed_mm_s.
         animals: settings of the tracker.
     """
 
     contrast: Contrast = "auto"
     threshold: float | None = None
+    corrections: Path | None = None
     scale: float | None = None
     animals: AnimalSettings = field(default_factory=AnimalSettings)
 
@@ -65,6 +67,8 @@ class AnimalChoice(Shared):
         """See `Shared.check`."""
         if self.scale is not None and not 0 < self.scale < np.inf:
             raise RequestError(f"`scale`: expected millimetres a pixel above 0, got {self.scale:g}")
+        if self.corrections is not None and not self.corrections.is_file():
+            raise RequestError(f"`corrections`: expected a file that is there, got {self.corrections}")
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from tsuiseki.tracking.answers.zone_tables import counts_table, gathering_table,
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
-from tsuiseki.tracking.types.tracks import BodyTrack
+from tsuiseki.tracking.types.tracks import BodyTrack, boxes_about
 
 Table = Mapping[str, Sequence[Any]]
 """Columns by name, all of one length."""
@@ -107,7 +107,10 @@ def count(
         raise RequestError(f"expected a frame rate above 0, got {rate:g}; give the video's as `fps`")
     if settings.anchor == "floor":
         scene = scene.on_floor()
-    tracks, bodies = boxes_of(result), any(isinstance(one, BodyTrack) for one in result)
+    tracks, bodies = (
+        boxes_about(result, getattr(result, "names", ())),
+        any(isinstance(one, BodyTrack) for one in result),
+    )
     if settings.anchor is None and scene.unit == "pixels" and bodies:
         settings = replace(settings, anchor="centre")
     paths = paths_of(tracks, scene, settings)
@@ -144,28 +147,3 @@ def _of_paths(
         "people": people(paths, rate),
         "gatherings": gathering_table(paths, settings.gathering, rate),
     }
-
-
-def boxes_of(result: Sequence[Any]) -> list[Track]:
-    """The tracks of boxes in a result; of animals the squares about them, as wide as they are long.
-
-    Raises:
-        RequestError: it has none of boxes.
-    """
-    tracks = [getattr(one, "track", one) for one in result]
-    names = getattr(result, "names", ())
-    if {"a", "b", "length"} <= set(names):
-        tracks = [_squares(one, names) if isinstance(one, BodyTrack) else one for one in tracks]
-    wrong = next((one for one in tracks if not isinstance(one, Track)), None)
-    if wrong is not None:
-        raise RequestError(
-            f"expected tracks of boxes to count, got {type(wrong).__name__}; track people, animals or blobs"
-        )
-    return [track for track in tracks if len(track)]
-
-
-def _squares(track: BodyTrack, names: Sequence[str]) -> Track:
-    a, b, length = (track.states[:, names.index(name)] for name in ("a", "b", "length"))
-    half = np.maximum(length, 1.0) / 2
-    boxes = np.column_stack([a - half, b - half, a + half, b + half])
-    return Track(track.id, track.frames, boxes, track.scores, track.tracking)

@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.answers.counting import Answers, Table, boxes_of, count
+from tsuiseki.tracking.answers.counting import Answers, Table, count
 from tsuiseki.tracking.answers.plots import FIGURES, heat_table, heat_values, matrix, path_table
 from tsuiseki.tracking.answers.scene import Scene
 from tsuiseki.tracking.answers.settings import CountSettings
@@ -42,6 +42,7 @@ from tsuiseki.tracking.report.timeline import Bar, timeline
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.types.tracks import boxes_about
 from tsuiseki.tracking.video.source import open_source, some_frames
 
 AnyResult = TypeVar("AnyResult", bound=Result[Any])
@@ -96,7 +97,7 @@ class TrackedPage:
     @cached_property
     def tracks(self) -> list[Track]:
         """Those that the page shows: the longest, by id."""
-        longest = sorted(boxes_of(self.result), key=lambda track: -len(track))[:MOST]
+        longest = sorted(boxes_about(self.result, self.result.names), key=lambda track: -len(track))[:MOST]
         return sorted(longest, key=lambda track: track.id)
 
     @cached_property
@@ -189,7 +190,7 @@ class TrackedPage:
             section("Time", seconds_table(result.seconds, len(numbers))),
             section("How it was made", listing(made)),
         ]
-        who = counted(boxes_of(result), self.nouns)
+        who = counted(boxes_about(result, result.names), self.nouns)
         introduction = f"{who} in {len(numbers)} frames at {rate:g} a second: {len(numbers) / rate:.1f} seconds."
         return html_page(f"{several.capitalize()} in {result.name}", introduction, sections)
 

@@ -8,13 +8,14 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from threading import Lock
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks, write_acting_tracks
+from tsuiseki.tracking.formats.body_states import read_states, write_states
 from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
 from tsuiseki.tracking.formats.result_folder import filled_frames
 from tsuiseki.tracking.formats.single import write_boxes
@@ -35,14 +36,15 @@ from tsuiseki.tracking.review.corrections import (
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
 from tsuiseki.tracking.review.solving import EVERY, CorrectedFlow, refitted
-from tsuiseki.tracking.review.tracks import Reporter, acting, changes
+from tsuiseki.tracking.review.tracks import Reporter, acting, changes, corrected_bodies
 from tsuiseki.tracking.types import IntArray, Track
-from tsuiseki.tracking.types.tracks import ActingTrack
+from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, boxes_about
 from tsuiseki.tracking.video.source import image_size, open_source
 
 # The tracks as the tracker left them, kept as soon as they are corrected.
 SOLVED_FILE = "tracks.solved.txt"
 ACTIONS_FILE, SOLVED_ACTIONS = "tracks.json", "tracks.solved.json"
+STATES_FILE, SOLVED_STATES = "states.csv", "states.solved.csv"
 # Seconds of a gap that is filled where the result does not say it.
 FILL = 2.0
 # Questions that are found at a time.
@@ -117,13 +119,11 @@ class Session:
         self.saved = self._result.facts.get("corrections", 0) == len(self._log.said)
 
     def _solved_tracks(self) -> list[Track]:
-        kept = self.folder / SOLVED_FILE
-        if kept.is_file():
+        kept, bodies = self.folder / SOLVED_FILE, self.folder / SOLVED_STATES
+        if kept.is_file() and not bodies.is_file():
             return list(read_tracks(kept))
-        every = [getattr(track, "track", track) for track in self._result]
-        if not all(isinstance(track, Track) for track in every):
-            raise RequestError(f"{self.folder}: expected tracks of boxes to correct, got others")
-        return every
+        self._bodies = read_states(bodies) if bodies.is_file() else self._result
+        return boxes_about(self._bodies, self._result.names)
 
     def _find_video(self, source: str | Path | None) -> None:
         given = source if source is not None else self._result.source
@@ -281,6 +281,7 @@ class Session:
             for name, write in (
                 ("tracks.csv", lambda file: write_table(file, table_of(tracks), {})),
                 (ACTIONS_FILE, lambda file: write_acting_tracks(file, *self._acting(tracks))),
+                (STATES_FILE, lambda file: self._write_states(file, tracks)),
                 ("boxes.txt", lambda file: write_boxes(file, boxes)),
             ):
                 if (self.folder / name).is_file():
@@ -295,6 +296,13 @@ class Session:
         solved, names = read_acting_tracks(kept, needed=False)
         return acting(tracks, solved), names
 
+    def _write_states(self, file: Path, tracks: Sequence[Track]) -> None:
+        """Animals under corrections; what the tracker left is kept beside."""
+        solved, names = cast("Sequence[BodyTrack]", self._bodies), self._result.names
+        if not (self.folder / SOLVED_STATES).is_file():
+            self._replaced(SOLVED_STATES, lambda kept: write_states(kept, solved, names))
+        write_states(file, corrected_bodies(tracks, solved, names), names)
+
     def _replaced(self, name: str, write: Callable[[Path], object]) -> None:
         """Write a file of the result, which is there whole or as it was."""
         with output_file(self.folder / name, overwrite=True) as work:
@@ -304,7 +312,8 @@ class Session:
         path = self.folder / RUN_FILE
         record = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
         record.setdefault("facts", {}).update(corrections=self.answered, track_names=self.names)
-        ours = (SOLVED_FILE, "tracks.txt", *([SOLVED_ACTIONS] if (self.folder / ACTIONS_FILE).is_file() else []))
+        kept = {SOLVED_ACTIONS: ACTIONS_FILE, SOLVED_STATES: STATES_FILE}
+        ours = [SOLVED_FILE, "tracks.txt", *(name for name, of in kept.items() if (self.folder / of).is_file())]
         record["files"] = sorted({*record.get("files", []), *ours})
         record.setdefault("results", {}).setdefault(".", {})["filled"] = filled_frames(tracks)
         with whole_file(path) as file:

@@ -16,10 +16,12 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.review.corrections import CorrectedVideo, Correction, append, read_corrections
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
-from tsuiseki.tracking.types.tracks import ActingTrack
+from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack
 
 ROW = np.dtype([("frame", "<i4"), ("id", "<i4"), ("box", "<f4", 4), ("filled", "<i4")])
 Rows = NDArray[Any]
+MOVED = 0.01
+"""Pixels from which an animal was moved by hand."""
 
 
 class Reporter:
@@ -103,6 +105,39 @@ def acting(tracks: Sequence[Track], solved: Sequence[ActingTrack]) -> list[Actin
         frames, *both = (np.array(column) for column in zip(*there, strict=True))
         every = (np.stack([np.interp(track.frames, frames, one) for one in kind.T], axis=1) for kind in both)
         found.append(ActingTrack(track, *every))
+    return found
+
+
+def corrected_bodies(tracks: Sequence[Track], solved: Sequence[BodyTrack], names: Sequence[str]) -> list[BodyTrack]:
+    """Animals whose squares (`boxes_about`) were corrected; what no state is known of is between states on both sides.
+
+    Args:
+        tracks: corrected squares.
+        solved: the animals that the squares are about, as the tracker left them.
+        names: of the numbers of a state.
+    """
+    states = np.concatenate([one.states for one in solved])
+    scores = np.concatenate([one.scores for one in solved])
+    statuses = np.concatenate([one.statuses for one in solved])
+    angle, found = [name == "theta" for name in names].index(True), []
+    for track in tracks:
+        known = track.detection >= 0
+        row, every = track.detection[known], np.tile(states.mean(axis=0), (len(track), 1))
+        status = np.where(track.observed, "tracking", "searching").astype(object)
+        if known.any():
+            own = states[row]
+            own[:, angle] = np.unwrap(own[:, angle])
+            every = np.stack([np.interp(track.frames, track.frames[known], column) for column in own.T], axis=1)
+            every[known], status[known] = states[row], statuses[row]
+        centre = 0.5 * (track.boxes[:, :2] + track.boxes[:, 2:])
+        moved = np.abs(centre - every[:, :2]).max(axis=1) > MOVED
+        for n, name in enumerate(("a", "b")):
+            if f"{name}_mm" in names:
+                scale = states[:, names.index("length_mm")].sum() / states[:, names.index("length")].sum()
+                every[moved, names.index(f"{name}_mm")] = scale * centre[moved, n]
+        every[moved, :2] = centre[moved]
+        score = np.where(known, scores[np.where(known, track.detection, 0)], track.scores)
+        found.append(BodyTrack(track.id, track.frames, every, score, tuple(status.tolist())))
     return found
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -74,6 +75,32 @@ def exact_track(identity: int, frames: IntArray, states: FloatArray) -> BodyTrac
     """A track of known states ``(T, D)``."""
     tracking: Status = "tracking"
     return BodyTrack(identity, frames, states, np.ones(len(frames)), (tracking,) * len(frames))
+
+
+def boxes_about(tracks: Iterable[Any], names: Sequence[str] = ()) -> list[Track]:
+    """The boxes of tracks; about animals squares as wide as they are long, whose ``detection`` is the row of the state.
+
+    Args:
+        tracks: of boxes or animals; those without a frame are left out.
+        names: of the numbers of a state.
+
+    Raises:
+        RequestError: they are of something else.
+    """
+    found, rows = list[Track](), 0
+    for one in tracks:
+        track = getattr(one, "track", one)
+        if isinstance(track, BodyTrack) and {"a", "b", "length"} <= set(names):
+            a, b, length = (track.states[:, names.index(name)] for name in ("a", "b", "length"))
+            half = np.maximum(length, 1.0) / 2
+            boxes = np.column_stack([a - half, b - half, a + half, b + half])
+            origin = np.column_stack([rows + np.arange(len(track)), np.full(len(track), -1)])
+            rows += len(track)
+            track = Track(track.id, track.frames, boxes, track.scores, track.tracking, origin)
+        if not isinstance(track, Track):
+            raise RequestError(f"expected tracks of boxes, got {type(track).__name__}; track people, animals or blobs")
+        found.append(track)
+    return [track for track in found if len(track)]
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.body_points import read_poses_file
+from tsuiseki.tracking.review.session import Session
 
 FRAMES = 30
 
@@ -109,3 +110,36 @@ def test_points_of_sleap_are_observations(film, tmp_path):
 def test_wrong_requests(film, tmp_path, capsys, words, expected):
     assert main(["track", "animals", str(film), "--fps", "10", "--out", str(tmp_path / "out"), *words]) == 2
     assert expected in capsys.readouterr().err
+
+
+def test_identities_are_corrected_and_done_again(film, tmp_path, capsys):
+    """A second animal walks below; they are exchanged, one box is moved, and a new run does the same."""
+    pair = tmp_path / "pair"
+    pair.mkdir()
+    for path in sorted(film.iterdir()):
+        image = cv2.imread(str(path))
+        cv2.imwrite(str(pair / path.name), np.vstack([image, image[:, ::-1]]))
+    words = ["track", "animals", str(pair), "--fps", "10", "--labels", str(film.parent / "labels.csv")]
+    assert main([*words, "--scale", "0.5", "--out", str(tmp_path / "out")]) == 0
+    before = {(row["frame"], row["id"]): row for row in states(tmp_path / "out")}
+    session = Session(tmp_path / "out")
+    session.correct(session.made("switch", [1, 2], 15))
+    session.correct(session.made("box", [2], 20, box=(50, 60, 40, 40)))
+    session.correct(session.made("name", [1], 3, name="Anna"))
+    session.close()
+    after = {(row["frame"], row["id"]): row for row in states(tmp_path / "out")}
+    for frame, one, other in (("10", "1", "1"), ("10", "2", "2"), ("18", "1", "2"), ("30", "2", "1")):
+        assert after[frame, one] == {**before[frame, other], "id": one}
+    assert [float(after["21", "2"][name]) for name in ("a", "b", "a_mm", "b_mm")] == [70, 80, 35, 40]
+    assert main([*words, "--scale", "0.5", "--out", str(tmp_path / "again"), "--corrections",
+                 str(tmp_path / "out/corrections.jsonl")]) == 0  # fmt: skip
+    assert "corrections: 3 of 3 done again" in capsys.readouterr().out
+    assert states(tmp_path / "again") == [after[row["frame"], row["id"]] for row in states(tmp_path / "again")]
+    placed = read_poses_file(tmp_path / "again/points.sleap.csv")
+    where = dict(zip(zip(placed.frames.tolist(), placed.tracks, strict=True), placed.points[:, 0, 1], strict=True))
+    assert where[9, "track_1"] < 120 < where[29, "track_1"] or where[29, "track_1"] < 120 < where[9, "track_1"]
+    session = Session(tmp_path / "again")
+    for _ in range(3):
+        session.undo()
+    session.close()
+    assert states(tmp_path / "again") == list(before.values())
