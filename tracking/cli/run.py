@@ -276,12 +276,13 @@ class Run:
         self.results[folder or "."] = result.known()
         for pages in (False, True):
             for name, write in result.files.items():
-                if name.endswith(".html") == pages:
+                if (name.startswith("report/") or name.endswith((".html", ".png"))) == pages:
                     self.write(str(PurePath(folder, name)), write, self.work / folder)
             if not pages:
                 draw()
-                # Who interrupts waits for no page.
-                DEADLINE.brief = bool(self.asked) and not self._live
+                # Who interrupts waits for no page or plot.
+                DEADLINE.brief = not (self._live and self.asked)
+        DEADLINE.brief = False
 
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Likewise, where the result is one without it, too; None where it was not made."""

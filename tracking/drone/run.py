@@ -28,7 +28,7 @@ from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import devices_of
 from tsuiseki.tracking.following import Video, count
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
-from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.formats.mot import detection_lines, write_tracks
 from tsuiseki.tracking.people.inputs import GivenDetections
 from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
 from tsuiseki.tracking.people.settings import FindingOptions
@@ -308,7 +308,9 @@ def drone(
     with output.run() as run:
         run.facts |= tell_models(models.observers.detect, models.observers.describe, models.observers.recognise)
         seen = observations(run, source, models, None if cache is None else (video.source, cache))
-        steps = run.steps(seen)
+        line = None if finding.detections or cache else lambda number, one: detection_lines(number, one.detections)
+        kept = run.kept("detections.txt", ((one.frame, one) for one in seen), line)
+        steps = run.steps(one for _, one in kept)
         result = link(steps, source, models, method, drone, run.times, output.settings, costs, threshold)
         if unknown := result.facts.get("flow", {}).get("camera_unknown"):
             print(line_on_camera(unknown))

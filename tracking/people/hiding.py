@@ -217,6 +217,7 @@ def hide(
     video, out = Path(video), Path(out)
     doubts = _checked_out(out, video, overwrite)
     source, tracks = _opened(video, result)
+    wanted.check(tracks)
     watch = shown if progress else lambda items, *_: items
     with output_file(out, overwrite) as work, output_file(doubts, overwrite) as listed:
         hiding = look_again(

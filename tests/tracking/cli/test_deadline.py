@@ -20,6 +20,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from tsuiseki.tracking.answers.page import TrackedPage
 from tsuiseki.tracking.cli import ending, main
+from tsuiseki.tracking.drone.tracker import DroneTracker
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.onnx import CALLS
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -142,22 +143,34 @@ def test_a_signal_drops_the_networks_under_way_and_keeps_what_is_finished(
     assert CALLS.terminate is False
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("number", "what", "linker"),
+    [
+        (signal.SIGINT, ["people"], (FlowTracker, "tracks")),
+        (signal.SIGTERM, ["people"], (FlowTracker, "tracks")),
+        (signal.SIGTERM, ["drone", "--method", "flow", "--keep-camera-motion"], (DroneTracker, "people")),
+    ],
+)
 def test_detections_are_kept_where_linking_them_takes_long(
-    number: signal.Signals, inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    number: signal.Signals,
+    what: list[str],
+    linker: tuple[type, str],
+    inputs: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     begin = list[float]()
 
-    def link(_: FlowTracker) -> list[Track]:
+    def link(_: object) -> list[Track]:
         begin.append(time.monotonic())
         os.kill(os.getpid(), number)
         while time.monotonic() < begin[0] + 30:
             time.sleep(0.01)
         return []
 
-    words = ["track", "people", str(inputs.images), "--appearance", "none"]
+    words = ["track", *what, str(inputs.images), "--appearance", "none"]
     with monkeypatch.context() as patch:
-        patch.setattr(FlowTracker, "tracks", link)
+        patch.setattr(*linker, link)
         one = [*words, "--detector", str(inputs.detector), "--view", "1", "--out", str(tmp_path / "one")]
         assert main(one) == 128 + number
     # A second where the machine has nothing else to do.
@@ -168,28 +181,38 @@ def test_detections_are_kept_where_linking_them_takes_long(
     given = ["--detections", str(tmp_path / "one/detections.txt")]
     assert main([*words, *given, "--out", str(tmp_path / "two")]) == 0
     assert len(read_tracks(tmp_path / "two/tracks.txt")) > 0
-    monkeypatch.setattr(FlowTracker, "tracks", link)
+    monkeypatch.setattr(*linker, link)
     begin.clear()
     assert main([*words, *given, "--out", str(tmp_path / "three")]) == 128 + number
     assert not (tmp_path / "three").exists()
 
 
-def test_who_interrupts_waits_for_no_page(inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("slow", ["html", "_plot"])
+@pytest.mark.parametrize("asked", ["before", "there"])
+def test_who_interrupts_waits_for_no_page_and_no_plot(
+    slow: str, asked: str, inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     begin = list[float]()
 
+    def interrupt() -> None:
+        begin.append(time.monotonic())
+        os.kill(os.getpid(), signal.SIGTERM)
+
     def page(*_: Any) -> str:
+        if not begin:
+            interrupt()
         while time.monotonic() < begin[0] + 30:
             time.sleep(0.01)
         return ""
 
     def tracks(self: Sort) -> list[Track]:
-        begin.append(time.monotonic())
-        os.kill(os.getpid(), signal.SIGTERM)
+        if asked == "before":
+            interrupt()
         return found(self)
 
     found = Sort.tracks
     monkeypatch.setattr(Sort, "tracks", tracks)
-    monkeypatch.setattr(TrackedPage, "html", page)
+    monkeypatch.setattr(TrackedPage, slow, page)
     words = ["track", "people", str(inputs.images), "--method", "sort", "--detector", str(inputs.detector)]
     assert main([*words, "--view", "1", "--out", str(tmp_path / "out")]) == 128 + signal.SIGTERM
     # A second where the machine has nothing else to do.

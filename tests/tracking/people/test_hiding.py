@@ -304,6 +304,15 @@ def test_a_result_of_other_pictures_is_refused(inputs: Any, tmp_path: Path) -> N
         tsuiseki.hide(inputs.images, replace(tracked, size=(640, 480)), tmp_path / "o.webm", detector=nobody)
 
 
+def test_ids_that_no_track_has_are_refused_before_the_second_look(inputs: Any, result: Path, tmp_path: Path) -> None:
+    def look(_: object) -> Detections:
+        raise AssertionError("nobody is to look")
+
+    with pytest.raises(RequestError, match=r"expected ids of the result \(1\), got 7"):
+        tsuiseki.hide(inputs.images, result, tmp_path / "o.webm", hide="all-but 7", detector=look)
+    assert not (tmp_path / "o.webm").exists()
+
+
 def test_the_video_itself_is_never_replaced(inputs: Any) -> None:
     before = inputs.video.read_bytes()
     with pytest.raises(RequestError, match="expected another file than the video"):
