@@ -14,13 +14,14 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer
 from tsuiseki.tracking.features.view_choice import ViewedDetector
+from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.okutama import ADVICE, check_frames, is_okutama_file, read_okutama
 from tsuiseki.tracking.people.inputs import people_detect
 from tsuiseki.tracking.people.settings import NONE, FindingOptions
 from tsuiseki.tracking.types import Detections, IntArray, Track
 from tsuiseki.tracking.video.image_folder import ImageFolder
-from tsuiseki.tracking.video.source import Source, VideoFile
+from tsuiseki.tracking.video.source import Source, VideoFile, picture_size
 from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file
 
 DroneMethod = Literal["flow", "flow-saf", "flow-maf"]
@@ -128,6 +129,8 @@ def read_given_tracks(path: Path, source: Source) -> list[Track]:
     """
     if not path.is_file() or not is_okutama_file(path):
         tracks = read_tracks(path)
+        boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
+        compare_with_picture(path, boxes, picture_size(source))
         _check_length(path, tracks, source)
         return tracks
     if not isinstance(source, ImageFolder):

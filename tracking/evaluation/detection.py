@@ -7,13 +7,14 @@ are matched likewise, by the overlap of the turned rectangles.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, read_rotated_detections, read_rotated_labels
 from tsuiseki.tracking.geometry import areas, intersections, iou_pairs, rotated_iou
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
@@ -87,15 +88,26 @@ def evaluate_detections(
     A detection lies on an ignored box when that covers at least ``iou_threshold`` of it.
 
     Raises:
-        RequestError: the numbers of images differ, or no box counts.
+        RequestError: the numbers of images differ, no box counts, or some detections have no score.
     """
     if len(truth) != len(detections):
         raise RequestError(f"expected detections for {len(truth)} images, got {len(detections)}")
     count = sum(int((~image.ignored).sum()) for image in truth)
     if count == 0:
         raise RequestError("expected labelled boxes to evaluate against, got none that counts; check the frame range")
-    right, counted, scores = _match(truth, detections, iou_threshold)
+    right, counted, scores = _match(truth, _scored(detections), iou_threshold)
     return scores_of_matches(right[counted], scores[counted], count)
+
+
+def _scored(detections: Sequence[Detections]) -> Sequence[Detections]:
+    """The detections with a score each: 1 where none is known of any."""
+    total, unknown = sum(map(len, detections)), sum(int(np.isnan(found.scores).sum()) for found in detections)
+    if not unknown:
+        return detections
+    if unknown < total:
+        raise RequestError(f"expected a score of each detection, got none of {unknown} of {total}")
+    warnings.warn("no detection has a score; each counts with 1", InputWarning, stacklevel=3)
+    return [replace(found, scores=np.ones(len(found))) for found in detections]
 
 
 def scores_of_matches(right: BoolArray, scores: FloatArray, count: int) -> DetectionScores:

@@ -24,6 +24,7 @@ from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.page import floor_files
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
 from tsuiseki.tracking.following import Drawing, count
+from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.sensed_points import is_point_file
 from tsuiseki.tracking.formats.world_tables import FloorPositions, read_floor_positions
@@ -219,6 +220,9 @@ def open_floor(
         raise RequestError(f"`detections`: expected {len(placed)} files, one a camera, got {len(detections)}")
     lengths = [one.length for one in opened] or [None] * len(placed)
     given = [_read(Path(path), length) for path, length in zip(detections, lengths, strict=True)]
+    for path, there, one in zip(detections, given, placed, strict=True):
+        boxes = np.concatenate([np.empty((0, 4)), *(each.detections.boxes for each in there)])
+        compare_with_picture(path, boxes, (one.camera.width, one.camera.height))
     if not opened:
         longest = max(map(len, given))
         empty = [StandingPeople.of(Detections.empty())]

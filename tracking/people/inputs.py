@@ -43,7 +43,7 @@ from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.class_choice import ClassChoice
-from tsuiseki.tracking.video.source import Source, image_size
+from tsuiseki.tracking.video.source import Source, picture_size
 from tsuiseki.tracking.weights import shipped
 
 GivenDetections: TypeAlias = str | Path | Iterable[DetectionsLike]
@@ -244,7 +244,9 @@ def given_detections(
                 f"{what}: {bad.bad} of {bad.given} boxes have no area or are not finite; expected x1, y1, x2, y2, not "
                 "x, y, width, height"
             )
-    compare_with_picture(what, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), image_size(source))
+    compare_with_picture(
+        what, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), picture_size(source)
+    )
     there = {int(number) for each in found if each.classes is not None for number in np.unique(each.classes)} - {-1}
     if choice is None:
         if file and len(there) > 1:

@@ -120,6 +120,11 @@ def image_size(source: Source) -> Size | None:
     return size if size and min(size) > 0 else None
 
 
+def picture_size(source: Source) -> Size | None:
+    """`image_size`, or the size of the first frame of a video file: to check what is given with it."""
+    return image_size(source) or getattr(source, "first_size", None)
+
+
 def length_of(source: Source) -> int | None:
     """How many frames the whole video has, or promises."""
     return source.length or getattr(source, "promised", None)
@@ -188,6 +193,7 @@ class VideoFile:
     rate_missing: bool = False
     timed_by: TimedBy = "container"
     times: NotedTimes = field(default_factory=NotedTimes, compare=False)
+    first_size: Size | None = None
 
     @classmethod
     def open(cls, path: Path, wanted: FrameRange) -> VideoFile:
@@ -205,7 +211,8 @@ class VideoFile:
             if not readable or not capture.grab():
                 found = "no frame in it" if readable else "something else"
                 raise RequestError(f"{path}: expected a video that OpenCV can decode, found {found}")
-            first = capture.get(cv2.CAP_PROP_POS_MSEC)
+            first, (sound, image) = capture.get(cv2.CAP_PROP_POS_MSEC), capture.retrieve()
+            size = image.shape[1::-1] if sound else None
             # A raw stream has no times: all are 0.
             timed_by: TimedBy = "frame rate"
             if capture.grab() and capture.get(cv2.CAP_PROP_POS_MSEC) > first:
@@ -216,7 +223,15 @@ class VideoFile:
             wanted.within(promised)
         taken = rate or DEFAULT_FRAME_RATE
         return cls(
-            path, path.name, taken, promised, promised / taken, wanted, rate_missing=rate is None, timed_by=timed_by
+            path,
+            path.name,
+            taken,
+            promised,
+            promised / taken,
+            wanted,
+            rate_missing=rate is None,
+            timed_by=timed_by,
+            first_size=size,
         )
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.detection import (
     LabelledBoxes,
     average_precision,
@@ -35,6 +35,15 @@ def test_all_found_and_nothing_else_is_one() -> None:
     assert scores.average_precision == 1
     assert scores.best_f1 == 1
     assert scores.best_threshold == 0.2
+
+
+def test_detections_without_scores_count_and_are_told() -> None:
+    boxes = np.concatenate([BOX, BOX + 100])
+    with pytest.warns(InputWarning, match="no detection has a score; each counts with 1"):
+        scores = evaluate_detections([truth(boxes)], [Detections(boxes, np.full(2, np.nan))])
+    assert (scores.average_precision, scores.best_threshold) == (1, 1)
+    with pytest.raises(RequestError, match="expected a score of each detection, got none of 1 of 2"):
+        evaluate_detections([truth(boxes)], [Detections(boxes, [0.9, np.nan])])
 
 
 def test_by_hand() -> None:

@@ -11,11 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.drone.models import read_given_tracks
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracking import track_people
+from tsuiseki.tracking.video.source import open_source
 
 WIDTH, HEIGHT, FRAMES = 320, 240, 12
 
@@ -116,6 +118,15 @@ def test_boxes_that_do_not_fit_the_pictures_are_refused(
 ) -> None:
     with pytest.raises(RequestError, match=words):
         track_people(video, "sort", **source_of(given, rows, tmp_path))
+
+
+def test_boxes_outside_a_video_file_are_refused_before_it_is_read(inputs: Any, tmp_path: Path) -> None:
+    with pytest.raises(RequestError, match="in the picture of 64x48, got all 1 outside of it"):
+        track_people(inputs.video, "sort", detections=[[[2000.0, 5, 2020, 40, 0.9]]])
+    tracks = tmp_path / "tracks.txt"
+    tracks.write_text("1,1,2000,5,20,35,0.9,-1,-1,-1\n")
+    with pytest.raises(RequestError, match="in the picture of 64x48, got all 1 outside of it"):
+        read_given_tracks(tracks, open_source(inputs.video))
 
 
 @pytest.mark.parametrize("given", ["file", "entries", "detector"])
