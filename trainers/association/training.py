@@ -32,18 +32,6 @@ from tsuiseki.trainers.networks.detector_training import DetectorTraining
 from tsuiseki.trainers.networks.modules import Optimisation, gathered, plain_hyperparameters, read_checkpoint
 
 
-def siamese_of(checkpoint: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
-    """The Siamese network in a checkpoint or an exported file, and the arguments that it is made with.
-
-    Raises:
-        RequestError: the file is missing, or no such checkpoint or file.
-    """
-    if checkpoint.suffix == ".onnx":
-        return _exported_siamese(checkpoint)
-    siamese = load_module(AppearanceTraining, checkpoint)
-    return siamese, {**_made_of(AppearanceTraining, checkpoint), "weights": None}
-
-
 def projection_of(graphs: Sequence[Graphs], kept: int) -> AppearanceProjection:
     """A projection to ``kept`` numbers along the principal axes of what the detections of sequences look like.
 
@@ -66,7 +54,15 @@ def projection_of(graphs: Sequence[Graphs], kept: int) -> AppearanceProjection:
     return projection
 
 
-def _exported_siamese(path: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
+def siamese_of(path: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
+    """The Siamese network in a checkpoint or an exported file, and the arguments that it is made with.
+
+    Raises:
+        RequestError: the file is missing, or no such checkpoint or file.
+    """
+    if path.suffix != ".onnx":
+        siamese = load_module(AppearanceTraining, path)
+        return siamese, {**_made_of(AppearanceTraining, path), "weights": None}
     try:
         model, card = opened_onnx(path)
         arrays = {x.name.removesuffix("_half"): onnx.numpy_helper.to_array(x) for x in model.graph.initializer}

@@ -196,7 +196,11 @@ def reproduce(
     sets = [every[first : first + clips] for first in range(0, len(every), clips)]
     bench.watch.say("tracking")
     people = {"taken out": people_rows(sets), "left in": people_rows(sets, compensate=False)}
-    iterations = {str(m): by_iteration(every, m) for m in METHODS if "maf" in m.lower()}
+    iterations: dict[str, list[People]] = {
+        m: [[tracker_for(m, clip, rounds=k).people() for clip in every] for k in range(MOST_ITERATIONS)]
+        for m in METHODS
+        if "maf" in m.lower()
+    }
     bench.watch.say("recognising actions")
     rounds = {m: [people_row(_pairs(every, found)) for found in results] for m, results in iterations.items()}
     values: dict[str, Any] = {
@@ -323,11 +327,6 @@ def _deepsort(clip: ObservedClip, *, compensate: bool) -> list[Track]:
             path.follow(one.motion)
         tracker.update(one.detections)
     return tracker.tracks()
-
-
-def by_iteration(clips: Sequence[ObservedClip], method: ComparedMethod) -> list[People]:
-    """The people of every clip when links are scored again 0, 1, ... times."""
-    return [[tracker_for(method, clip, rounds=k).people() for clip in clips] for k in range(MOST_ITERATIONS)]
 
 
 def people_rows(sets: Sequence[Sequence[ObservedClip]], *, compensate: bool = True) -> dict[str, dict[str, Any]]:

@@ -380,7 +380,11 @@ def drawn_scenario(settings: Scenarios, seed: int) -> tuple[PointTracks, list[Sc
         inside = (np.abs(states[:, [0, 2]]) < half).all(axis=1)
         count = settings.first if k == 0 else rng.poisson(settings.births)
         new = np.zeros((count, 4))
-        new[:, [0, 2]] = _new_places(settings, count, rng)
+        if settings.places:
+            chosen = np.array(settings.places)[rng.integers(0, len(settings.places), count)]
+            new[:, [0, 2]] = chosen + settings.place_spread * rng.standard_normal((count, 2))
+        else:
+            new[:, [0, 2]] = rng.uniform(-0.5, 0.5, (count, 2)) * settings.side
         new[:, [1, 3]] = settings.speed * rng.standard_normal((count, 2))
         states = np.concatenate([states[inside], new])
         names = np.concatenate([names[inside], born + 1 + np.arange(count)])
@@ -393,11 +397,3 @@ def drawn_scenario(settings: Scenarios, seed: int) -> tuple[PointTracks, list[Sc
         measured = np.concatenate([detected + settings.deviation * rng.standard_normal(detected.shape), false])
         scans.append(Scan(float(k), measured[rng.permutation(len(measured))]))
     return PointTracks(np.concatenate(frames), np.concatenate(ids), np.concatenate(places)), scans
-
-
-def _new_places(settings: Scenarios, count: int, rng: np.random.Generator) -> FloatArray:
-    """``(count, 2)`` where new targets appear."""
-    if not settings.places:
-        return rng.uniform(-0.5, 0.5, (count, 2)) * settings.side
-    chosen = np.array(settings.places)[rng.integers(0, len(settings.places), count)]
-    return np.asarray(chosen + settings.place_spread * rng.standard_normal((count, 2)))

@@ -195,7 +195,8 @@ def check_parity(
             for scale, one in zip(spreads, examples, strict=True)
         ]
         with torch.no_grad():
-            expected = [x.numpy() for x in _as_tuple(module(*inputs))]
+            outputs = module(*inputs)
+        expected = [x.numpy() for x in ((outputs,) if isinstance(outputs, Tensor) else outputs)]
         got = session.run(None, {name: one.numpy() for name, one in zip(names, inputs, strict=True)})
         for output, a, b in zip(session.get_outputs(), expected, got, strict=True):
             worst = max(worst, _difference(path.name, output.name, a, b, tolerance))
@@ -274,10 +275,6 @@ def _difference(file: str, output: str, expected: NDArray[Any], got: NDArray[Any
             f"{tolerance:.2g}; not exported"
         )
     return difference
-
-
-def _as_tuple(outputs: Tensor | Sequence[Tensor]) -> tuple[Tensor, ...]:
-    return (outputs,) if isinstance(outputs, Tensor) else tuple(outputs)
 
 
 @contextlib.contextmanager

@@ -229,8 +229,10 @@ def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
     written = {}
     for group, streams in groups.items():
         one, path = streams[0], paths[group]
-        card = fused_card(module) if group == "fused" else module.card(one)
-        card = dataclasses.replace(card, training_data=output.training_data)
+        card = dataclasses.replace(module.card(one), training_data=output.training_data)
+        if group == "fused":
+            # The inputs are called as the streams, and each has settings of its own.
+            card = dataclasses.replace(card, settings={"streams": [module.card(name).settings for name in streams]})
         side = card.input_height
         examples: dict[str, Tensor] = {n: torch.zeros(2, module.inputs[n].channels, side, side) for n in streams}
         # Flow is nearly nothing nearly everywhere; noise as strong as in colours would saturate every sigmoid.
@@ -244,9 +246,3 @@ def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
     for path, difference in written.items():
         output.report(path, difference)
     return written
-
-
-def fused_card(module: ActionTraining) -> ModelCard:
-    """The contract of all streams in one file, whose inputs are called as the streams."""
-    cards = [module.card(name) for name in module.inputs]
-    return dataclasses.replace(cards[0], settings={"streams": [card.settings for card in cards]})
