@@ -261,6 +261,8 @@ def fits(value: Any, kind: Any) -> bool:
         return truth if base is bool else number
     if getattr(base, "_is_protocol", False):
         asked = [name for each in base.__mro__ for name in vars(each) if not name.startswith("_")]
+        if not asked and not any("__call__" in vars(each) for each in base.__mro__):  # of NumPy
+            return hasattr(value, "__array__")
         return all(hasattr(value, name) for name in asked) if asked else callable(value)
     if base is Any or not isinstance(base, type):
         return True
@@ -272,6 +274,8 @@ def fits(value: Any, kind: Any) -> bool:
         listed = isinstance(value, list | tuple)
         if base is tuple and inner[-1:] != (...,):
             return listed and len(value) == len(inner) and all(map(fits, value, inner))
+        if hasattr(value, "__array__") and inner:  # its first tells of which kind all are
+            return getattr(value, "ndim", 1) > 0 and all(fits(each, inner[0]) for each in value[:1])
         if listed and inner:
             return all(fits(each, inner[0]) for each in value)
         return isinstance(value, Iterable) and (base is Iterable or hasattr(value, "__len__"))

@@ -172,6 +172,9 @@ NAMED = [
     ("FlowTracker", {"settings": tsuiseki.FlowSettings(fill=1e300)}, "`settings.fill`: expected a number below"),
     ("track_measurements", {"measured": SCANS, "model": MODEL, "particles": 10**9}, "`particles`: expected a number b"),
     ("evaluate_people", {"truth": [1], "tracks": [TRACK]}, "`truth`: expected a path or GroundTruth or "),
+    ("link", {"results": np.zeros(3)}, "`results`: expected .*, got ndarray"),
+    ("calibrate_people", {"sources": np.zeros(3)}, "`sources`: expected .*, got ndarray"),
+    ("evaluate_target", {"truth": BOXES, "target": len}, "`target`: expected .*, got builtin_function_or_method"),
     ("Detections", {"boxes": np.zeros((2, 3)), "scores": np.zeros(2)}, r"expected boxes of shape \(N, 4\), got"),
 ]
 
