@@ -53,16 +53,13 @@ def fill_gaps(track: Track, longest: int, clock: Callable[[IntArray], IntArray] 
     added = np.concatenate([np.arange(track.frames[gap] + 1, track.frames[gap + 1]) for gap in wanted])
     frames = np.concatenate([track.frames, added])
     known, wanted = clock(track.frames), clock(added)
-    boxes = np.concatenate([track.boxes, _on_lines(known, track.boxes, wanted)])
+    between = np.stack([np.interp(wanted, known, coordinate) for coordinate in track.boxes.T], axis=1)
+    boxes = np.concatenate([track.boxes, between])
     scores = np.concatenate([track.scores, np.interp(wanted, known, track.scores)])
     observed = np.concatenate([track.observed, np.zeros(len(added), dtype=np.bool_)])
     order = np.argsort(frames, kind="stable")
     origin = np.concatenate([track.origin, np.full((len(added), 2), -1)])
     return Track(track.id, frames[order], boxes[order], scores[order], observed[order], origin[order], track.names)
-
-
-def _on_lines(frames: IntArray, boxes: FloatArray, wanted: IntArray) -> FloatArray:
-    return np.stack([np.interp(wanted, frames, coordinate) for coordinate in boxes.T], axis=1)
 
 
 def smooth(track: Track, settings: SmoothingSettings) -> Track:

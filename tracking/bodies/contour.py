@@ -213,7 +213,8 @@ def find_starts(
     neighbours = contours_mask(edges.size, others, margin) if others else None
     mask = edges.mask if neighbours is None else cv2.subtract(edges.mask, neighbours)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
-    area = silhouette_area(body)
+    # Inside the hull of the body at rest.
+    area = cv2.contourArea(cv2.convexHull(body.contour(np.zeros((1, len(body.fields))))[0]))
     for label in sorted(range(1, count), key=lambda n: -stats[n, cv2.CC_STAT_AREA]):
         size = stats[label, cv2.CC_STAT_AREA]
         if size < SMALLEST_REGION * area:
@@ -259,11 +260,6 @@ def within_limits(states: FloatArray, body: Body) -> FloatArray:
     limits = body.limits[columns]
     states[:, columns] = np.clip(states[:, columns], limits[:, 0], limits[:, 1])
     return states
-
-
-def silhouette_area(body: Body) -> float:
-    """Pixels inside the hull of the contour of the body at rest."""
-    return float(cv2.contourArea(cv2.convexHull(body.contour(np.zeros((1, len(body.fields))))[0])))
 
 
 def contours_mask(size: tuple[int, int], contours: Sequence[Points], margin: int) -> Mask:

@@ -24,7 +24,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.geometry import on_level
+from tsuiseki.tracking.cameras.projective import PosedCamera
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
 Resize: TypeAlias = Literal["cut", "widen"]
@@ -196,7 +196,7 @@ class OmnidirectionalLens:
 
 
 @dataclass(frozen=True)
-class OmnidirectionalCamera:
+class OmnidirectionalCamera(PosedCamera):
     """A lens with a pose in a world of metres, z up, the floor at z = 0.
 
     Attributes:
@@ -210,13 +210,7 @@ class OmnidirectionalCamera:
     position: FloatArray
 
     def __post_init__(self) -> None:
-        for name, shape in (("rotation", (3, 3)), ("position", (3,))):
-            value = np.asarray(getattr(self, name), dtype=np.float64)
-            if value.shape != shape or not np.isfinite(value).all():
-                raise ValueError(f"expected {name} of shape {shape} with finite values, got {value.tolist()}")
-            object.__setattr__(self, name, value)
-        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(self.rotation) < 0:
-            raise ValueError(f"expected a rotation matrix, got {self.rotation.tolist()}")
+        self._check()
 
     @property
     def width(self) -> int:
@@ -227,10 +221,6 @@ class OmnidirectionalCamera:
     def height(self) -> int:
         """Of the image, pixels."""
         return self.lens.height
-
-    def to_camera(self, points: FloatArray) -> FloatArray:
-        """``(N, 3)`` world points in the camera's axes: right, down, along the optical axis; metres."""
-        return np.asarray((np.asarray(points, dtype=np.float64) - self.position) @ self.rotation.T)
 
     def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Pixels ``(N, 2)`` of ``(N, 3)`` points and their distances ``(N,)``, metres.
@@ -247,10 +237,6 @@ class OmnidirectionalCamera:
         """Unit directions ``(N, 3)`` in the world of ``(N, 2)`` pixels, in their floating type; NaN beyond the rim."""
         local = self.lens.rays(pixels)
         return np.asarray(local @ self.rotation.astype(local.dtype))
-
-    def ground(self, pixels: FloatArray, height: float = 0.0) -> FloatArray:
-        """Where the rays of ``(N, 2)`` pixels meet the plane z = ``height``: ``(N, 3)``, NaN where they do not."""
-        return on_level(self.position, self.rays(np.asarray(pixels, dtype=np.float64)), height)
 
 
 def _turn(across: FloatArray, z: NDArray[np.floating[Any]]) -> FloatArray:

@@ -17,8 +17,42 @@ from tsuiseki.tracking.geometry import on_level
 from tsuiseki.tracking.types import FloatArray
 
 
+class PosedCamera:
+    """What a camera with any lens does by its pose in the world.
+
+    Attributes:
+        rotation: ``(3, 3)`` turns directions of the world into directions of the camera.
+        position: ``(3,)`` of the optical centre in the world, metres.
+    """
+
+    rotation: FloatArray
+    position: FloatArray
+
+    def _check(self, **shapes: tuple[int, ...]) -> None:
+        """Make arrays of fields that have these shapes; raises ValueError for others, and for no rotation."""
+        for name, shape in {"rotation": (3, 3), "position": (3,), **shapes}.items():
+            value = np.asarray(getattr(self, name), dtype=np.float64)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise ValueError(f"expected {name} of shape {shape} with finite values, got {value.tolist()}")
+            object.__setattr__(self, name, value)
+        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(self.rotation) < 0:
+            raise ValueError(f"expected a rotation matrix, got {self.rotation.tolist()}")
+
+    def to_camera(self, points: FloatArray) -> FloatArray:
+        """``(N, 3)`` world points in the camera's axes: right, down, along the optical axis; metres."""
+        return np.asarray((np.asarray(points, dtype=np.float64) - self.position) @ self.rotation.T)
+
+    def rays(self, pixels: NDArray[Any]) -> NDArray[Any]:
+        """Unit directions ``(N, 3)`` in the world in which ``(N, 2)`` pixels look, in their floating type."""
+        raise NotImplementedError
+
+    def ground(self, pixels: FloatArray, height: float = 0.0) -> FloatArray:
+        """Where the rays of ``(N, 2)`` pixels meet the plane z = ``height``: ``(N, 3)``, NaN where they do not."""
+        return on_level(self.position, self.rays(np.asarray(pixels, dtype=np.float64)), height)
+
+
 @dataclass(frozen=True)
-class PinholeCamera:
+class PinholeCamera(PosedCamera):
     """Intrinsics and pose of a camera.
 
     Attributes:
@@ -42,19 +76,12 @@ class PinholeCamera:
 
     def __post_init__(self) -> None:
         lens = np.shape(self.distortion) if np.shape(self.distortion) in ((8,), (12,)) else (5,)
-        shapes = {"focal": (2,), "principal_point": (2,), "rotation": (3, 3), "position": (3,), "distortion": lens}
-        for name, shape in shapes.items():
-            value = np.asarray(getattr(self, name), dtype=np.float64)
-            if value.shape != shape or not np.isfinite(value).all():
-                raise ValueError(f"expected {name} of shape {shape} with finite values, got {value.tolist()}")
-            object.__setattr__(self, name, value)
+        self._check(focal=(2,), principal_point=(2,), distortion=lens)
         if self.width < 1 or self.height < 1 or (self.focal <= 0).any():
             raise ValueError(
                 "expected a positive image size and focal length, "
                 f"got {self.width}x{self.height} and {self.focal.tolist()}"
             )
-        if not np.allclose(self.rotation @ self.rotation.T, np.eye(3), atol=1e-6) or np.linalg.det(self.rotation) < 0:
-            raise ValueError(f"expected a rotation matrix, got {self.rotation.tolist()}")
 
     @classmethod
     def look_at(
@@ -100,10 +127,6 @@ class PinholeCamera:
         intrinsics[:2, 2] = self.principal_point
         return np.asarray(intrinsics @ self.rotation @ np.column_stack([np.eye(3), -self.position]))
 
-    def to_camera(self, points: FloatArray) -> FloatArray:
-        """``(N, 3)`` world points in the camera's axes: right, down, along the optical axis; metres."""
-        return np.asarray((np.asarray(points, dtype=np.float64) - self.position) @ self.rotation.T)
-
     def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Pixels ``(N, 2)`` of ``(N, 3)`` points and their depths ``(N,)`` along the optical axis, metres.
 
@@ -143,10 +166,6 @@ class PinholeCamera:
             local[:2] = undistort(local[:2].T, self.distortion).T
         local /= np.sqrt(local[0] ** 2 + local[1] ** 2 + 1)
         return (self.rotation.T.astype(kind) @ local).T
-
-    def ground(self, pixels: FloatArray, height: float = 0.0) -> FloatArray:
-        """Where the rays of ``(N, 2)`` pixels meet the plane z = ``height``: ``(N, 3)``, NaN where they do not."""
-        return on_level(self.position, self.rays(np.asarray(pixels, dtype=np.float64)), height)
 
 
 class Camera(Protocol):

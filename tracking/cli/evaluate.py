@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as text
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -51,7 +51,8 @@ class Comparison(Files):
 
         show(table)
         if self.json is not None:
-            self.write(self.json, lambda path: path.write_text(text.dumps(values, indent=1) + "\n", encoding="utf-8"))
+            written = text.dumps(values, indent=1, default=vars) + "\n"
+            self.write(self.json, lambda path: path.write_text(written, encoding="utf-8"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,13 +163,13 @@ def coverage(given: Comparison, stretch: Stretch, overlap: float = 0.5) -> None:
             compared.
         overlap: of boxes from which a track is on the target.
     """
-    from tsuiseki.tracking.evaluation.coverage import cover_targets, coverage_table, coverage_values
+    from tsuiseki.tracking.evaluation.coverage import cover_targets, coverage_table
     from tsuiseki.tracking.formats.single import find_single_sequences
 
     _check(0 < overlap <= 1, "overlap", "a share above 0 and at most 1", overlap)
     sequences = find_single_sequences(given.truth)
     found = {name: cover_targets(sequences, path, overlap, stretch.range) for name, path in given.named().items()}
-    given.report(coverage_table(found), coverage_values(found))
+    given.report(coverage_table(found), found)
 
 
 def detection(
@@ -222,7 +223,7 @@ def floor(given: Comparison, distance: float = 1.0, near: float = 0.5) -> None:
     _check(distance > 0, "distance", "metres above 0", distance)
     _check(near > 0, "near", "metres above 0", near)
     scores = evaluate_floor_files(given.truth, given.named(), distance, near)
-    given.report(value_table(scores, FLOOR_COLUMNS), {name: asdict(one) for name, one in scores.items()})
+    given.report(value_table(scores, FLOOR_COLUMNS), scores)
 
 
 def people(given: PlottedComparison, labels: Labels, classes: list[int | str] | None = None) -> None:
@@ -275,7 +276,7 @@ def appearance(given: Comparison, threads: int = 0) -> None:
     shown = [[name, *(f"{v:.3f}" for v in (s.rank1, s.rank5, s.rank10, s.mean_average_precision)), str(s.queries)]
              for name, s in found.items()]  # fmt: skip
     table = score_table(("Network",), ("Rank 1", "Rank 5", "Rank 10", "mAP", "Queries"), [shown])
-    given.report(table, {name: asdict(scores) for name, scores in found.items()})
+    given.report(table, found)
 
 
 def points(given: Comparison, stretch: Stretch, cutoff: float = 100.0, window: int = 10) -> None:
@@ -295,7 +296,7 @@ def points(given: Comparison, stretch: Stretch, cutoff: float = 100.0, window: i
     _check(cutoff > 0, "cutoff", "a distance above 0", cutoff)
     _check(window >= 1, "window", "1 frame or more", window)
     scores = evaluate_point_files(given.truth, given.named(), cutoff, window, stretch.range)
-    given.report(value_table(scores, POINT_COLUMNS), {name: asdict(one) for name, one in scores.items()})
+    given.report(value_table(scores, POINT_COLUMNS), scores)
 
 
 def single(
@@ -319,7 +320,7 @@ def single(
     """
     from tsuiseki.tracking.evaluation.single import compare, single_table, single_values
     from tsuiseki.tracking.formats.single import find_single_sequences
-    from tsuiseki.tracking.report.plots import save_curves
+    from tsuiseki.tracking.report.plots import curves_figure
 
     sequences = find_single_sequences(given.truth, attributes)
     compared = {name: compare(sequences, path, published_precision) for name, path in given.named().items()}
@@ -330,7 +331,8 @@ def single(
                 print(f"{name}, {sequence}: {scores.note}", file=sys.stderr)
         if result.missing:
             print(f"{name}: no result for {', '.join(result.missing)}; left out of its means", file=sys.stderr)
-    given.draw(lambda path: save_curves({name: r.groups for name, r in compared.items()}, path))
+    figure = curves_figure({name: r.groups for name, r in compared.items()})
+    given.draw(lambda path: figure.savefig(path, dpi=130, facecolor="white"))
 
 
 def states(given: Comparison, stretch: Stretch, distance: float = 20.0) -> None:

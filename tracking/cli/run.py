@@ -76,11 +76,10 @@ class Run:
         self.sources: list[Source] = []
         self.count, self._before = 0, 0
         self.status, self.asked, self._asked_at = DONE, 0, 0.0
-        self._patient = self._written = False
+        self._patient = self._written = self._live = False
         self._summary = self._reason = ""
         self._first: int | None = None
         self._expected: int | None = None
-        self._live = False
         self._recording: Path | None = None
         self._kept: Path | None = None
         self._stack = ExitStack()

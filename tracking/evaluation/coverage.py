@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -165,11 +165,6 @@ def _cells(one: TargetCoverage) -> list[str]:
     share = f"{100 * one.covered / one.labelled:.1f}" if one.labelled else "-"
     first = "-" if one.first is None else str(one.first + 1)
     return [str(one.labelled), share, *map(str, (one.tracks, one.switches, one.longest, first, one.others))]
-
-
-def coverage_values(results: Mapping[str, Mapping[str, TargetCoverage]]) -> dict[str, Any]:
-    """The same as plain values."""
-    return {name: {sequence: asdict(one) for sequence, one in found.items()} for name, found in results.items()}
 
 
 # Of a box on no label, and of one on a label that is neither right nor wrong.

@@ -276,7 +276,8 @@ def evaluate_point_files(
         raise RequestError(f"{truth}: expected at least one labelled point in the frames to score, got none")
     scores = {}
     for name, path in results.items():
-        found = read_tracked_points(path)
+        # Points of a CSV file, or the centres of the boxes in MOTChallenge text.
+        found = PointTracks(*read_point_tracks(path)) if is_point_file(path) else PointTracks.of(read_tracks(path))
         end = int(max(labels.frames.max(), found.frames.max(initial=0)))
         first, last = wanted.first, end if wanted.last is None else wanted.last
         parts = [_counted_from(points, first, last) for points in (labels, found)]
@@ -297,8 +298,3 @@ def read_labelled_points(path: Path) -> PointTracks:
     truth = read_ground_truth(path)
     truth = truth.select(truth.evaluated)
     return PointTracks(truth.frames, truth.ids, centres(truth.boxes))
-
-
-def read_tracked_points(path: Path) -> PointTracks:
-    """The points of a CSV file, or the centres of the boxes in MOTChallenge text."""
-    return PointTracks(*read_point_tracks(path)) if is_point_file(path) else PointTracks.of(read_tracks(path))

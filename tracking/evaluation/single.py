@@ -24,7 +24,6 @@ from tsuiseki.tracking.evaluation.result_files import tracked_frames
 from tsuiseki.tracking.evaluation.tables import score_table
 from tsuiseki.tracking.formats.single import (
     ATTRIBUTES,
-    PublishedScores,
     SingleSequence,
     read_published,
     read_result,
@@ -212,7 +211,11 @@ def compare(sequences: list[SingleSequence], result: Path, published_precision: 
     """
     if (result / "ALL.json").is_file():
         published = read_published(result)
-        return Compared({name: _published_curves(scores) for name, scores in published.items()}, {}, ())
+        curves = {
+            name: MeanCurves(np.array(one.success), np.array(one.precision), len(one.sequences))
+            for name, one in published.items()
+        }
+        return Compared(curves, {}, ())
     files = find_results(sequences, result)
     boxes = {name: read_result(path) for name, path in files.items()}
     wanted = [_scored(s, files[s.name], len(boxes[s.name])) if s.name in files else s for s in sequences]
@@ -266,10 +269,6 @@ def find_results(sequences: list[SingleSequence], result: Path) -> dict[str, Pat
 def _curves(evaluation: SingleEvaluation, names: tuple[str, ...] | None) -> MeanCurves:
     mean = evaluation.mean(names)
     return MeanCurves(mean.success, mean.precision, len(names) if names else len(evaluation.sequences))
-
-
-def _published_curves(scores: PublishedScores) -> MeanCurves:
-    return MeanCurves(np.array(scores.success), np.array(scores.precision), len(scores.sequences))
 
 
 def single_table(results: Mapping[str, Compared], by: str) -> Table:

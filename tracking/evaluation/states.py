@@ -144,7 +144,8 @@ def evaluate_states(
         raise RequestError(f"expected bodies in frames {frames}, got none")
     rows, columns = _pairs(truth, found, distance)
     away = np.linalg.norm(truth.points[rows] - found.points[columns], axis=1)
-    turned = np.degrees(np.abs(_wrapped(truth.headings[rows] - found.headings[columns])))
+    away = truth.headings[rows] - found.headings[columns]
+    turned = np.degrees(np.abs((away + np.pi) % (2 * np.pi) - np.pi))
     turned = turned[np.isfinite(turned)]
     by_body = [_followers(truth, found, rows, columns, body) for body in np.unique(truth.ids)]
     return StateScores(
@@ -188,10 +189,6 @@ def evaluate_state_files(
 
 def _states_file(path: Path) -> Path:
     return path / "states.csv" if path.is_dir() else path
-
-
-def _wrapped(angles: FloatArray) -> FloatArray:
-    return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)
 
 
 def _in_frames(truth: Poses, found: Poses) -> list[tuple[slice, slice]]:

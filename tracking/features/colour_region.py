@@ -88,7 +88,8 @@ def colour_of_box(image: ImageArray, box: FloatArray) -> ColourRange:
     if x2 <= x1 or y2 <= y1:
         got = ",".join(f"{value:g}" for value in box)
         raise RequestError(f"expected a box inside the image of {image.shape[1]}x{image.shape[0]}, got corners {got}")
-    hue, saturation, value = _hsv(image[y1:y2, x1:x2]).reshape(-1, 3).T
+    hsv = cv2.cvtColor(image[y1:y2, x1:x2], cv2.COLOR_RGB2HSV) * np.array([2.0, 1 / 255, 1 / 255])
+    hue, saturation, value = hsv.reshape(-1, 3).T
     vivid = (saturation > 0.2) & (value > 0.15)
     if vivid.mean() < 0.1:
         raise RequestError("expected a coloured object in the box, found grey; give `colour` as an HSV range instead")
@@ -208,8 +209,3 @@ def _shared(image: ColourImage, boxes: FloatArray, others: FloatArray) -> tuple[
 def _corners(boxes: FloatArray, width: int, height: int) -> IntArray:
     """Boxes at whole pixels inside the image."""
     return np.clip(np.round(boxes), 0, [width, height, width, height]).astype(np.int64)
-
-
-def _hsv(image: ImageArray) -> FloatArray:
-    """Hue in degrees, saturation and value in [0, 1]."""
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2HSV) * np.array([2.0, 1 / 255, 1 / 255]))

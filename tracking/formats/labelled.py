@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -138,7 +139,8 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
     if format_at(path):
         return [_exported(path)]
     if (clip := clip_labelled_by(path)) is not None:
-        return [_clip_by_actions(clip)]
+        # The rows with actions say who is where.
+        return [LabelledVideo(clip.name, clip.images, clip.length or None, None, partial(read_clip_labels, clip))]
     if is_okutama_file(path):
         return [_okutama(LabelFile(path.stem, (), path))]
     return [_ground_truth(path)]
@@ -191,11 +193,6 @@ def _sequence(sequence: MotSequence) -> LabelledVideo:
         (sequence.width, sequence.height) if sequence.width and sequence.height else None,
         MOT_NAMES,
     )
-
-
-def _clip_by_actions(clip: MotSequence) -> LabelledVideo:
-    """A generated clip, of which the rows with actions say who is where."""
-    return LabelledVideo(clip.name, clip.images, clip.length or None, None, lambda size: read_clip_labels(clip, size))
 
 
 def _ground_truth(path: Path) -> LabelledVideo:

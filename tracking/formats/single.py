@@ -91,7 +91,8 @@ def find_single_sequences(folder: str | Path, attributes: Path | None = None) ->
     folder = Path(folder)
     listed = read_attributes(attributes) if attributes is not None else None
     if folder.is_file():
-        found = [SingleSequence(_label_name(folder), (), read_boxes(folder))]
+        name = folder.parent.name if LABEL_NAMES.fullmatch(folder.name) else folder.stem
+        found = [SingleSequence(name, (), read_boxes(folder))]
     elif not folder.is_dir():
         raise RequestError(f"expected a folder of sequences or a label file at {folder}, found none")
     else:
@@ -269,10 +270,6 @@ def _size(path: Path) -> tuple[int, int] | None:
 def _number(path: Path) -> int | None:
     digits = re.search(r"(\d+)$", path.stem)
     return int(digits[1]) if digits else None
-
-
-def _label_name(path: Path) -> str:
-    return path.parent.name if LABEL_NAMES.fullmatch(path.name) else path.stem
 
 
 def _label_files(folder: Path, listed: Iterable[str] | None) -> list[SingleSequence]:

@@ -267,7 +267,8 @@ class FlowInput:
 
     def _append_step(self, steps: CameraSteps, index: int, rate: float) -> None:
         shift, support = float(steps.shift[index]), float(steps.support[index])
-        usual, times = self._usual_shift(), self.frame_rate / rate
+        # By how much the camera moved in an average interval of the last second, heights of a box.
+        usual, times = median(self._shifts or [0.0]), self.frame_rate / rate
         moving = usual * self.frame_rate > MOVING
         if support >= LEAST:
             self._shifts = [*self._shifts, shift / times][-round(max(self.frame_rate, 2)) :]
@@ -277,10 +278,6 @@ class FlowInput:
             self.camera.append(steps.similarity[index], doubt, known=False, moving=True)
         else:
             self.camera.append(None, usual * times if moving else STILL, moving=moving)
-
-    def _usual_shift(self) -> float:
-        """By how much the camera moved in an average interval of the last second, heights of a box."""
-        return median(self._shifts) if self._shifts else 0.0
 
 
 def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, rounds: int | None = None) -> None:

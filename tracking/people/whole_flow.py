@@ -223,7 +223,9 @@ class WholeFlow:
             tracks, images = self._without(standing_clutter(tracks, images, rate), tracks, images)
         smoothing = self.input.smoothing(tracks) if settings.smoothing else None
         result = [reported(*one, self.input, longest, smoothing) for one in zip(tracks, images, strict=True)]
-        return self._without_straddling(result) if self.drop_straddling else result
+        if not self.drop_straddling:
+            return result
+        return self._without(np.flatnonzero(straddling_tracks(result)), result, [track.boxes for track in result])[0]
 
     def _without(
         self, dropped: IntArray, tracks: list[Track], images: list[FloatArray]
@@ -234,10 +236,6 @@ class WholeFlow:
         self.actions = [self.actions[n] for n in kept]
         self._firsts = [self._firsts[n] for n in kept]
         return [replace(tracks[n], id=number) for number, n in enumerate(kept, 1)], [images[n] for n in kept]
-
-    def _without_straddling(self, tracks: list[Track]) -> list[Track]:
-        """Those that are further people, numbered anew; what the others do is left out, too."""
-        return self._without(np.flatnonzero(straddling_tracks(tracks)), tracks, [track.boxes for track in tracks])[0]
 
 
 def reported(

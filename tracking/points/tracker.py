@@ -401,7 +401,8 @@ class SingleBlobTracker:
         if self._unseen > self.settings.patience:
             status = "lost"
         # A search that found nothing begins anew from (13): particles that stay where nothing is would never find it.
-        self._state = None if status == "lost" or (self._unseen and not self._was_tracking()) else state
+        tracked = any(one.status == "tracking" for one in self.estimates[-self.settings.patience :])
+        self._state = None if status == "lost" or (self._unseen and not tracked) else state
         self.estimates.append(Estimate(frame.index, box[0], score, status))
         return Targets(frame.index, np.array([1]), box, np.array([score]), np.array([status]))
 
@@ -413,9 +414,6 @@ class SingleBlobTracker:
         frames = np.array([estimate.frame for estimate in seen])
         boxes, scores = np.array([e.box for e in seen]), np.array([e.score for e in seen])
         return [Track(1, frames, boxes, scores)]
-
-    def _was_tracking(self) -> bool:
-        return any(estimate.status == "tracking" for estimate in self.estimates[-self.settings.patience :])
 
     def _anywhere(self, image: ColourImage) -> ParticleState:
         """Particles of (13), uniform over the image; four times as many, to find a small target."""

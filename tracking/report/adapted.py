@@ -81,7 +81,11 @@ class AdaptedReport:
 def adapted_page(report: AdaptedReport) -> str:
     """The page as HTML, self-contained."""
     notes = f"<p class=note>{_NOTE}</p>" + "".join(f"<p>{escape(note)}</p>" for note in report.notes)
-    crops = "".join(_crops(name, crops) for name, crops in report.examples.items() if crops)
+    crops = "".join(
+        f'<h3>{escape(name)}</h3><div class="crops">{"".join(map(embedded_image, crops))}</div>'
+        for name, crops in report.examples.items()
+        if crops
+    )
     later = f"round {report.shown}" + ("" if report.shown == report.best else ", not kept")
     pairs = "".join(_pair(compared, later) for compared in report.compared)
     sections = [
@@ -128,10 +132,6 @@ def _picture(image: ImageArray, found: Detections, in_both: IntArray) -> str:
     for row, (x1, y1, x2, y2) in enumerate((found.boxes * scale).round().astype(int).tolist()):
         cv2.rectangle(drawn, (x1, y1), (x2, y2), _COLOUR if row in in_both else _ONLY_HERE, 2)
     return embedded_image(np.asarray(drawn, dtype=np.uint8))
-
-
-def _crops(name: str, crops: Sequence[ImageArray]) -> str:
-    return f'<h3>{escape(name)}</h3><div class="crops">{"".join(map(embedded_image, crops))}</div>'
 
 
 def example_crop(image: ImageArray, box: np.ndarray) -> ImageArray:

@@ -174,11 +174,6 @@ def curves_figure(results: Mapping[str, Mapping[str, MeanCurves]]) -> Figure:
     return figure
 
 
-def save_curves(results: Mapping[str, Mapping[str, MeanCurves]], path: Path) -> None:
-    """Write `curves_figure` as the image that the suffix of ``path`` names."""
-    curves_figure(results).savefig(path, dpi=130, facecolor="white")
-
-
 def _bars(axes: Axes, results: Mapping[str, Mapping[str, MeanCurves]], groups: list[str]) -> None:
     width = 0.8 / len(results)
     for number, curves in enumerate(results.values()):
@@ -221,8 +216,3 @@ def peaks_figure(estimates: Sequence[Estimate]) -> Figure:
     if axes.get_legend_handles_labels()[0]:
         axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1, 1))
     return figure
-
-
-def save_peaks(estimates: Sequence[Estimate], path: Path) -> None:
-    """Write `peaks_figure` as the image that the suffix of ``path`` names."""
-    peaks_figure(estimates).savefig(path, dpi=130, facecolor="white")

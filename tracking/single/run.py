@@ -175,9 +175,9 @@ def single_result(
     )
     files: dict[str, Writer] = {"boxes.txt": lambda path, _: write_boxes(path, track.boxes)}
     if plot:
-        from tsuiseki.tracking.report.plots import save_peaks
+        from tsuiseki.tracking.report.plots import peaks_figure
 
-        files["peaks.png"] = lambda path, _: save_peaks(estimates, path)
+        files["peaks.png"] = lambda path, _: peaks_figure(estimates).savefig(path, dpi=130, facecolor="white")
     result: Result[Track] = Result.of(
         source,
         [track],
