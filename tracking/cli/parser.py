@@ -317,11 +317,7 @@ def read_config(path: Path, command: Sequence[str]) -> dict[str, Any]:
 
 def plain(value: Any) -> Any:
     """As ``run.json`` has it: dataclasses as mappings, paths as text."""
-
-    def simple(part: Any) -> Any:
-        return vars(part) if dataclasses.is_dataclass(part) else str(part)
-
-    return json.loads(json.dumps(value, default=simple))
+    return json.loads(json.dumps(value, default=lambda x: vars(x) if dataclasses.is_dataclass(x) else str(x)))
 
 
 class _Formatter(HelpFormatter):

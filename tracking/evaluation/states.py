@@ -144,8 +144,8 @@ def evaluate_states(
         raise RequestError(f"expected bodies in frames {frames}, got none")
     rows, columns = _pairs(truth, found, distance)
     away = np.linalg.norm(truth.points[rows] - found.points[columns], axis=1)
-    away = truth.headings[rows] - found.headings[columns]
-    turned = np.degrees(np.abs((away + np.pi) % (2 * np.pi) - np.pi))
+    turns = truth.headings[rows] - found.headings[columns]
+    turned = np.degrees(np.abs((turns + np.pi) % (2 * np.pi) - np.pi))
     turned = turned[np.isfinite(turned)]
     by_body = [_followers(truth, found, rows, columns, body) for body in np.unique(truth.ids)]
     return StateScores(
