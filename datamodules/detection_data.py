@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader, Dataset, DistributedSampler
 
 from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, texture
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
-from tsuiseki.datamodules.footage import FixedView, Footage, TrainingSource, check_source, write_pictures
+from tsuiseki.datamodules.training_images import FixedView, TrainingImages, TrainingSource, check_source, write_pictures
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.preprocessing import fit_image
@@ -72,7 +72,7 @@ class TrainingExamples(Dataset[Example]):
 
     def __init__(
         self,
-        footage: list[Footage],
+        footage: list[TrainingImages],
         length: int,
         size: tuple[int, int],
         augmentation: Augmentation,
@@ -136,7 +136,7 @@ class TrainingExamples(Dataset[Example]):
 class ValidationExamples(Dataset[Example]):
     """Images fitted into the input as the exported model's user will, unchanged otherwise."""
 
-    def __init__(self, footage: list[Footage], card: ModelCard) -> None:
+    def __init__(self, footage: list[TrainingImages], card: ModelCard) -> None:
         self.card = card
         self.items = [(f, i) for f in footage for i in range(len(f))]
 
@@ -217,7 +217,7 @@ class DetectionData(lightning.LightningDataModule):
         """Read the labels, decode what fits into memory, cut people out and render others."""
         if stage == "fit":
             self.training = TrainingExamples(
-                [Footage(source) for source in self.sources["train"]],
+                [TrainingImages(source) for source in self.sources["train"]],
                 self.examples_per_epoch,
                 self.size,
                 self.augmentation,
@@ -225,7 +225,7 @@ class DetectionData(lightning.LightningDataModule):
                 self.seed,
             )
         if stage in ("fit", "validate", "test"):
-            self.validation = ValidationExamples([Footage(source) for source in self.sources["val"]], self.card)
+            self.validation = ValidationExamples([TrainingImages(source) for source in self.sources["val"]], self.card)
 
     def train_dataloader(self) -> DataLoader[Example]:
         """Batches of an epoch."""

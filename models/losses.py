@@ -210,7 +210,7 @@ class SoftTargets:
     offsets: Tensor
 
 
-def found_by(detector: nn.Module, images: Tensor, calibration: tuple[float, float] = (1.0, 0.0)) -> SoftTargets:
+def soft_targets(detector: nn.Module, images: Tensor, calibration: tuple[float, float] = (1.0, 0.0)) -> SoftTargets:
     """Soft targets of ``detector`` in ``(B, 3, H, W)`` images; scores without ``calibration``, scale and shift."""
     logits, offsets = detector(images)
     scale, shift = calibration

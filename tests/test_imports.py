@@ -31,7 +31,7 @@ LAYERS = ("errors", "arguments", "weights", "types", "geometry", "output", "opti
           "single", "people", "drone", "fisheye", "animals",
           "bodies", "points", "sphere", "floor", "linking", "batch", "calibrate", "demo", "front")  # fmt: skip
 TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (
-    "labelled_images", "identity_crops", "action_crops", "footage")))  # fmt: skip
+    "labelled_images", "identity_crops", "action_crops", "training_images")))  # fmt: skip
 
 
 def source_files(folder: str) -> list[Path]:

@@ -27,7 +27,7 @@ from benchmarks.machine import machine, peak_memory
 from benchmarks.walkers import walking_people
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.flow_window import FlowWindow
-from tsuiseki.tracking.association.looks import Looks
+from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.association.network_flow import FlowGraph, scaled
 from tsuiseki.tracking.association.sliding_flow import solve_in_windows
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -56,7 +56,7 @@ def main() -> None:
     settings = replace(FlowSettings(), costs=costs, decide_every=arguments.decide_every)
     best = dict.fromkeys(("prepare", "build", "solve", "bare", "whole tracker"), float("inf"))
     for _ in range(arguments.repeat):
-        given = FlowInput(settings.input, Looks(FRAME_RATE), None)
+        given = FlowInput(settings.input, InferenceTimes(FRAME_RATE), None)
         seen, scores, _ = _timed(best, "prepare", partial(given.rows, video))
         observation = given.costs(scores)
         graph = _timed(best, "build", partial(_build, seen, observation, settings))

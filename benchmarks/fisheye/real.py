@@ -37,7 +37,7 @@ from tsuiseki.tracking.features.exported import Appearance, Detect, Detector
 from tsuiseki.tracking.fisheye.page import corners
 from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, UnrollingSettings
 from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
-from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
+from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
 from tsuiseki.tracking.fisheye.view import CeilingView
 from tsuiseki.tracking.formats.rotated import (
     RotatedBoxes,
@@ -104,7 +104,7 @@ def main() -> None:
 
     @lru_cache(maxsize=4)
     def detector(width: int, height: int) -> Detect:
-        return looking(network, _camera(width, height), options.view, views)
+        return ceiling_detector(network, _camera(width, height), options.view, views)
 
     for name in ("rotated-boxes", "cepdof-sample"):
         detected(options.data / name, detector, labelled(options.data / name))
@@ -317,7 +317,7 @@ def stills(folder: Path, out: Path) -> None:
     """The overhead stills with what the shipped detector finds in them."""
     out.mkdir(parents=True, exist_ok=True)
     network = Detector(shipped(DETECTORS["unrolled"]), 0.2, threads=1)
-    detector = looking(network, _overhead_camera(folder), "unrolled")
+    detector = ceiling_detector(network, _overhead_camera(folder), "unrolled")
     for path in sorted((folder / "data").rglob("2016*.jpg")):
         image = read_image(path)
         found = detector.detect([image])[0]

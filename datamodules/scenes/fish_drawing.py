@@ -17,7 +17,7 @@ FILLET = 9.0
 
 
 @dataclass(frozen=True)
-class FishLook:
+class FishAppearance:
     """One fish, its sizes in pixels.
 
     Attributes:
@@ -35,66 +35,66 @@ class FishLook:
     pattern: Float32
 
 
-def random_look(length: float, width: float, tail: float, rng: np.random.Generator) -> FishLook:
+def random_appearance(length: float, width: float, tail: float, rng: np.random.Generator) -> FishAppearance:
     """A fish of some size and an orange of its own."""
     colour = np.array([rng.uniform(225, 250), rng.uniform(95, 135), rng.uniform(20, 45)], np.float32)
     noise = rng.standard_normal((12, 40)).astype(np.float32)
     pattern = cv2.resize(noise, (160, 48), interpolation=cv2.INTER_CUBIC)
-    return FishLook(length, width, tail, colour, np.asarray(pattern, np.float32))
+    return FishAppearance(length, width, tail, colour, np.asarray(pattern, np.float32))
 
 
-def draw_fish(look: FishLook, state: FloatArray) -> Drawn:
+def draw_fish(fish: FishAppearance, state: FloatArray) -> Drawn:
     """The fish in a state ``(4,)`` a, b, theta, phi; its part may reach beyond the image."""
     a, b, theta, phi = (float(value) for value in state)
-    reach = math.ceil(look.length / 2 + look.tail + look.width / 2 + 4)
+    reach = math.ceil(fish.length / 2 + fish.tail + fish.width / 2 + 4)
     left, top, x, y = around(a, b, reach)
     along = math.cos(theta) * x + math.sin(theta) * y
     across = -math.sin(theta) * x + math.cos(theta) * y
-    s, r = _straightened(along, across, look.length / 2, phi)
-    body = half_width(look, s) - np.abs(r)
-    fin = _tail_fin(look, s, np.abs(r))
-    paddles = _paddles(look, s, np.abs(r))
+    s, r = _straightened(along, across, fish.length / 2, phi)
+    body = half_width(fish, s) - np.abs(r)
+    fin = _tail_fin(fish, s, np.abs(r))
+    paddles = _paddles(fish, s, np.abs(r))
     opaque = np.clip(body + 0.5, 0, 1)
     opacity = np.maximum.reduce([opaque, 0.85 * np.clip(fin + 0.5, 0, 1), 0.22 * np.clip(paddles + 0.5, 0, 1)])
-    return Drawn(left, top, _colour(look, s, r, opaque), np.asarray(opacity, np.float32))
+    return Drawn(left, top, _colour(fish, s, r, opaque), np.asarray(opacity, np.float32))
 
 
-def half_width(look: FishLook, s: Float32) -> Float32:
+def half_width(fish: FishAppearance, s: Float32) -> Float32:
     """Half the width at places ``s`` along the straightened fish, 0 in the middle of the body; -1 beyond its ends."""
-    half = look.length / 2
-    ellipse = look.width / 2 * np.sqrt(np.clip(1 - (s / half) ** 2, 0, 1))
-    stem = 0.14 * look.width * np.clip((s + half + 0.55 * look.tail) / (0.2 * look.length), 0, 1)
+    half = fish.length / 2
+    ellipse = fish.width / 2 * np.sqrt(np.clip(1 - (s / half) ** 2, 0, 1))
+    stem = 0.14 * fish.width * np.clip((s + half + 0.55 * fish.tail) / (0.2 * fish.length), 0, 1)
     width = np.where(s < 0, np.maximum(ellipse, stem), ellipse)
-    return np.asarray(np.where((s > half) | (s < -half - 0.55 * look.tail), -1.0, width), np.float32)
+    return np.asarray(np.where((s > half) | (s < -half - 0.55 * fish.tail), -1.0, width), np.float32)
 
 
-def _tail_fin(look: FishLook, s: Float32, r: Float32) -> Float32:
+def _tail_fin(fish: FishAppearance, s: Float32, r: Float32) -> Float32:
     """Signed distance into the forked fin, roughly: it widens from its stem and is notched at the end."""
-    back = (-s - look.length / 2) / look.tail
-    spread = 0.08 * look.width + 0.30 * look.width * np.clip((back - 0.25) / 0.75, 0, 1) ** 1.3
-    end = look.tail * (0.93 - back) + 0.55 * r
-    inside = np.minimum(spread - r, np.minimum(end, look.tail * (1.06 - back)))
+    back = (-s - fish.length / 2) / fish.tail
+    spread = 0.08 * fish.width + 0.30 * fish.width * np.clip((back - 0.25) / 0.75, 0, 1) ** 1.3
+    end = fish.tail * (0.93 - back) + 0.55 * r
+    inside = np.minimum(spread - r, np.minimum(end, fish.tail * (1.06 - back)))
     return np.asarray(np.where(back > 0.1, inside, -1.0), np.float32)
 
 
-def _paddles(look: FishLook, s: Float32, r: Float32) -> Float32:
+def _paddles(fish: FishAppearance, s: Float32, r: Float32) -> Float32:
     """Signed distance into the two breast fins, nearly clear."""
-    u, v = s - 0.12 * look.length, r - 0.52 * look.width
+    u, v = s - 0.12 * fish.length, r - 0.52 * fish.width
     p, q = 0.8 * u + 0.6 * v, -0.6 * u + 0.8 * v
-    ahead, wide = 0.08 * look.length, 0.26 * look.width
+    ahead, wide = 0.08 * fish.length, 0.26 * fish.width
     return np.asarray((1 - np.sqrt((p / ahead) ** 2 + (q / wide) ** 2)) * ahead, np.float32)
 
 
-def _colour(look: FishLook, s: Float32, r: Float32, opaque: Float32) -> Float32:
+def _colour(fish: FishAppearance, s: Float32, r: Float32, opaque: Float32) -> Float32:
     """Scales on a rounded back, a darker line along it, paler fins."""
-    columns = (s / (look.length + 2 * look.tail) + 0.5) * (look.pattern.shape[1] - 1)
-    rows = (r / look.width + 0.5) * (look.pattern.shape[0] - 1)
-    scales = cv2.remap(look.pattern, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    roundness = np.sqrt(np.clip(1 - (r / (look.width / 2)) ** 2, 0, 1))
+    columns = (s / (fish.length + 2 * fish.tail) + 0.5) * (fish.pattern.shape[1] - 1)
+    rows = (r / fish.width + 0.5) * (fish.pattern.shape[0] - 1)
+    scales = cv2.remap(fish.pattern, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    roundness = np.sqrt(np.clip(1 - (r / (fish.width / 2)) ** 2, 0, 1))
     light = 0.78 + 0.2 * roundness + 0.05 * scales - 0.10 * np.exp(-((r / 1.8) ** 2))
-    eyes = np.hypot(s - 0.35 * look.length, np.abs(r) - 0.22 * look.width) < 0.032 * look.length
-    colour = look.colour * light[..., None]
-    fins = look.colour * 0.75 + 60.0
+    eyes = np.hypot(s - 0.35 * fish.length, np.abs(r) - 0.22 * fish.width) < 0.032 * fish.length
+    colour = fish.colour * light[..., None]
+    fins = fish.colour * 0.75 + 60.0
     colour = opaque[..., None] * colour + (1 - opaque[..., None]) * fins
     colour[eyes] = (25, 20, 20)
     return np.asarray(colour, np.float32)

@@ -116,13 +116,13 @@ def _decide(fish: _Fish, clock: float, dt: float, size: FloatArray, rng: np.rand
     if clock >= fish.until or np.linalg.norm(fish.goal - fish.place) < 50:
         fish.goal = _new_goal(size, rng)
     if clock >= fish.until:
-        _next_stretch(fish, clock, size, rng)
+        _next_segment(fish, clock, size, rng)
     fish.phase += 2 * np.pi * fish.frequency * dt
     off = _turn_to(fish, fish.goal)
     return fish.amplitude * float(np.sin(fish.phase)) + float(np.clip(0.7 * off, -0.55, 0.55))
 
 
-def _next_stretch(fish: _Fish, clock: float, size: FloatArray, rng: np.random.Generator) -> None:
+def _next_segment(fish: _Fish, clock: float, size: FloatArray, rng: np.random.Generator) -> None:
     ahead = fish.place + 90 * along(fish.heading)[:2]
     outward = bool(np.any(ahead < WALL_MARGIN) or np.any(ahead > size - WALL_MARGIN))
     if fish.lively and rng.random() < (0.9 if outward else TURNS):

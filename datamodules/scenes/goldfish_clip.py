@@ -11,7 +11,7 @@ from scipy.special import ndtri
 
 from tsuiseki.datamodules.scenes.body_clip import MOST_BODIES, BodyClip, Drawn, camera_grain, paint
 from tsuiseki.datamodules.scenes.clip import ClipSettings
-from tsuiseki.datamodules.scenes.fish_drawing import FishLook, draw_fish, random_look
+from tsuiseki.datamodules.scenes.fish_drawing import FishAppearance, draw_fish, random_appearance
 from tsuiseki.datamodules.scenes.fish_motion import swim
 from tsuiseki.datamodules.scenes.render.solids import Float32, overlap
 from tsuiseki.tracking.types import FloatArray
@@ -61,19 +61,19 @@ def plan_goldfish(settings: GoldfishSettings, seed: int) -> BodyClip:
     plan, stage = np.random.default_rng(seed).spawn(2)
     states = goldfish_states(settings, plan)
     scales = stage.uniform(1 - settings.size_spread, 1 + settings.size_spread, settings.fish)
-    looks = [random_look(scale * LENGTH, scale * WIDTH, scale * TAIL, stage) for scale in scales.tolist()]
+    fishes = [random_appearance(scale * LENGTH, scale * WIDTH, scale * TAIL, stage) for scale in scales.tolist()]
     floor = gravel(settings.width, settings.height, stage)
     ripples = random_ripples(settings.width, settings.height, stage)
 
     def picture(frame: int) -> tuple[Float32, list[Drawn]]:
-        drawn = [draw_fish(look, state) for look, state in zip(looks, states[frame], strict=True)]
+        drawn = [draw_fish(fish, state) for fish, state in zip(fishes, states[frame], strict=True)]
         image = floor.copy()
-        for fish in drawn:
-            _shade(image, fish)
-        for look, state in zip(looks, states[frame], strict=True):
-            _mirror(image, look, state)
-        for fish in drawn:
-            paint(image, fish)
+        for shape in drawn:
+            _shade(image, shape)
+        for fish, state in zip(fishes, states[frame], strict=True):
+            _mirror(image, fish, state)
+        for shape in drawn:
+            paint(image, shape)
         brightness, glints = ripples(frame / settings.frame_rate)
         image *= cv2.merge([brightness] * 3)
         glinting = glints > 0
@@ -90,7 +90,7 @@ def _shade(image: Float32, fish: Drawn) -> None:
     image[part] *= 1 - SHADOWS * soft[own][..., None]
 
 
-def _mirror(image: Float32, look: FishLook, state: FloatArray) -> None:
+def _mirror(image: Float32, fish: FishAppearance, state: FloatArray) -> None:
     """Mirror images of a fish in the four panes, seen only in the strip beyond each."""
     height, width = image.shape[:2]
     for axis, place, extent in (
@@ -99,13 +99,13 @@ def _mirror(image: Float32, look: FishLook, state: FloatArray) -> None:
         (1, PANE, height),
         (1, height - PANE, height),
     ):
-        if abs(state[axis] - place) > look.length / 2 + look.tail + 2 * PANE:
+        if abs(state[axis] - place) > fish.length / 2 + fish.tail + 2 * PANE:
             continue
         turned = state.copy()
         turned[axis] = 2 * place - state[axis]
         turned[2] = np.pi * (1 - axis) - state[2]
         turned[3] = -state[3]
-        image_of = draw_fish(look, turned)
+        image_of = draw_fish(fish, turned)
         part, own = image_of.within(image.shape)
         strip = np.arange(extent) < place if place == PANE else np.arange(extent) >= place
         seen = strip[part[1 - axis]]

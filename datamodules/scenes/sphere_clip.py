@@ -162,8 +162,8 @@ def plan_sphere(settings: CarriedBallSettings, seed: int) -> SphereClip:
     furniture = hall_furniture(rng)
     person = random_person(rng)
     # Bags and coats would hide the ball; the paper's scene has a person in plain clothes.
-    look = replace(person.look, bag="none", lower_style="trousers")
-    person = Person(person.build, look, replace(person.manner, stride=1.0))
+    outfit = replace(person.outfit, bag="none", lower_style="trousers")
+    person = Person(person.build, outfit, replace(person.manner, stride=1.0))
     hue = rng.uniform(0, 2 * np.pi) + np.array([0, 2.1, 4.2])
     ball = 0.5 + 0.38 * np.cos(hue)
     colours = (as_colour(ball), as_colour(np.clip(ball + rng.choice([-0.25, 0.25]), 0.05, 0.95)))

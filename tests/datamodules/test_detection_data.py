@@ -20,7 +20,7 @@ from tsuiseki.datamodules.detection_data import (
     EpochSampler,
     collate,
 )
-from tsuiseki.datamodules.footage import Footage, TrainingSource, write_pictures
+from tsuiseki.datamodules.training_images import TrainingImages, TrainingSource, write_pictures
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
@@ -52,14 +52,14 @@ def data(folder: Path, **changes: object) -> DetectionData:
 
 
 def test_footage_keeps_frame_ranges_as_files_count_them(walker: Path) -> None:
-    footage = Footage(TrainingSource(str(walker), (8, 10)))
+    footage = TrainingImages(TrainingSource(str(walker), (8, 10)))
     assert len(footage) == 3
     assert footage.example(0).boxes[0].tolist() == [94.0, 40.0, 114.0, 100.0]
     assert footage.example(0).ignored.tolist() == [False, True]
 
 
 def test_a_fixed_camera_gives_its_people_and_its_empty_view(walker: Path) -> None:
-    footage = Footage(TrainingSource(str(walker), fixed_camera=True))
+    footage = TrainingImages(TrainingSource(str(walker), fixed_camera=True))
     view = footage.view(0)
     assert view is not None
     assert len(view.people()) == 10
@@ -187,7 +187,7 @@ def test_hidden_people_are_ignored(tmp_path: Path) -> None:
     folder = tmp_path / "generated"
     write_pictures(TrainingSource(str(folder), generate=4, seed=1), (96, 72))
     truth = read_ground_truth(folder / "gt" / "gt.txt")
-    footage = Footage(TrainingSource(str(folder), least_visible=0.9))
+    footage = TrainingImages(TrainingSource(str(folder), least_visible=0.9))
     ignored = np.concatenate([footage.example(i).ignored for i in range(4)])
     assert ignored.sum() == (truth.visibility < 0.9).sum() > 0
 
@@ -196,10 +196,10 @@ def test_missing_sources_are_said(tmp_path: Path) -> None:
     with pytest.raises(RequestError, match=r"data\.train and in data\.val"):
         DetectionData([], [TrainingSource("somewhere")])
     with pytest.raises(RequestError, match="expected a ground truth, a sequence folder"):
-        Footage(TrainingSource(str(tmp_path / "nothing")))
+        TrainingImages(TrainingSource(str(tmp_path / "nothing")))
 
 
 def test_an_image_that_is_none(walker: Path) -> None:
     (walker / "img1" / "000002.png").write_bytes(b"not an image")
     with pytest.raises(RequestError, match=r"000002.png.*cannot be decoded"):
-        Footage(TrainingSource(str(walker)))
+        TrainingImages(TrainingSource(str(walker)))

@@ -16,8 +16,8 @@ from tsuiseki.models.losses import (
     SoftTargets,
     complete_iou,
     distillation_loss,
-    found_by,
     smooth_l1,
+    soft_targets,
 )
 
 ANCHORS = torch.tensor([[20.0, 30.0, 20.0, 40.0], [60.0, 30.0, 20.0, 40.0], [100.0, 30.0, 20.0, 40.0]])
@@ -99,7 +99,7 @@ class LeftHalf(nn.Module):
 
 def test_a_calibration_is_taken_back():
     """Logit 2 of a network of scale 2 and shift 1 was 1/2 before."""
-    found = found_by(LeftHalf(), torch.full((1, 3, 32, WIDTH), 2.0), (2.0, 1.0))
+    found = soft_targets(LeftHalf(), torch.full((1, 3, 32, WIDTH), 2.0), (2.0, 1.0))
     assert torch.allclose(found.scores, torch.tensor(1 / (1 + math.exp(-0.5))))
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter
 
-from tsuiseki.tracking.animals.pose import AnimalPose, head_signs, heads, seconds_of_walking, stretches_of
+from tsuiseki.tracking.animals.pose import AnimalPose, head_signs, heads, seconds_of_walking, segments_of
 from tsuiseki.tracking.animals.settings import AnimalSettings
 from tsuiseki.tracking.errors import InputWarning
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -158,7 +158,7 @@ def link_animals(
     labels = _flow(poses, settings, frame_rate, size)
     labels, _ = exchanged_after_contacts(labels, list(poses), settings.evidence)
     rows = [
-        [[part[n] for n in stretch] for stretch in stretches_of(np.array([row for row, _ in part]), round(frame_rate))]
+        [[part[n] for n in stretch] for stretch in segments_of(np.array([row for row, _ in part]), round(frame_rate))]
         for part in _by_animal(labels).values()
     ]
     parts = [

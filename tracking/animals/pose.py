@@ -243,7 +243,7 @@ def _chosen(axes: FloatArray, votes: FloatArray) -> IntArray:
     return flips
 
 
-def stretches_of(frames: IntArray, longest: int) -> list[IntArray]:
+def segments_of(frames: IntArray, longest: int) -> list[IntArray]:
     """Indices of the stretches of frames ``(T,)`` without a gap longer than ``longest``."""
     breaks: BoolArray = np.diff(frames) > longest
     return [np.asarray(part, dtype=np.int64) for part in np.split(np.arange(len(frames)), np.flatnonzero(breaks) + 1)]

@@ -63,7 +63,7 @@ def find_animals(
         if len(own) < 2:
             found.append(pose_of(points, contrast))
             continue
-        parts = _told_apart(points, points[bright], own)
+        parts = _assigned_pixels(points, points[bright], own)
         for part, one in enumerate(own):
             if (parts == part).sum() >= FEWEST:
                 found.append(pose_of(points[parts == part], contrast[parts == part], one))
@@ -113,7 +113,7 @@ def _apart(points: FloatArray, count: int) -> list[ExpectedAnimal]:
     return [ExpectedAnimal(pose.core, pose.axis, pose.spread, 0.0, pose.length) for pose in poses]
 
 
-def _told_apart(points: FloatArray, core: FloatArray, own: list[ExpectedAnimal]) -> IntArray:
+def _assigned_pixels(points: FloatArray, core: FloatArray, own: list[ExpectedAnimal]) -> IntArray:
     """``(P,)`` which of the animals each pixel shows, by expectation and maximisation with sizes that stay.
 
     Args:
@@ -162,12 +162,12 @@ PATIENCE = 5
 
 
 @dataclass
-class _Seen:
+class _RecentAnimal:
     """An animal as the frames before showed it, and how it moved in the last."""
 
     expected: ExpectedAnimal
     step: FloatArray = field(default_factory=lambda: np.zeros(2))
-    unseen: int = 0
+    undetected: int = 0
 
 
 class AnimalTracker:
@@ -185,7 +185,7 @@ class AnimalTracker:
         self.background, self.settings, self.frame_rate = background, settings or AnimalSettings(), frame_rate
         self.frames: list[int] = []
         self.poses: list[list[AnimalPose]] = []
-        self._seen: list[_Seen] = []
+        self._seen: list[_RecentAnimal] = []
         self._area = self.settings.area or background.area
 
     def update(self, frame: Frame) -> list[AnimalPose]:
@@ -206,7 +206,9 @@ class AnimalTracker:
         return link_animals(self.poses, self.frames, self.settings, self.frame_rate, (width, height))
 
 
-def _remembered(seen: list[_Seen], expected: list[ExpectedAnimal], found: list[AnimalPose]) -> list[_Seen]:
+def _remembered(
+    seen: list[_RecentAnimal], expected: list[ExpectedAnimal], found: list[AnimalPose]
+) -> list[_RecentAnimal]:
     """Who is expected in the next frame: animals found, paired with the nearest of those before, and those missed."""
     pairs = []
     if seen and found:
@@ -217,7 +219,7 @@ def _remembered(seen: list[_Seen], expected: list[ExpectedAnimal], found: list[A
     for j, pose in enumerate(found):
         if j not in before:
             axis, shift = pose.pointing(pose.axis)
-            after.append(_Seen(ExpectedAnimal(pose.core, axis, pose.spread, shift, pose.length)))
+            after.append(_RecentAnimal(ExpectedAnimal(pose.core, axis, pose.spread, shift, pose.length)))
             continue
         old = seen[before[j]]
         axis, shift = pose.pointing(old.expected.axis)
@@ -231,9 +233,9 @@ def _remembered(seen: list[_Seen], expected: list[ExpectedAnimal], found: list[A
             (1 - share) * kept.shift + share * shift,
             (1 - share) * kept.length + share * pose.length,
         )
-        after.append(_Seen(known, 0.5 * old.step + 0.5 * (pose.core - kept.core)))
+        after.append(_RecentAnimal(known, 0.5 * old.step + 0.5 * (pose.core - kept.core)))
     used = set(before.values())
     for i, old in enumerate(seen):
-        if i not in used and old.unseen < PATIENCE:
-            after.append(replace(old, step=np.zeros(2), unseen=old.unseen + 1))
+        if i not in used and old.undetected < PATIENCE:
+            after.append(replace(old, step=np.zeros(2), undetected=old.undetected + 1))
     return after

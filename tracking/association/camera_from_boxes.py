@@ -13,8 +13,8 @@ people move by themselves between two frames, in heights. A ridge penalty keeps 
 frames are estimated at once.
 
 Fewer than four pairs that agree are too few: one person who walks looks like a camera that turns. The camera is then
-taken to stand still. If it was moving just before, it is taken to move as these few pairs say. Either way the step
-counts as unknown, and is in doubt: links over it reach further.
+taken to stand still. If it was moving just before, the motion of these few pairs is taken. Either way the step
+is uncertain: links over it reach further.
 """
 
 from __future__ import annotations
@@ -37,15 +37,14 @@ MODE, TOLERANCE = 1.5, 0.45
 ROUNDS, RIDGE = 8, 0.5
 # Pairs that must agree.
 LEAST = 4.0
-# Shift a second, in heights, from which the camera is said to move.
+# Shift a second, in heights, from which the camera counts as moving.
 MOVING = 0.3
 
 
 def doubt_of(support: float, frame_rate: float) -> float:
     """Standard deviation of a step that fewer pairs than `LEAST` agree with, in heights of a box.
 
-    By so much a pair may differ and still agree, over the root of how many do; of less than one it is not known how
-    many would.
+    The tolerance, divided by the root of the number of pairs that agree.
     """
     return TOLERANCE / frame_rate / math.sqrt(max(support, 0.25))
 
@@ -55,9 +54,9 @@ class CameraSteps:
     """How the camera moved into each of T frames.
 
     Attributes:
-        similarity: ``(T, 2, 3)`` where pixels of the frame before lie in each.
-        support: ``(T,)`` pairs that agree with it.
-        shift: ``(T,)`` length of the shift in the middle of the boxes, in their heights.
+        similarity: ``(T, 2, 3)`` transform from pixels of the frame before to pixels of each frame.
+        support: ``(T,)`` weighted number of pairs that agree with it.
+        shift: ``(T,)`` length of the shift in the middle of the boxes, in heights of a box.
     """
 
     similarity: FloatArray
@@ -134,7 +133,7 @@ def _common_shift(time: IntArray, move: FloatArray, kernel: FloatArray, weight: 
     bounds = np.searchsorted(time[order], np.arange(count + 1))
     shift = np.zeros((count, 2))
     for frame in np.flatnonzero(np.diff(bounds)).tolist():
-        # With very many boxes a sample tells as well.
+        # With very many boxes a sample is enough.
         rows = order[bounds[frame] : bounds[frame + 1]]
         rows = rows[:: max(1, len(rows) // 500)]
         x, y = move[rows].T

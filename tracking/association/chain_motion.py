@@ -12,11 +12,9 @@ so the means stay in pixels. x and y have the same noise, so three covariances s
 Long chains are cut into blocks that are filtered side by side. Each block starts a little earlier than it counts, by
 when the filter has forgotten how it started.
 
-What is known of detections along the tracks that they belong to, and what of it a new solution changes.
-
-What the past of its track says at a detection depends on the last ones before it, what the future says on the next ones
-after it. From one solution to the next most tracks stay as they are, so filters run again only near what has changed,
-and only links with an end there need another price.
+`TrackMotion` holds the estimates along the tracks of a solution, from the past and from the future of each detection.
+From one solution to the next most tracks stay as they are. So filters run again only near the changes, and only links
+with an end there need another cost.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
 # Which covariance belongs to x, y, log width and log height.
 GROUPS = np.array([0, 0, 1, 2])
-# After 48 detections nothing is left of how the filter began that could move a cost.
+# Detections of a block, and before it; after so many the start of the filter no longer changes a cost.
 BLOCK, RUN_UP = 64, 48
 
 
@@ -39,9 +37,9 @@ class MotionNoise:
     """Noise of the filter, for places, log widths and log heights.
 
     Attributes:
-        measurement: r, heights of the box and logarithms, for a sure box that nothing hides.
-        acceleration: q, of the same a second and the root of a second.
-        velocity: v, of the same a second.
+        measurement: r, deviation of a box of high score that nothing hides, heights of the box and logarithms.
+        acceleration: q, strength of the acceleration, heights and logarithms a second and the root of a second.
+        velocity: v, deviation of the velocity at the start, heights and logarithms a second.
     """
 
     measurement: tuple[float, float, float] = (0.03, 0.14, 0.05)
@@ -55,11 +53,11 @@ class MotionNoise:
 
 @dataclass(frozen=True)
 class Beliefs(Columns):
-    """What is known at N detections.
+    """Estimates of place and velocity at N detections.
 
     Attributes:
         place: ``(N, 4)`` x, y in pixels, log width, log height.
-        velocity: ``(N, 4)`` of the same, a second, as time runs.
+        velocity: ``(N, 4)`` velocity of the four, pixels and logarithms a second, as time runs.
         covariance: ``(N, 3, 3)``: for places, log widths and log heights the variance of the place, the covariance of
             place and velocity, and the variance of the velocity.
     """
@@ -76,7 +74,7 @@ class Beliefs(Columns):
 
 
 def beliefs_alone(measured: Measurements, noise: MotionNoise) -> Beliefs:
-    """What single detections say: their place, and P = diag(r², v²)."""
+    """Estimates from single detections: their place, and P = diag(r², v²)."""
     count = len(measured.times)
     covariance = np.zeros((count, 3, 3))
     covariance[:, :, 0] = np.square(noise.measurement) * np.square(measured.noise)[:, None]
@@ -85,7 +83,7 @@ def beliefs_alone(measured: Measurements, noise: MotionNoise) -> Beliefs:
 
 
 def beliefs_along(labels: IntArray, measured: Measurements, noise: MotionNoise) -> tuple[Beliefs, Beliefs]:
-    """What the past of its chain says at each detection, itself included, and what its future says.
+    """Estimates at each detection, itself included, from the past of its chain, and from its future.
 
     Args:
         labels: ``(N,)`` number of the chain from 0 on; a detection of -1 is a chain by itself.
@@ -174,14 +172,14 @@ def _filtered(
 
 @dataclass(frozen=True)
 class TrackMotion(Columns):
-    """What is known at N detections.
+    """Motion at N detections along the tracks of a solution.
 
     Attributes:
-        follower: ``(N,)`` number of what follows each on its track, -1 for nothing.
-        past: what the past of its track says at each detection.
-        future: likewise of the future.
-        ending: ``(N,)`` whether links over long gaps were looked for from there.
-        beginning: ``(N,)`` whether they were looked for to there.
+        follower: ``(N,)`` number of the next detection of the track, -1 for none.
+        past: estimates at each detection from the past of its track.
+        future: estimates at each detection from the future of its track.
+        ending: ``(N,)`` whether links over long gaps that start there were considered.
+        beginning: ``(N,)`` whether links over long gaps that end there were considered.
     """
 
     follower: IntArray
@@ -201,30 +199,30 @@ class TrackMotion(Columns):
 def followed(
     known: TrackMotion, table: DetectionTable, labels: IntArray, follower: IntArray, motion: MotionNoise, reach: int
 ) -> tuple[TrackMotion, tuple[BoolArray, BoolArray]]:
-    """What is known along other tracks.
+    """The motion along the tracks of a new solution.
 
     Args:
-        known: what was known along the tracks before.
+        known: motion along the tracks before.
         table: the detections.
         labels: ``(N,)`` track of each now, -1 for none.
-        follower: ``(N,)`` number of what follows each now, -1 for nothing.
+        follower: ``(N,)`` number of the next detection of the track now, -1 for none.
         motion: noise of the filter.
-        reach: detections of its track by which something is known of a detection; see `RUN_UP`.
+        reach: detections of a track over which a change matters; see `RUN_UP`.
 
     Returns:
-        What is known, and ``(N,)`` whether the past, and whether the future of its track has changed at each detection.
+        The motion, and ``(N,)`` whether the past, and whether the future of its track has changed at each detection.
     """
     own = np.where(labels < 0, int(labels.max(initial=-1)) + 1 + np.arange(len(table)), labels)
     order = np.argsort(own, kind="stable")
-    stretch = TrackRows.of(own[order])
+    rows = TrackRows.of(own[order])
     before, after = table.rows(known.follower), table.rows(follower)
-    past = stretch.any_within((_came_from(before) != _came_from(after))[order], reach, 0)
-    future = stretch.any_within((before != after)[order], 0, reach)
-    needed = stretch.any_within(past, 0, RUN_UP) | stretch.any_within(future, RUN_UP, 0)
+    past = rows.any_within((_came_from(before) != _came_from(after))[order], reach, 0)
+    future = rows.any_within((before != after)[order], 0, reach)
+    needed = rows.any_within(past, 0, RUN_UP) | rows.any_within(future, RUN_UP, 0)
     back, ahead = np.empty(len(table), np.bool_), np.empty(len(table), np.bool_)
     back[order], ahead[order] = past, future
     # A part of a track that lies apart from its other parts is filtered by itself.
-    part = np.cumsum(np.diff(stretch.first, prepend=-1).astype(np.bool_) | (needed & ~np.roll(needed, 1)))
+    part = np.cumsum(np.diff(rows.first, prepend=-1).astype(np.bool_) | (needed & ~np.roll(needed, 1)))
     label = np.empty(len(table), dtype=np.int64)
     label[order] = part
     again = np.sort(order[needed])

@@ -1,17 +1,16 @@
 """What is clutter among detections of unknown scores, learnt from what moves.
 
-Scores of different detectors mean different things. People walk and clutter stands: a static false positive is found
-again in every frame, but it goes nowhere. So the share of detections on chains that move tells what a score is worth.
+Scores of different detectors mean different things. People walk and clutter stands: a static false positive is
+detected in every frame, but it goes nowhere. So the share of detections on chains that move calibrates a score.
 Of the N(t) detections from a score t upwards, let A(t) lie on chains that move. `score_floor` takes the t* with the
 largest A(t)² / N(t); above it a score is trusted. Below, the marginal share dA / dN, made monotone and divided by
 A(t*) / N(t*), is the probability that a detection of that score is right.
 
 `standing_clutter` names the tracks that stay in their place and score less than tracks that move.
 
-`ScoreChoice` chooses the threshold of other projects' networks: such a network is first run on the beginning of the
-video with a low threshold. What moves there tells the score from which its detections are worth keeping, and the rest
-of the video is looked at with this threshold. Given detections are cut likewise where that leaves out most of them,
-which no detector's own threshold did."""
+`ScoreChoice` chooses the threshold of other projects' networks. Such a network first runs on the beginning of the video
+with a low threshold. The moving detections there give the threshold for the rest of the video. Given detections are cut
+likewise where that leaves out most of them; then no detector's own threshold has cut them before."""
 
 from __future__ import annotations
 
@@ -37,7 +36,7 @@ LEVELS, HIGHEST = 24, 0.03
 LONGEST_GAP, MOST_GAP = 0.4, 10
 # Intersection over union of neighbours on a chain.
 OVERLAP = 0.3
-# A chain moves that covers a height and lasts half a second. A share below a fifth on such chains tells nothing.
+# A chain moves that covers a height and lasts half a second. A share below a fifth on such chains is no evidence.
 MOVED, LASTED, ENOUGH = 1.0, 0.5, 0.2
 # Probability from which a detection is kept.
 KEPT = 0.1
@@ -46,7 +45,7 @@ STANDING, QUANTILE, FEWEST, MOVING_SECONDS = 0.5, 0.05, 4, 1.0
 
 
 def score_floor(frames: IntArray, boxes: FloatArray, scores: FloatArray, frame_rate: float) -> float | None:
-    """The score from which detections are worth keeping; None where too little moves to tell.
+    """The score from which detections are worth keeping; None where too little moves.
 
     Args:
         frames: ``(N,)`` not decreasing.
@@ -151,7 +150,7 @@ def _on_moving_chains(label: IntArray, frames: IntArray, boxes: FloatArray, fram
     return int(moves[label].sum())
 
 
-# Score from which a network's boxes are looked at, seconds of the video that tell, and most detections that do.
+# Least score of the boxes that count, seconds at the beginning of the video, and most detections that are taken.
 LOWEST, SECONDS, MOST = 0.05, 20.0, 60_000
 # Given detections are cut where no more than this share of them is worth keeping.
 MOSTLY = 0.25
@@ -172,7 +171,7 @@ def floor_of(found: Sequence[Detections], frame_rate: float) -> float | None:
 
 
 def above_floor(found: Sequence[Detections], frame_rate: float) -> tuple[list[Detections], float | None]:
-    """Given detections, an entry a frame, that are worth keeping, and the score from which they are; None for all."""
+    """The given detections that are worth keeping, an entry a frame, and their least score; None where all are kept."""
     floor, every = floor_of(found, frame_rate), [*found]
     if floor is not None:
         kept = [each.select(each.scores >= floor) for each in found]
@@ -182,7 +181,7 @@ def above_floor(found: Sequence[Detections], frame_rate: float) -> tuple[list[De
 
 
 class ScoreChoice:
-    """A network of another project whose threshold the beginning of a video tells.
+    """A network of another project whose threshold the beginning of a video gives.
 
     Args:
         detect: the network, in tiles or not.
@@ -190,14 +189,14 @@ class ScoreChoice:
         ground: also drops what scores less.
 
     Attributes:
-        floor: the threshold by now; None where the video did not tell, and the usual one is taken.
+        floor: the threshold by now; None where too little moves, and the usual one is taken.
     """
 
     def __init__(self, detect: Detect, network: ForeignDetector, ground: GroundPlane | None) -> None:
         self._detect, self._network, self._ground = detect, network, ground
         self.floor: float | None = None
 
-    def look(self, source: Source, batch_size: int, workers: int, times: StageTimes) -> dict[int, Detections]:
+    def choose(self, source: Source, batch_size: int, workers: int, times: StageTimes) -> dict[int, Detections]:
         """Detections by frame number at the beginning of the video, at the threshold that is taken from then on."""
         usual, self._network.score_threshold = self._network.score_threshold, LOWEST
         last = source.frames_wanted.first + round(SECONDS * source.frame_rate)

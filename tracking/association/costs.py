@@ -1,11 +1,11 @@
 """Costs of the flow network: of a detection, of a link, and of what people do (thesis eq. 2.12-2.14, 5.2, 5.3).
 
 A learnt affinity and hand-set costs share one interface, `TransitionCost`. The candidate pairs are described once
-(`pair_features`), and all are priced in one call.
+(`pair_features`), and one call gives all costs.
 
 Action features compare what people do. A network gives the probability of each action at every detection. Two
 detections of one person have similar probabilities, so their cosine distance is a cost of the link (eq. 5.2). Along the
-tracks of the flow before, probabilities are averaged over a window (eq. 5.3), and the links are priced again. The
+tracks of the flow before, probabilities are averaged over a window (eq. 5.3), and the links cost anew. The
 printed sum of eq. 5.3 runs over 17 frames and divides by 15; here it runs over the window and divides by the number of
 frames in which the person was detected.
 
@@ -54,7 +54,7 @@ class PairFeatures(Columns):
 
 
 class TransitionCost(Protocol):
-    """Anything that prices pairs of detections: c_tran of thesis eq. 2.14, without the cost of missed frames."""
+    """Gives costs of pairs of detections: c_tran of thesis eq. 2.14, without the cost of missed frames."""
 
     def __call__(self, pairs: PairFeatures) -> FloatArray:
         """``(P,)`` finite costs, at least 0; -log of the probability that the two are the same person."""
@@ -160,7 +160,7 @@ class ProbabilityCost:
         return np.asarray(self.b - np.log(p / (1 - p)))
 
 
-# What a score costs: fitted to labels, or as the detector says itself.
+# Cost of a score: fitted to labels, or from the detector's own probability.
 ScoreCost: TypeAlias = ObservationCost | ProbabilityCost
 
 
@@ -211,10 +211,10 @@ class ActionCost:
     Attributes:
         features: ``single`` compares detections; ``centred`` means over windows about them along their tracks, as the
             thesis does; ``one-sided`` the half of the window up to the earlier one with that from the later one on.
-        window: λ, seconds.
-        weight: of the distance of two detections, and of two means.
-        neutral: distance that speaks neither for nor against a link, of two detections, and of two means.
-        least: seconds of a link from which actions count; over less time place and motion say more.
+        window: λ, length of the window, seconds.
+        weight: cost of a distance of 1, of two detections, and of two means.
+        neutral: distance whose cost is 0, of two detections, and of two means, in [0, 1].
+        least: duration of a link from which actions count, seconds; over less time place and motion weigh more.
     """
 
     features: ActionFeatures = "one-sided"

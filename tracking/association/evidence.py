@@ -1,6 +1,6 @@
-"""What is known of detections, of links and of joins where they are priced: the features of learnt costs.
+"""Features of detections, of links and of joins, from which learnt costs are computed.
 
-The cost by default is one of the features, so a network that adds nothing leaves the tracker as it is. All features are
+The default cost is one of the features, so a network that adds nothing leaves the tracker as it is. All features are
 of the order of 1 to 10 and bounded; lengths are in heights of the box, times in seconds.
 """
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.chain_motion import Beliefs, MotionNoise
 from tsuiseki.tracking.association.detection_tables import DetectionTable
-from tsuiseki.tracking.association.link_pricing import LinkParts
+from tsuiseki.tracking.association.link_parts import LinkParts
 from tsuiseki.tracking.association.nearby import near_pairs, sizes
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
@@ -33,7 +33,7 @@ def detection_evidence(table: DetectionTable, cost: FloatArray, logit: FloatArra
 
     Args:
         table: the detections.
-        cost: ``(N,)`` c_obsv by default.
+        cost: ``(N,)`` default c_obsv, nats.
         logit: ``(N,)`` of the probability that each is right.
     """
     count = len(table)
@@ -66,7 +66,7 @@ def link_evidence(table: DetectionTable, parts: LinkParts, motion: MotionNoise) 
 
     Args:
         table: the detections.
-        parts: the links and what their costs are made of.
+        parts: the links and the parts of their costs.
         motion: noise of the filter.
     """
     if len(parts.i) == 0:
@@ -106,7 +106,7 @@ def link_evidence(table: DetectionTable, parts: LinkParts, motion: MotionNoise) 
 
 
 def _errors(parts: LinkParts, motion: MotionNoise) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """By how much the past misses the later detection, and the future the earlier one, in deviations, as logarithms.
+    """Errors of the two predictions, of the later and of the earlier detection, in deviations, as logarithms.
 
     Also the speed and its change, heights a second.
     """

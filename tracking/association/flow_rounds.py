@@ -1,16 +1,15 @@
-"""Links of a flow network that are priced again along the tracks found, in turn with the flow.
+"""Links of a flow network, and their costs along the tracks, in turn with the flow.
 
 Two detections have a place each, and no velocity. Along the track that each belongs to there is one. So the flow is
-solved, a Kalman filter runs along its tracks from both sides, and all links are priced again by what the two sides say
-(see `link_cost`). This is the thesis's alternation of tracks and features (5.3), with motion in place of actions.
-Prices go only part of the way to their new values, since two explanations that are about as good would otherwise take
-turns. Links over long gaps are needed only where a track ends or begins. In every round they are looked for near the
-ends of the tracks found.
+solved, and a Kalman filter runs along its tracks from both sides. All links then cost anew, by the two estimates (see
+`link_cost`). This is the thesis's alternation of tracks and features (5.3), with motion in place of actions.
+Costs go only part of the way to their new values. Two explanations that are about as good would otherwise take turns.
+Links over long gaps are needed only where a track ends or begins. Every round adds them near the ends of the tracks.
 
-First prices may be too high. Where targets move fast, frames are few or boxes inexact, the cost of the unknown velocity
-of two detections exceeds what they are worth. Then no track forms, no track tells the velocity, and no round mends it.
-`FirstPrices` recognises this: many detections are right, and most of those are left out all the same. Among many false
-positives nearly all of the right ones must be.
+First costs may be too high. Where targets move fast, frames are few or boxes inexact, the cost of the unknown velocity
+of two detections exceeds their value. Then no track forms, no track has a velocity, and no round mends it.
+`FirstCosts` recognises this: many detections are right, and most of those are left out all the same. Where most
+detections are false positives, nearly all of the right ones must be left out.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from tsuiseki.tracking.association.chain_motion import TrackMotion
 from tsuiseki.tracking.association.costs import window_means
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.link_cost import DOUBT, MOST_WORTH, LinkCost
-from tsuiseki.tracking.association.link_pricing import Pricing, priced
+from tsuiseki.tracking.association.link_parts import LinkModel, link_costs
 from tsuiseki.tracking.association.nearby import (
     BOXES_AT_ONCE,
     Pairs,
@@ -45,23 +44,23 @@ class Links(Columns):
 
     Attributes:
         tail: ``(P,)`` numbers of the earlier detections.
-        head: ``(P,)`` of the later ones.
-        cost: ``(P,)``.
-        price: ``(P,)`` what they cost along the tracks last found, which the cost nears; NaN for links that have been
-            priced as pairs only.
+        head: ``(P,)`` numbers of the later detections.
+        cost: ``(P,)`` cost in the flow, nats.
+        track_cost: ``(P,)`` cost along the tracks of the last round, which ``cost`` approaches; NaN for links that have
+            a cost as pairs only.
         hidden: ``(P,)`` share of the person hidden in the middle of the gap, which no round changes.
     """
 
     tail: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     head: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     cost: FloatArray = field(default_factory=lambda: np.empty(0))
-    price: FloatArray = field(default_factory=lambda: np.empty(0))
+    track_cost: FloatArray = field(default_factory=lambda: np.empty(0))
     hidden: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
 # Seconds from the end of a track that count as near it.
 ENDS = 0.3
-# Share of the old price in the new one.
+# Share of the old cost in the new one.
 KEEP = 0.5
 # Links that cost more are left out; above entry + exit, for they may become cheaper.
 DEAREST = 14.0
@@ -71,12 +70,12 @@ AVERAGED = 0.7
 
 @dataclass(frozen=True)
 class RoundSettings:
-    """Which links of detections there are, and how often they are priced.
+    """Which links of detections there are, and how often their costs are computed.
 
     Attributes:
         window: longest gap of a link, seconds.
         near: gaps up to this many seconds are linked everywhere, longer ones only near the ends of tracks.
-        rounds: how often links are priced again; 0 keeps the prices of pairs.
+        rounds: how often costs are computed along tracks; 0 keeps the costs of pairs.
     """
 
     window: float = 1.3
@@ -95,7 +94,7 @@ def candidates(
     if len(tails) == 0 or len(heads) == 0:
         return joined([])
     x, y = centres(table.boxes).T.copy()
-    # In the order of their places, so that what is looked up lies together.
+    # In the order of their places, so that neighbours lie together in memory.
     tails = tails[np.lexsort((x[tails], table.frames[tails]))]
     side = sizes(table.boxes).max(axis=1)
     furthest = _reach(table, tails, side[tails], np.array([longest]), cost)[:, 0].max()
@@ -173,7 +172,7 @@ def mean_features(
     return both[0], both[1]
 
 
-def repriced(
+def with_new_costs(
     links: Links,
     table: DetectionTable,
     labels: IntArray,
@@ -181,11 +180,11 @@ def repriced(
     changed: tuple[BoolArray, BoolArray],
     settings: RoundSettings,
     free: BoolArray,
-    by: Pricing,
+    by: LinkModel,
 ) -> tuple[Links, TrackMotion]:
-    """The links with those that the ends of the tracks ask for, at the prices of what is known along the tracks.
+    """The links, and more at the ends of the tracks, with costs from the motion along the tracks.
 
-    Only links are priced of which an end is known anew, unless learnt changes compare links with each other.
+    Only links with a changed end cost anew, unless learnt changes compare links with each other.
 
     Args:
         links: as they were.
@@ -195,14 +194,14 @@ def repriced(
         changed: ``(N,)`` where the past, and where the future is known anew.
         settings: which links there are.
         free: ``(N,)`` detections that are not decided yet.
-        by: what links are priced by.
+        by: the parts of a link's cost.
 
     Returns:
-        The links, and what is known, with the ends from and to which links were looked for.
+        The links, and what is known, with the ends that have links over long gaps.
     """
     means = None if table.features is None else mean_features(table, labels, table.features, AVERAGED)
     tail, head = table.rows(links.tail), table.rows(links.head)
-    again = changed[0][tail] | changed[1][head] | np.isnan(links.price)
+    again = changed[0][tail] | changed[1][head] | np.isnan(links.track_cost)
     if by.change is not None:
         again[:] = True
     ending, beginning = (_mask(ends, len(table)) & free for ends in near_ends(table, labels, ENDS))
@@ -211,16 +210,18 @@ def repriced(
     more = _without(more, tail, head, len(table))
     i, j = np.append(tail[again], more[0]), np.append(head[again], more[1])
     hidden = np.append(links.hidden[again], np.full(len(more[0]), np.nan))
-    kept, price, hidden = priced(
+    kept, track_cost, hidden = link_costs(
         table, (i, j), (known.past, known.future), by, means=means, hidden=hidden, labels=labels
     )
     old = links.select(~again)
-    old.cost[:] += (1 - KEEP) * (old.price - old.cost)
-    # Prices of pairs are no prices along tracks, and new links have none.
-    before = np.append(np.where(np.isnan(links.price[again]), np.nan, links.cost[again]), np.full(len(more[0]), np.nan))
+    old.cost[:] += (1 - KEEP) * (old.track_cost - old.cost)
+    # Costs of pairs are no costs along tracks, and new links have none.
+    before = np.append(
+        np.where(np.isnan(links.track_cost[again]), np.nan, links.cost[again]), np.full(len(more[0]), np.nan)
+    )
     before = before[kept]
-    near = price + np.where(np.isnan(before), 0.0, KEEP * (before - price))
-    new = Links(table.numbers[i[kept]], table.numbers[j[kept]], near, price, hidden)
+    near = track_cost + np.where(np.isnan(before), 0.0, KEEP * (before - track_cost))
+    new = Links(table.numbers[i[kept]], table.numbers[j[kept]], near, track_cost, hidden)
     return old.and_then(new), replace(known, ending=ending, beginning=beginning)
 
 
@@ -253,13 +254,13 @@ def _mask(which: IntArray, count: int) -> BoolArray:
     return mask
 
 
-# A detection counts as right from this probability on, and fewer right ones tell nothing. They are left out if no more
-# than a share of them is in tracks: the first share where this part of all is right, the second where less is.
+# A detection counts as right from this probability on, and fewer right ones are no evidence. They are left out if no
+# more than a share of them is in tracks: the first share where this part of all is right, the second where less is.
 RIGHT, FEWEST, MOST, USED, USED_OF_FEW = 0.7, 10, 2 / 3, 0.6, 0.2
 
 
 @dataclass(frozen=True)
-class FirstPrices:
+class FirstCosts:
     """U detections as the video would have them if those that it does not bear out were missed by chance.
 
     Attributes:
@@ -278,7 +279,7 @@ class FirstPrices:
 
 
 def with_known_velocity(links: Links, cost: LinkCost, frame_rate: float) -> Links:
-    """Links, of which those without a price along tracks are priced as with `LinkCost.velocity_confidence` = 1."""
+    """Links, of which those without a cost along tracks cost as much as with `LinkCost.velocity_confidence` = 1."""
     less = (1 - cost.velocity_confidence) * cost.room(1 / frame_rate)
     known = np.maximum(links.cost - less, -MOST_WORTH)
-    return replace(links, cost=np.where(np.isnan(links.price), known, links.cost))
+    return replace(links, cost=np.where(np.isnan(links.track_cost), known, links.cost))

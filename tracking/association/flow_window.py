@@ -1,4 +1,4 @@
-"""The part of a video that is not decided yet: its detections, its links, and the rounds of flow and prices over it."""
+"""The part of a video that is not decided yet: its detections, its links, and the rounds of flow and costs over it."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from tsuiseki.tracking.association.evidence import detection_evidence, link_evid
 from tsuiseki.tracking.association.flow_rounds import (
     AVERAGED,
     DEAREST,
-    FirstPrices,
+    FirstCosts,
     Links,
     RoundSettings,
     candidates,
-    repriced,
     with_known_velocity,
+    with_new_costs,
 )
 from tsuiseki.tracking.association.learnt_costs import LARGEST, CostChanges
 from tsuiseki.tracking.association.link_cost import MOST_WORTH, LinkCost
-from tsuiseki.tracking.association.link_pricing import LinkChange, Pricing, priced
+from tsuiseki.tracking.association.link_parts import LinkChange, LinkModel, link_costs
 from tsuiseki.tracking.association.nearby import Pairs, gaps
 from tsuiseki.tracking.association.network_flow import FlowGraph, FlowSolution, track_labels
 from tsuiseki.tracking.association.places import (
@@ -41,20 +41,20 @@ from tsuiseki.tracking.association.places import (
 from tsuiseki.tracking.association.sliding_flow import Decision, SlidingFlow
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Seconds that the beliefs at undecided detections look back to decided ones.
+# Seconds of decided detections that the estimates at undecided ones need.
 CONTEXT = 1.0
 
 
 @dataclass(frozen=True)
 class FlowCosts:
-    """What the flow over detections costs.
+    """Costs of the flow over detections, nats.
 
     Attributes:
-        link: of links.
-        rounds: which links there are, and how often they are priced.
+        link: costs of links.
+        rounds: which links there are, and how often their costs are computed.
         entry: cost of a track's start, c_entr.
         exit: cost of a track's end, c_exit.
-        places: how both follow the places where tracks begin and end; None takes all places alike.
+        places: changes of both by the places where tracks begin and end; None takes all places alike.
     """
 
     link: LinkCost = field(default_factory=LinkCost)
@@ -69,18 +69,18 @@ class FlowCosts:
 
 
 class FlowWindow:
-    """Takes detections, decides them, and forgets what is decided but for what the beliefs look back to.
+    """Takes detections, decides them, and forgets decided ones that no estimate needs any more.
 
     Args:
         costs: of the flow.
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
         transition: learnt costs of pairs, taken beside the motion; None for none.
-        changes: by how much costs learnt on whole tracks differ from these; None for not at all.
+        changes: differences of costs learnt on whole tracks from these; None for none.
 
     Attributes:
         overlap: links span fewer frames than this.
-        changes: as given.
+        changes: see the argument.
     """
 
     def __init__(
@@ -108,7 +108,7 @@ class FlowWindow:
 
     @property
     def exact(self) -> bool:
-        """False once something was settled that frames to come might have changed."""
+        """False once a detection was settled that frames to come might have changed."""
         return self._flow.exact
 
     @property
@@ -118,12 +118,12 @@ class FlowWindow:
 
     @property
     def links(self) -> Links:
-        """All links between undecided detections at their last prices."""
+        """All links between undecided detections with their last costs."""
         return self._links
 
     @property
     def follower(self) -> IntArray:
-        """``(N,)`` numbers of what follows the detections that are kept, by the last solution; -1 for nothing."""
+        """``(N,)`` numbers of the next detections on their tracks, by the last solution; -1 for none."""
         return self._follower
 
     def add(self, new: DetectionTable) -> None:
@@ -143,11 +143,11 @@ class FlowWindow:
         link = self.costs.link
         alone = TrackMotion.alone(table, link.motion)
         self._known = self._known.and_then(alone.select(table.numbers >= new.numbers[0]))
-        kept, cost, hidden = priced(
+        kept, cost, hidden = link_costs(
             table,
             (i, j),
             (alone.past, alone.future),
-            self._pricing(),
+            self._link_model(),
             mismatch=link.mismatch_alone(table.measured, 1 / table.frame_rate),
         )
         tail, head = table.numbers[i[kept]], table.numbers[j[kept]]
@@ -160,16 +160,16 @@ class FlowWindow:
         start: FloatArray | None = None,
         end: FloatArray | None = None,
         rounds: int | None = None,
-        first_prices: FirstPrices | None = None,
+        first_costs: FirstCosts | None = None,
     ) -> None:
-        """Alternate between the flow and the prices of its links.
+        """Alternate between the flow and the costs of its links.
 
         Args:
             observation: ``(U,)`` costs of the undecided detections.
             start: ``(U,)`` changes of the cost of a track's start at each; none by default.
             end: ``(U,)`` likewise of its end.
-            rounds: how often links are priced again at most; by default as often as the settings say.
-            first_prices: by which it is told whether first prices are too high; by default none are.
+            rounds: how often costs are computed along tracks at most; by default see the settings.
+            first_costs: test whether first costs are too high; by default they are not.
         """
         free, table, places = self.free(), self._table, self.costs.places
         nothing = np.zeros(int(free.sum()))
@@ -181,9 +181,9 @@ class FlowWindow:
         rounds = self.costs.rounds.rounds if rounds is None else rounds
         for number in range(rounds + 1):
             self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
-            if number == 0 and first_prices is not None and first_prices.left_out(self._flow.solution().used):
+            if number == 0 and first_costs is not None and first_costs.left_out(self._flow.solution().used):
                 self._links = with_known_velocity(self._links, self.costs.link, table.frame_rate)
-                observation = observation + first_prices.change
+                observation = observation + first_costs.change
                 self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
             solution = self._flow.solution()
             undecided = self._flow.undecided
@@ -198,7 +198,7 @@ class FlowWindow:
             labels, costs = self.labels(), self.costs
             reach = max(RUN_UP, gaps(AVERAGED, table.frame_rate))
             known, changed = followed(self._known, table, labels, self._follower, costs.link.motion, reach)
-            self._links, self._known = repriced(
+            self._links, self._known = with_new_costs(
                 self._links,
                 table,
                 labels,
@@ -206,7 +206,7 @@ class FlowWindow:
                 changed,
                 costs.rounds,
                 free,
-                self._pricing(),
+                self._link_model(),
             )
 
     def place_costs(self, boxes: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -302,8 +302,8 @@ class FlowWindow:
             return np.zeros((int(free.sum()), 3))
         return self.changes.detections(detection_evidence(self._table, observation, logit)[free])
 
-    def _pricing(self) -> Pricing:
-        return Pricing(self.costs.link, DEAREST, self._transition, self._link_change())
+    def _link_model(self) -> LinkModel:
+        return LinkModel(self.costs.link, DEAREST, self._transition, self._link_change())
 
     def _link_change(self) -> LinkChange | None:
         changes = self.changes

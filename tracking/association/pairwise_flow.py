@@ -75,7 +75,7 @@ def candidate_pairs(
 def pairs_by_gap(
     frames: IntArray, boxes: FloatArray, settings: GateSettings
 ) -> Iterator[tuple[IntArray, IntArray, int]]:
-    """The same pairs, one gap at a time, so that they can be priced and thinned out before the next come.
+    """The same pairs, one gap at a time, so that their costs are known, and most are dropped, before the next come.
 
     Args:
         frames: ``(N,)`` frame numbers, in any order.
@@ -98,7 +98,7 @@ def pairs_by_gap(
         yield i[kept], j[kept], gap
 
 
-def priced_pairs(
+def pairs_with_costs(
     frames: IntArray,
     boxes: FloatArray,
     features: FloatArray | None,
@@ -113,7 +113,7 @@ def priced_pairs(
         boxes: ``(N, 4)`` pixels.
         features: ``(N, D)`` unit length, or None.
         gate: which pairs are plausible.
-        transition: prices them.
+        transition: their costs.
         miss: added for every frame in between.
     """
     for tail, head, gap in pairs_by_gap(frames, boxes, gate):
@@ -204,5 +204,5 @@ class PairwiseCosts:
 
 def pairwise_tracks(rows: DetectionRows, costs: PairwiseCosts) -> IntArray:
     """``(N,)`` track of each detection from 0 on, -1 for none."""
-    pairs = priced_pairs(rows.frames, rows.boxes, rows.features, costs.gate, costs.transition, costs.miss)
+    pairs = pairs_with_costs(rows.frames, rows.boxes, rows.features, costs.gate, costs.transition, costs.miss)
     return track_labels(solve(build_graph(costs.observation(rows.scores), pairs, costs.entry, costs.entry)))

@@ -1,19 +1,19 @@
-"""Which detections are found again where they should be, and how fast they move: learnt from the video, without labels.
+"""Which detections are repeated in neighbouring frames, and how fast they move: learnt from the video, without labels.
 
-A person is found again a little later, and was found a little earlier, on one line: of boxes b₋, b, b₊ a time apart the
-mean of the outer two lies on the middle one. A false detection mostly has no such neighbours. Nothing is assumed about
-how fast targets move, so a car that passes its own width between two frames is borne out as a person who stands is.
+A person is detected a little earlier, now, and a little later, on one line: of boxes b₋, b, b₊ at equal intervals the
+mean of the outer two lies on the middle one. A false positive mostly has no such neighbours. Nothing is assumed about
+how fast targets move, so a fast car is confirmed as well as a person who stands.
 
-The same triples tell the speed of what is found, (centre₊ − centre₋) / 2τ in longer sides a second, which scales what
-the flow expects of velocities, of their changes and of how far links reach.
+The same triples give the speed of targets, (centre₊ − centre₋) / 2τ in longer sides a second. It scales the velocities
+that the flow expects, their changes, and the reach of links.
 
-Right detections are not found again either where the detector misses the person before or after, or places the box
-ill. Of b₋ of such triples, which is right in all likelihood, the later side is there; the share of those b₋ that lie on
-a line themselves is how often the earlier one is, too. Both sides are there for its square of the right detections.
+A right detection is not repeated where the detector misses the person before or after, or misplaces the box. The b₋ of
+a triple is probably right, and has a later neighbour. The share of those b₋ that have an earlier one, too, estimates
+the rate of one side. The square of it estimates the share of right detections with both neighbours.
 
-The same tells what a detector's scores are worth in this video. The share of detections of a score that are found again
-(`found_again`) says how far it can be trusted, on whatever scale it is: the isotonic fit of
-"found again" on the score is the probability that `DetectionCost` takes.
+Triples also calibrate the detector's scores in this video. The share of detections of a score that are repeated
+(`repeated_detections`) says how far it can be trusted, on whatever scale it is: the isotonic fit of
+"repeated" on the score is the probability that `DetectionCost` takes.
 
 `VideoEvidence` gathers all three: the worth of scores, speeds, and what is missed.
 """
@@ -30,9 +30,9 @@ from tsuiseki.tracking.association.nearby import dense_reach, near_pairs, neares
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
-# Probability of a detection before the video tells, and how many detections that counts as much as.
+# Prior probability of a detection, and the number of detections that it weighs as much as.
 EXPECTED, IN_ADVANCE = 0.9, 20
-# Speed of targets before the video tells, and the least that is ever reported, longer sides a second.
+# Prior speed of targets, and the least speed that is reported, longer sides a second.
 EXPECTED_SPEED, LEAST_SPEED = 0.75, 0.5
 # Seconds to the earlier and to the later box, at least a frame.
 INTERVAL = 0.1
@@ -50,23 +50,23 @@ def interval_frames(frame_rate: float, stride: int = 1) -> int:
 
 
 @dataclass(frozen=True)
-class FoundAgain:
+class RepeatedDetections:
     """Which of N detections lie between an earlier and a later one.
 
     Attributes:
-        found: ``(N,)``.
+        repeated: ``(N,)`` whether it does.
         speed: ``(N,)`` of the best triple in longer sides a second, NaN where there is none.
         before: ``(N,)`` index of the earlier detection of the best triple, -1 where there is none.
     """
 
-    found: BoolArray
+    repeated: BoolArray
     speed: FloatArray
     before: IntArray
 
 
-def found_again(
+def repeated_detections(
     frames: IntArray, boxes: FloatArray, frame_rate: float, stride: int = 1, times: FloatArray | None = None
-) -> FoundAgain:
+) -> RepeatedDetections:
     """Which detections lie between an earlier and a later one, and how fast those that do move.
 
     Args:
@@ -78,7 +78,7 @@ def found_again(
     """
     speed, earlier = np.full(len(frames), np.nan), np.full(len(frames), -1)
     if len(frames) == 0:
-        return FoundAgain(earlier >= 0, speed, earlier)
+        return RepeatedDetections(earlier >= 0, speed, earlier)
     every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
     gap = interval_frames(frame_rate, stride)
     side = size.max(axis=1)
@@ -101,7 +101,7 @@ def found_again(
     before, middle, after, span = before[order], middle[order], after[order], span[order]
     earlier[middle] = before
     speed[middle] = np.hypot(*(centre[after] - centre[before]).T) * frame_rate / span / side[middle]
-    return FoundAgain(earlier >= 0, speed, earlier)
+    return RepeatedDetections(earlier >= 0, speed, earlier)
 
 
 def _triples(i: IntArray, j: IntArray, count: int) -> tuple[IntArray, IntArray, IntArray]:
@@ -116,28 +116,29 @@ def _triples(i: IntArray, j: IntArray, count: int) -> tuple[IntArray, IntArray, 
 
 @dataclass
 class RateOfRight:
-    """How often right detections of a video are found again: the square of how often on one side.
-    Before anything is known `EXPECTED` is taken for one side, as if that many detections `IN_ADVANCE` had said so.
+    """Share of the right detections of a video that are repeated: the square of the share on one side.
+
+    The prior of one side is `EXPECTED`, with the weight of `IN_ADVANCE` detections.
     """
 
     _asked: int = 0
-    _found: int = 0
+    _repeated: int = 0
 
     def add(self, found: BoolArray) -> None:
         """Take ``(N,)`` whether detections were, of which one side is known to be there."""
         self._asked += len(found)
-        self._found += int(found.sum())
+        self._repeated += int(found.sum())
 
     def __call__(self) -> float:
         """In (0, 1]."""
-        return float(((self._found + IN_ADVANCE * EXPECTED) / (self._asked + IN_ADVANCE)) ** 2)
+        return float(((self._repeated + IN_ADVANCE * EXPECTED) / (self._asked + IN_ADVANCE)) ** 2)
 
 
 @dataclass
 class Stride:
     """Every how many frames there are detections: the greatest common divisor of the gaps between frames that have any.
 
-    A detector that is run on every third frame finds nobody again a frame later, however right it is.
+    A detector that runs on every third frame repeats nobody a frame later, however right it is.
     Where times between detections have no common divisor of up to a second, there is no rhythm.
     """
 
@@ -218,12 +219,12 @@ class ScoreCalibration:
 
     settings: DetectionCost = field(default_factory=DetectionCost)
     _scores: FloatArray = field(default_factory=lambda: np.empty(0))
-    _found: FloatArray = field(default_factory=lambda: np.empty(0))
+    _repeated: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def add(self, scores: FloatArray, found: BoolArray) -> None:
-        """Take ``(N,)`` scores, NaN where there is none, and whether each was found again."""
+        """Take ``(N,)`` scores, NaN where there is none, and whether each was repeated."""
         self._scores = np.append(self._scores, scores)[-self.settings.memory :]
-        self._found = np.append(self._found, found.astype(np.float64))[-self.settings.memory :]
+        self._repeated = np.append(self._repeated, found.astype(np.float64))[-self.settings.memory :]
 
     def __call__(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` probabilities of ``(N,)`` scores; those without a score share one."""
@@ -231,7 +232,7 @@ class ScoreCalibration:
         for known in (True, False):
             ours, asked = np.isnan(self._scores) != known, np.isnan(scores) != known
             if ours.any() and asked.any():
-                probability[asked] = self._fit(np.nan_to_num(self._scores[ours]), self._found[ours], scores[asked])
+                probability[asked] = self._fit(np.nan_to_num(self._scores[ours]), self._repeated[ours], scores[asked])
         count = len(self._scores)
         probability = (count * probability + IN_ADVANCE * EXPECTED) / (count + IN_ADVANCE)
         return np.asarray(np.clip(probability, self.settings.least, 1 - self.settings.least))
@@ -245,16 +246,16 @@ class ScoreCalibration:
 
 
 class VideoEvidence:
-    """Looks for detections that are found again, as soon as the later ones have come.
+    """Scores, speeds and misses, learnt from detections as soon as the later ones have come.
 
     Args:
         settings: how the probability of scores is fitted.
         frame_rate: frames a second.
 
     Attributes:
-        probability: of every score to be found again.
-        speed: of the targets.
-        rate_of_right: how often right detections are found again.
+        probability: calibration of scores, probability in [0, 1] that a detection of a score is repeated.
+        speed: typical speed of the targets, longer sides a second.
+        rate_of_right: share of the right detections that are repeated, in [0, 1].
     """
 
     def __init__(self, settings: DetectionCost, frame_rate: float) -> None:
@@ -275,7 +276,7 @@ class VideoEvidence:
     def add(
         self, frames: IntArray, boxes: FloatArray, scores: FloatArray, last: int, times: FloatArray | None = None
     ) -> None:
-        """Take the detections of the next frames, and what those before them are told by it.
+        """Take the detections of the next frames, and count those before them.
 
         Args:
             frames: ``(N,)`` increasing.
@@ -290,14 +291,16 @@ class VideoEvidence:
         new = _RecentDetections(frames, boxes, scores, frames / self._frame_rate if times is None else times)
         recent = self._recent.and_then(new)
         uneven = None if times is None else recent.times
-        triples = found_again(recent.frames, recent.boxes, self._frame_rate, stride, uneven)
-        told = (recent.frames >= max(self._recent.told, gap)) & (recent.frames <= last - gap)
-        self.probability.add(recent.scores[told], triples.found[told])
-        self.speed.add(triples.speed[told])
-        # What those on a line have before them; of the first of the video nobody knows.
-        self.rate_of_right.add(triples.found[triples.before[told & triples.found & (recent.frames >= 2 * gap)]])
-        told_from = max(self._recent.told, last - gap + 1)
-        self._recent = replace(recent.select(recent.frames >= last - 3 * gap + 1), told=told_from)
+        triples = repeated_detections(recent.frames, recent.boxes, self._frame_rate, stride, uneven)
+        counted = (recent.frames >= max(self._recent.counted_until, gap)) & (recent.frames <= last - gap)
+        self.probability.add(recent.scores[counted], triples.repeated[counted])
+        self.speed.add(triples.speed[counted])
+        # The earlier neighbours of those on a line; the first ones of the video have no neighbour before them.
+        self.rate_of_right.add(
+            triples.repeated[triples.before[counted & triples.repeated & (recent.frames >= 2 * gap)]]
+        )
+        counted_until = max(self._recent.counted_until, last - gap + 1)
+        self._recent = replace(recent.select(recent.frames >= last - 3 * gap + 1), counted_until=counted_until)
 
 
 @dataclass(frozen=True)
@@ -309,11 +312,11 @@ class _RecentDetections(Columns):
         boxes: ``(N, 4)`` as if the camera stood still, pixels.
         scores: ``(N,)``.
         times: ``(N,)`` seconds.
-        told: the frame from which on it is not said yet what was found again.
+        counted_until: frame from which on detections are not counted yet.
     """
 
     frames: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     boxes: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
     scores: FloatArray = field(default_factory=lambda: np.empty(0))
     times: FloatArray = field(default_factory=lambda: np.empty(0))
-    told: int = 0
+    counted_until: int = 0

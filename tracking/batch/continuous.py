@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.batch.jobs import Job
-from tsuiseki.tracking.batch.looking import PLAN, Again, LookingPlan, standing
+from tsuiseki.tracking.batch.segments import PLAN, Again, SegmentPlan, standing
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.standing_camera import StandingCamera
@@ -91,7 +91,7 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
     first: OpenedPeople | None = None
     camera, places, size, end, shift = StandingCamera(), list[tuple[int, int, int]](), None, 0, 0
     for job, source, state in zip(jobs, sources, states, strict=True):
-        given, plan = job.arguments(source, state), LookingPlan.read(state / PLAN)
+        given, plan = job.arguments(source, state), SegmentPlan.read(state / PLAN)
         opened = open_people(given["video"].open(), given["finding"], given["linking"], given["output"].seed)
         if isinstance(opened.inputs.camera, CameraPath):
             raise RequestError("`continuous`: expected a camera that stands still, got `moving_camera`")
@@ -112,7 +112,7 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
         for _ in range(begin - end):
             camera.take(False)
             first.tracker.update(Detections.empty())
-        pairs = opened.inputs.in_order(((frame, video.found) for frame in video.frames()), StageTimes())
+        pairs = opened.inputs.in_order(((frame, video.detections) for frame in video.frames()), StageTimes())
         count = 0
         for count, (frame, found) in enumerate(pairs, 1):
             here = frame.image.shape[:2], round(rate, 3)

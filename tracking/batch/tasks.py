@@ -22,12 +22,12 @@ from typing import Any, Literal
 
 from tsuiseki.tracking.batch.continuous import GivenTracks, join_files, joined_tracks
 from tsuiseki.tracking.batch.jobs import STATE, Job, Place, key_of, settings_of
-from tsuiseki.tracking.batch.looking import PLAN, LookingPlan, again, cut, look
+from tsuiseki.tracking.batch.segments import PLAN, SegmentPlan, again, cut, detect_segment
 from tsuiseki.tracking.batch.sources import fetch
-from tsuiseki.tracking.cli.ending import LATE, ended, said_of
+from tsuiseki.tracking.cli.ending import LATE, ended, message_of
 from tsuiseki.tracking.cli.parser import options_of
 from tsuiseki.tracking.errors import RequestError, RunError, explained
-from tsuiseki.tracking.video.stretch import UnfitIndexError
+from tsuiseki.tracking.video.seekable import UnfitIndexError
 
 Kind = Literal["begin", "look", "join", "finish", "whole"]
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -93,9 +93,9 @@ class BatchTask:
         """Of what is seen in a stretch."""
         return self.place.state / f"{part:05}.npz"
 
-    def plan(self) -> LookingPlan:
+    def plan(self) -> SegmentPlan:
         """How the video is cut."""
-        return LookingPlan.read(self.place.state / PLAN)
+        return SegmentPlan.read(self.place.state / PLAN)
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _outcome(task: BatchTask) -> TaskOutcome:
         if any(isinstance(cause, OSError) and cause.errno in FULL for cause in causes):
             return TaskOutcome("full", f"no space is left for {batch}")
         known = isinstance(error, RequestError | RunError)
-        return TaskOutcome("failed" if known else "lost", f"{said_of(error) or type(error).__name__}")
+        return TaskOutcome("failed" if known else "lost", f"{message_of(error) or type(error).__name__}")
 
 
 def _begin(task: BatchTask) -> TaskOutcome:
@@ -154,7 +154,7 @@ def _begin(task: BatchTask) -> TaskOutcome:
         return TaskOutcome("done", facts={"parts": 0})
     if not (place.state / PLAN).exists():
         found = task.job.arguments(source, place.folder)
-        with _unsaid():
+        with _silent():
             plan = cut(found["video"].open(), found["finding"], found["linking"], doing.stretch)
         if plan is None:
             return TaskOutcome("done", facts={"parts": 0})
@@ -166,10 +166,10 @@ def _begin(task: BatchTask) -> TaskOutcome:
 
 def _look(task: BatchTask) -> TaskOutcome:
     found = task.job.arguments(task.source(), task.place.folder)
-    with _unsaid():
-        seen = look(task.plan(), task.part, found["video"].open(), found["finding"], found["linking"])
+    with _silent():
+        seen = detect_segment(task.plan(), task.part, found["video"].open(), found["finding"], found["linking"])
     seen.write(task.file(task.part))
-    return TaskOutcome("done", facts={"frames": len(seen.found)})
+    return TaskOutcome("done", facts={"frames": len(seen.detections)})
 
 
 def _finish(task: BatchTask) -> TaskOutcome:
@@ -179,8 +179,8 @@ def _finish(task: BatchTask) -> TaskOutcome:
     found = task.job.arguments(task.source(), place.folder)
     tracker = GivenTracks(joined_tracks(place.state / "joined.npz")) if task.doing.files else None
     files = [task.file(part) for part in range(len(plan.parts))]
-    looked = partial(again, plan=plan, files=files, tracker=tracker)
-    return _ended(partial(track, **found, look=looked), task, place)
+    replayed = partial(again, plan=plan, files=files, tracker=tracker)
+    return _ended(partial(track, **found, replayed=replayed), task, place)
 
 
 def _join(task: BatchTask) -> TaskOutcome:
@@ -240,7 +240,7 @@ def _quiet() -> Iterator[tuple[io.StringIO, io.StringIO]]:
 
 
 @contextmanager
-def _unsaid() -> Iterator[None]:
+def _silent() -> Iterator[None]:
     """Nothing is said inside, for the end says it again."""
     with _quiet(), warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -52,7 +52,7 @@ class BodyTarget:
         score: likelihood (7) of the estimate, in [0, 1].
         distance: ``d_max`` of the estimate, pixels.
         status: whether to believe it.
-        unseen: frames in a row it was not seen.
+        undetected: frames in a row it was not seen.
     """
 
     id: int
@@ -62,7 +62,7 @@ class BodyTarget:
     score: float = 1.0
     distance: float = 0.0
     status: Status = "tracking"
-    unseen: int = 0
+    undetected: int = 0
 
 
 @dataclass
@@ -199,12 +199,12 @@ class DeformableTracker:
         """The target with its score and status."""
         distance, hidden = visible_distance(edges, self._contour(target)[None], neighbours)
         seen = edges.has_edges and distance <= self.settings.searching_beyond and hidden < MOSTLY
-        unseen = 0 if seen else target.unseen + 1
+        undetected = 0 if seen else target.undetected + 1
         status: Status = "tracking" if seen else "searching"
-        if not edges.has_edges or unseen > self.settings.patience:
+        if not edges.has_edges or undetected > self.settings.patience:
             status = "lost"
         score = float(np.exp(-(distance**2) / self.settings.spread))
-        return replace(target, score=score, distance=distance, status=status, unseen=unseen)
+        return replace(target, score=score, distance=distance, status=status, undetected=undetected)
 
     def _expected_contours(self) -> dict[int, Points]:
         """Contours ``(K, 2)`` where the targets are expected before the image is looked at.
@@ -228,7 +228,7 @@ class DeformableTracker:
     def _recover(self, edges: EdgeImage) -> None:
         """Put lost targets onto regions that no other target explains, now and then."""
         patience = self.settings.patience
-        waited = {n: target.unseen - patience for n, target in enumerate(self.targets) if target.status == "lost"}
+        waited = {n: target.undetected - patience for n, target in enumerate(self.targets) if target.status == "lost"}
         lost = [n for n, frames in waited.items() if frames > 0 and frames % SEARCH_EVERY == 1]
         if not lost or not edges.has_edges:
             return

@@ -203,7 +203,7 @@ def inverse_error(lens: OmnidirectionalLens) -> float:
     x, y = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
     pixels = np.column_stack([x.ravel(), y.ravel()])
     # It is worst in the corners, which a grid would miss.
-    pixels = pixels[lens.seen(pixels)]
+    pixels = pixels[lens.within_rim(pixels)]
     return float(
         np.nanmax(np.hypot(*(lens.project_by_inverse(np.asarray(lens.rays(pixels), dtype=np.float64)) - pixels).T))
     )

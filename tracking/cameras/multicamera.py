@@ -82,12 +82,12 @@ class FloorFolder:
 
     Attributes:
         cameras: with poses, rates and floor.
-        found: of each camera what is in each frame.
+        people: of each camera what is in each frame.
         truth: who is where.
     """
 
     cameras: list[CameraOverFloor]
-    found: list[list[StandingPeople]]
+    people: list[list[StandingPeople]]
     truth: PlacedTruth
 
 

@@ -159,7 +159,7 @@ class OmnidirectionalLens:
             centre=self.centre * scale + cut,
         )
 
-    def seen(self, pixels: NDArray[np.floating[Any]]) -> BoolArray:
+    def within_rim(self, pixels: NDArray[np.floating[Any]]) -> BoolArray:
         """``(N,)`` whether ``(N, 2)`` pixels lie within the rim."""
         x, y = self._sensor(np.asarray(pixels, dtype=np.float64)).T
         return np.asarray(x * x + y * y <= self.rim**2)

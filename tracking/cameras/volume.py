@@ -17,7 +17,7 @@ LARGEST_SHARE = 0.25
 FARTHEST = 15.0
 
 
-def in_sight(camera: PinholeCamera, points: FloatArray) -> BoolArray:
+def in_view(camera: PinholeCamera, points: FloatArray) -> BoolArray:
     """``(N,)`` whether ``camera`` has the ``(N, 3)`` points before it and within its image."""
     pixels, depth = camera.project(points)
     with np.errstate(invalid="ignore"):
@@ -38,7 +38,7 @@ def common_volume(cameras: Sequence[PinholeCamera], radius: float, views: int = 
     low[2], high[2] = 0.0, min(high[2], places[:, 2].max() + 3.0)
     axes = [np.linspace(a, b, 40) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    seen = _seen_well(cameras, radius, grid)
+    seen = _visible_well(cameras, radius, grid)
     good = grid[seen >= views]
     if len(good) == 0:
         raise RequestError(
@@ -62,18 +62,18 @@ def check_volume(volume: FloatArray, cameras: Sequence[PinholeCamera], radius: f
     """
     axes = np.linspace(volume[0], volume[1], 20).T
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    if (_seen_well(cameras, radius, grid) < 2).all():
+    if (_visible_well(cameras, radius, grid) < 2).all():
         raise RequestError(
             f"`volume`: expected places where two cameras see a ball of {radius:g} m with a radius of "
             f"{SMALLEST_RADIUS:g} pixels to a quarter of the image height, got none; check it, or give `start`"
         )
 
 
-def _seen_well(cameras: Sequence[PinholeCamera], radius: float, points: FloatArray) -> IntArray:
+def _visible_well(cameras: Sequence[PinholeCamera], radius: float, points: FloatArray) -> IntArray:
     """``(N,)`` how many cameras see a ball well at each of the ``(N, 3)`` points."""
     seen = np.zeros(len(points), dtype=np.int64)
     for camera in cameras:
         depth = np.maximum(camera.to_camera(points)[:, 2], 1e-9)
         size = camera.focal.mean() * radius / depth
-        seen += in_sight(camera, points) & (size >= SMALLEST_RADIUS) & (size <= camera.height * LARGEST_SHARE)
+        seen += in_view(camera, points) & (size >= SMALLEST_RADIUS) & (size <= camera.height * LARGEST_SHARE)
     return seen

@@ -15,7 +15,7 @@ from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
-from tsuiseki.tracking.features.view_choice import tell_models
+from tsuiseki.tracking.features.view_choice import report_models
 from tsuiseki.tracking.options import NO_OPTION, Shared
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shipped, shipped_or_file
@@ -137,12 +137,12 @@ def _adapt(
     said = None if corrections is None else corrections_in(corrections, sources)
     contents = contents_of(sources, start, teacher=teacher, corrections=said)
     with output.run() as run:
-        run.facts |= tell_models(looking)
+        run.facts |= report_models(looking)
         if resumed(work, {**request, "settings": asdict(settings), **contents}):
             print("going on with what an earlier run has finished")
         with _kept(work):
             camera = open_camera(sources, parse_frames(request["frames"]), work, settings, request["view"])
-            for line in _said_of_motion(camera):
+            for line in _motion_lines(camera):
                 print(line, flush=True)
             default = shipped(PEOPLE_DETECTOR)
             certain = None if said is None else certain_boxes(said, camera.videos[0].size)
@@ -166,7 +166,7 @@ def _kept(work: Path) -> Iterator[None]:
         raise Interrupted(error.number, kept) from error
 
 
-def _said_of_motion(camera: CameraVideos) -> list[str]:
+def _motion_lines(camera: CameraVideos) -> list[str]:
     """What of the camera's movement is worth a line, and what follows."""
     said = []
     for video in camera.videos:
@@ -218,7 +218,7 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
     for here in rounds(adaptation):
         finished.append(here)
         print(_line(here, finished[0]), flush=True)
-    notes = _said_of_motion(adaptation.camera)
+    notes = _motion_lines(adaptation.camera)
     notes += [_line(here, finished[0]) for here in finished if here.scores.collapsed(finished[0].scores)]
     best, kept = best_of(finished), True
     if best.number:

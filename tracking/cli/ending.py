@@ -153,13 +153,13 @@ def ended(command: Callable[[], int | None]) -> int:
         return FAILED
     except LATE as error:
         place = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""
-        return complain(said_of(error) + place, WRONG_REQUEST if isinstance(error, RequestError) else FAILED)
+        return complain(message_of(error) + place, WRONG_REQUEST if isinstance(error, RequestError) else FAILED)
     except KeyboardInterrupt as error:
         kept = error.kept if isinstance(error, Interrupted) else Interrupted().kept
         return complain(f"interrupted; {kept}", 128 + signal_of(error))
 
 
-def said_of(error: BaseException) -> str:
+def message_of(error: BaseException) -> str:
     """What one of `LATE` says to people."""
     if isinstance(error, MemoryError):
         return f"not enough memory{f': {error}' if str(error) else ''}"

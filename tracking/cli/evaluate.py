@@ -73,7 +73,7 @@ class PlottedComparison(Comparison):
 
 
 @dataclass(frozen=True)
-class Stretch(Shared):
+class ScoredFrames(Shared):
     """Which frames count.
 
     Attributes:
@@ -93,7 +93,7 @@ class Stretch(Shared):
 
 
 @dataclass(frozen=True)
-class Labels(Stretch):
+class Labels(ScoredFrames):
     """How labels are read.
 
     Attributes:
@@ -152,7 +152,7 @@ def action(given: Comparison, labels: Labels, threshold: float = 0.4, multiple_a
     given.report(action_table(scores), action_values(scores))
 
 
-def coverage(given: Comparison, stretch: Stretch, overlap: float = 0.5) -> None:
+def coverage(given: Comparison, scored: ScoredFrames, overlap: float = 0.5) -> None:
     """Say how well tracks of many follow the one person who is labelled: share of frames, switches of identity.
 
     Args:
@@ -279,7 +279,7 @@ def appearance(given: Comparison, threads: int = 0) -> None:
     given.report(table, found)
 
 
-def points(given: Comparison, stretch: Stretch, cutoff: float = 100.0, window: int = 10) -> None:
+def points(given: Comparison, scored: ScoredFrames, cutoff: float = 100.0, window: int = 10) -> None:
     """Score tracked points: OSPA, OSPA(2), GOSPA and its parts, number of targets, changed identities.
 
     Means are over all frames from the first on; where labels or results begin later, give --frames.
@@ -335,7 +335,7 @@ def single(
     given.draw(lambda path: figure.savefig(path, dpi=130, facecolor="white"))
 
 
-def states(given: Comparison, stretch: Stretch, distance: float = 20.0) -> None:
+def states(given: Comparison, scored: ScoredFrames, distance: float = 20.0) -> None:
     """Score bodies that were followed against their exact states: errors of position and heading, success, identity.
 
     A body is found in a frame where an estimate that its tracker believes lies within --distance of it.
@@ -350,5 +350,5 @@ def states(given: Comparison, stretch: Stretch, distance: float = 20.0) -> None:
     from tsuiseki.tracking.evaluation.tables import STATE_COLUMNS, value_table
 
     _check(distance > 0, "distance", "pixels above 0", distance)
-    scores = evaluate_state_files(given.truth, given.named(), distance, stretch.range)
+    scores = evaluate_state_files(given.truth, given.named(), distance, scored.range)
     given.report(value_table(scores, STATE_COLUMNS), {name: one.values() for name, one in scores.items()})

@@ -33,7 +33,7 @@ from pathlib import Path, PurePath
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tsuiseki.tracking.cli.ending import DEADLINE, DONE, FAILED, LATE, NOTES, complain, on_signals, said_of
+from tsuiseki.tracking.cli.ending import DEADLINE, DONE, FAILED, LATE, NOTES, complain, message_of, on_signals
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import Dropped, Interrupted, RequestError, RunError, signal_of
 from tsuiseki.tracking.options import NO_OPTION, Seed, Shared
@@ -302,7 +302,7 @@ class Run:
         self._summary = summary
 
     def _fail(self, error: BaseException, prefix: str = "") -> None:
-        self._say(prefix + said_of(error), FAILED)
+        self._say(prefix + message_of(error), FAILED)
 
     def _say(self, reason: str, status: int) -> None:
         if not self._reason:

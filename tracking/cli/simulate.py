@@ -37,7 +37,7 @@ class Length(Shared):
                 raise RequestError(f"`{name}`: expected 1 to {most}, got {value}")
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """What is drawn, for people."""
         return f"{self.frames} frames"
 
@@ -55,7 +55,7 @@ class Size(Length):
     height: int = 480
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """What is drawn, for people."""
         return f"{self.frames} frames of {self.width}x{self.height}"
 
@@ -278,12 +278,12 @@ def sprites(
     from tsuiseki.datamodules.scenes.figures.library import SpriteSettings, write_sprites
 
     settings = SpriteSettings(people, views, height, tilts=tilts, poses=poses)
-    told = f"{people} people of {height} pixels in {views} views each"
+    summary = f"{people} people of {height} pixels in {views} views each"
 
     def write(folder: Path) -> object:
         return write_sprites(folder, assets, settings, output.seed, watch=_watched("rendering", people))
 
-    return _fill(output, told, write)
+    return _fill(output, summary, write)
 
 
 def _make(output: SeededOutput, length: Length, plan: partial[Any], more: str = "") -> int:
@@ -296,7 +296,7 @@ def _make(output: SeededOutput, length: Length, plan: partial[Any], more: str = 
     def write(folder: Path) -> object:
         return write_clip(folder, plan(), watch=_watched("drawing", length.frames))
 
-    return _fill(output, length.told + more, write)
+    return _fill(output, length.summary + more, write)
 
 
 def _watched(doing: str, count: int) -> Callable[[Iterable[T]], Iterator[T]]:
@@ -305,7 +305,7 @@ def _watched(doing: str, count: int) -> Callable[[Iterable[T]], Iterator[T]]:
 
 
 def _fill(output: SeededOutput, what: str, write: Callable[[Path], object]) -> int:
-    """Let ``write`` fill the output folder; ``what`` is told when it is whole."""
+    """Let ``write`` fill the output folder; ``what`` is summary when it is whole."""
     with output.run() as run:
         with run.times.measure("draw"):
             run.fill(write)

@@ -27,7 +27,7 @@ def demo_drone(output: SeededOutput, frames: int, threads: int, device: Device) 
     from tsuiseki.tracking.drone.models import DroneModels
     from tsuiseki.tracking.drone.run import link, observations
     from tsuiseki.tracking.drone.settings import DroneSettings
-    from tsuiseki.tracking.features.view_choice import tell_models
+    from tsuiseki.tracking.features.view_choice import report_models
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.people.settings import FindingOptions
     from tsuiseki.tracking.video.source import open_source
@@ -40,7 +40,7 @@ def demo_drone(output: SeededOutput, frames: int, threads: int, device: Device) 
             )
         source = open_source(clip)
         models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads, device=device))
-        run.facts |= tell_models(models.observers.detect, models.observers.describe, models.observers.recognise)
+        run.facts |= report_models(models.observers.detect, models.observers.describe, models.observers.recognise)
         truth = read_ground_truth(clip / "gt" / "gt.txt")
         cache = str(clip), run.work / "observations"
         results = {

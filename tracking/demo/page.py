@@ -100,7 +100,7 @@ def _where_false_boxes_come_from(tracks: Sequence[Track], truth: GroundTruth, co
     """A sentence that tells things that stand still, boxes filled into gaps and the rest of ``count`` boxes apart."""
     still = filled = things = 0
     for track in tracks:
-        false = _on_nobody(track, truth)
+        false = _false_positives(track, truth)
         if not false.any():
             continue
         way = np.ptp(centres(track.boxes), axis=0).max() / np.median(track.boxes[:, 3] - track.boxes[:, 1])
@@ -117,7 +117,7 @@ def _where_false_boxes_come_from(tracks: Sequence[Track], truth: GroundTruth, co
     return f"Its false boxes: {', '.join(f'{number} {where}' for where, number in found.items() if number)}."
 
 
-def _on_nobody(track: Track, truth: GroundTruth) -> BoolArray:
+def _false_positives(track: Track, truth: GroundTruth) -> BoolArray:
     """``(T,)`` which boxes of a track overlap nobody by half."""
     nobody = np.ones(len(track), dtype=np.bool_)
     for row, frame in enumerate(track.frames.tolist()):

@@ -70,7 +70,7 @@ def _demo_street(
     from tsuiseki.tracking.demo.page import DemoResult
     from tsuiseki.tracking.demo.people import scored, shipped_street, street_inputs, street_trackers
     from tsuiseki.tracking.features.standing_camera import StandingCamera
-    from tsuiseki.tracking.features.view_choice import tell_models
+    from tsuiseki.tracking.features.view_choice import report_models
     from tsuiseki.tracking.formats.mot import read_ground_truth
     from tsuiseki.tracking.people.tracker import run_trackers
     from tsuiseki.tracking.video.source import open_source
@@ -86,8 +86,8 @@ def _demo_street(
         source = open_source(clip)
         camera = StandingCamera()
         inputs = street_inputs(source, models, threads, camera, device)
-        run.facts |= tell_models(inputs.detect, inputs.describe)
-        found = inputs.found(run.frames(source), run.times)
+        run.facts |= report_models(inputs.detect, inputs.describe)
+        found = inputs.detections(run.frames(source), run.times)
         steps = run.steps(found)
         tracks, log = run_trackers(steps, street_trackers(source, models, threads, camera), run.times)
         truth = read_ground_truth(clip / "gt" / "gt.txt").between(0, run.count - 1)

@@ -297,7 +297,7 @@ def drone(
         drone: settings of the flow and of what is reported.
     """
     from tsuiseki.tracking.features.camera_path import line_on_camera
-    from tsuiseki.tracking.features.view_choice import tell_blank, tell_models
+    from tsuiseki.tracking.features.view_choice import report_blank, report_models
 
     if not 0 <= threshold <= 1:
         raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
@@ -306,7 +306,7 @@ def drone(
     moving = not keep_camera_motion and preset == "default"
     models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)
     with output.run() as run:
-        run.facts |= tell_models(models.observers.detect, models.observers.describe, models.observers.recognise)
+        run.facts |= report_models(models.observers.detect, models.observers.describe, models.observers.recognise)
         seen = observations(run, source, models, None if cache is None else (video.source, cache))
         line = None if finding.detections or cache else lambda number, one: detection_lines(number, one.detections)
         kept = run.kept("detections.txt", ((one.frame, one) for one in seen), line)
@@ -314,7 +314,7 @@ def drone(
         result = link(steps, source, models, method, drone, run.times, output.settings, costs, threshold)
         if unknown := result.facts.get("flow", {}).get("camera_unknown"):
             print(line_on_camera(unknown))
-        tell_blank(models.observers.detect)
+        report_blank(models.observers.detect)
         run.save(result, lambda: video.draw(run, source, result))
         run.done(f"{count(len(result), 'person', 'people')} in {run.count} frames: {output.out / 'tracks.txt'}")
     return run.status

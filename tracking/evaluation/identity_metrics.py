@@ -37,23 +37,23 @@ class LabelledSequence:
 
     Attributes:
         true_ids: of each frame ``(n,)`` numbers from 0.
-        found_ids: likewise ``(m,)``.
+        reported_ids: likewise ``(m,)``.
         overlaps: of each frame ``(n, m)`` in [0, 1].
         true_count: how many true identities there are.
-        found_count: how many found ones.
+        reported_count: how many found ones.
     """
 
     true_ids: Sequence[IntArray]
-    found_ids: Sequence[IntArray]
+    reported_ids: Sequence[IntArray]
     overlaps: Sequence[FloatArray]
     true_count: int
-    found_count: int
+    reported_count: int
 
     def lengths(self) -> tuple[FloatArray, FloatArray]:
         """In how many frames each true and each found identity is."""
         return (
             np.bincount(_joined(self.true_ids), minlength=self.true_count).astype(np.float64),
-            np.bincount(_joined(self.found_ids), minlength=self.found_count).astype(np.float64),
+            np.bincount(_joined(self.reported_ids), minlength=self.reported_count).astype(np.float64),
         )
 
 
@@ -148,11 +148,11 @@ def hota(sequence: LabelledSequence) -> Hota:
     true_lengths, found_lengths = sequence.lengths()
     alignment = _alignment(sequence, true_lengths, found_lengths)
     pairs, overlaps = [], []
-    for true, found, shared in zip(sequence.true_ids, sequence.found_ids, sequence.overlaps, strict=True):
+    for true, found, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
         rows, columns = scipy.optimize.linear_sum_assignment(
             alignment[true[:, None], found[None]] * shared, maximize=True
         )
-        pairs.append(true[rows] * sequence.found_count + found[columns])
+        pairs.append(true[rows] * sequence.reported_count + found[columns])
         overlaps.append(shared[rows, columns])
     cells, shares = _joined(pairs), np.concatenate([np.empty(0), *overlaps])
     both = (true_lengths[:, None] + found_lengths[None]).ravel()
@@ -166,8 +166,8 @@ def hota(sequence: LabelledSequence) -> Hota:
 
 def _alignment(sequence: LabelledSequence, true_lengths: FloatArray, found_lengths: FloatArray) -> FloatArray:
     """``(true, found)`` how much two identities overlap over the sequence: a soft Jaccard index of their boxes."""
-    common = np.zeros((sequence.true_count, sequence.found_count))
-    for true, found, shared in zip(sequence.true_ids, sequence.found_ids, sequence.overlaps, strict=True):
+    common = np.zeros((sequence.true_count, sequence.reported_count))
+    for true, found, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
         either = shared.sum(axis=0)[None] + shared.sum(axis=1)[:, None] - shared
         common[true[:, None], found[None]] += np.divide(
             shared, either, out=np.zeros_like(shared), where=either > ROUNDING
@@ -182,7 +182,7 @@ def clear(sequence: LabelledSequence, least: float = 0.5) -> Clear:
     before = last.copy()  # whom it was matched to in the last frame that had boxes of both kinds
     hits = misses = false = switches = 0
     overlap = 0.0
-    for true, found, shared in zip(sequence.true_ids, sequence.found_ids, sequence.overlaps, strict=True):
+    for true, found, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
         if not shared.size:
             misses, false = misses + len(true), false + len(found)
             continue
@@ -202,12 +202,12 @@ def clear(sequence: LabelledSequence, least: float = 0.5) -> Clear:
 
 def identity(sequence: LabelledSequence, least: float = 0.5) -> Identity:
     """The counts of the identity scores, for boxes that match from an overlap of ``least`` on."""
-    common = np.zeros((sequence.true_count, sequence.found_count))
-    for true, found, shared in zip(sequence.true_ids, sequence.found_ids, sequence.overlaps, strict=True):
+    common = np.zeros((sequence.true_count, sequence.reported_count))
+    for true, found, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
         common[true[:, None], found[None]] += shared >= least
     rows, columns = scipy.optimize.linear_sum_assignment(common, maximize=True)
     hits = int(common[rows, columns].sum())
-    return Identity(hits, sum(map(len, sequence.true_ids)) - hits, sum(map(len, sequence.found_ids)) - hits)
+    return Identity(hits, sum(map(len, sequence.true_ids)) - hits, sum(map(len, sequence.reported_ids)) - hits)
 
 
 def _joined(parts: Sequence[IntArray]) -> IntArray:

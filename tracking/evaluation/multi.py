@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.association.looks import looked_at, stride_of
+from tsuiseki.tracking.association.inference_times import inferred_frames, stride_of
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.identity_metrics import (
     Clear,
@@ -214,7 +214,7 @@ def _prepare(pair: SequencePair) -> LabelledSequence:
 
 
 def where_labelled(name: str, labels: IntArray, frames: IntArray, length: int | None, stated: bool) -> BoolArray:
-    """``(N,)`` which boxes of a result lie in frames that somebody labelled, as `looked_at` has it; warns of others.
+    """``(N,)`` which boxes of a result lie in labelled frames, by `inferred_frames`; warns of others.
 
     Args:
         name: of the sequence.
@@ -233,7 +233,7 @@ def where_labelled(name: str, labels: IntArray, frames: IntArray, length: int | 
             stacklevel=3,
         )
     last = int(max(end, frames.max(initial=0), (length or 1) - 1))
-    labelled = looked_at(np.bincount(labels, minlength=last + 1))
+    labelled = inferred_frames(np.bincount(labels, minlength=last + 1))
     if labelled is None or labelled[frames].all():
         return np.ones(len(frames), dtype=np.bool_)
     warnings.warn(

@@ -79,14 +79,14 @@ def evaluate_on_floor(
             f"{found.times.min():g} to {found.times.max():g} s"
         )
     true_ids, true_number = np.unique(truth.ids, return_inverse=True)
-    found_ids, number = np.unique(found.ids[kept], return_inverse=True)
+    reported_ids, number = np.unique(found.ids[kept], return_inverse=True)
     places = found.places[kept]
     moment = np.searchsorted(times, truth.times)
     sets = [(np.flatnonzero(moment == k), np.flatnonzero(at == k)) for k in range(len(times))]
     apart = [cdist(truth.places[a], places[b]).reshape(len(a), len(b)) for a, b in sets]
     sequence = LabelledSequence(
         [true_number[a] for a, _ in sets], [number[b] for _, b in sets],
-        [np.maximum(0.0, 1.0 - d / (2 * distance)) for d in apart], len(true_ids), len(found_ids),
+        [np.maximum(0.0, 1.0 - d / (2 * distance)) for d in apart], len(true_ids), len(reported_ids),
     )  # fmt: skip
     counts = clear(sequence)
     hits, closeness = _matched(apart, near)

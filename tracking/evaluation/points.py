@@ -163,9 +163,9 @@ def identity_switches(truth: PointTracks, found: PointTracks, c: float) -> int:
         for i, j in zip(*linear_sum_assignment(np.minimum(distances, c)), strict=True):
             if distances[i, j] >= c:
                 continue
-            true_id, found_id = int(truth.ids[rows[i]]), int(found.ids[columns[j]])
-            switches += held.get(true_id, found_id) != found_id
-            held[true_id] = found_id
+            true_id, reported_id = int(truth.ids[rows[i]]), int(found.ids[columns[j]])
+            switches += held.get(true_id, reported_id) != reported_id
+            held[true_id] = reported_id
     return switches
 
 

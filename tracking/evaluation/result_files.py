@@ -43,7 +43,7 @@ def result_names(results: Sequence[Path], names: Sequence[str] | None = None) ->
         if len(names) != len(results) or len(set(names)) != len(names):
             raise RequestError(f"`names`: expected {len(results)} different names, one a result, got {','.join(names)}")
         return list(names)
-    parts = [_telling_parts(path.resolve()) for path in results]
+    parts = [_distinctive_parts(path.resolve()) for path in results]
     if len(set(parts)) != len(parts):
         raise RequestError("expected different results to compare, got one twice")
     depths = range(1, max(map(len, parts)) + 1)
@@ -51,7 +51,7 @@ def result_names(results: Sequence[Path], names: Sequence[str] | None = None) ->
     return next(shown for shown in candidates if len(set(shown)) == len(shown))
 
 
-def _telling_parts(path: Path) -> tuple[str, ...]:
+def _distinctive_parts(path: Path) -> tuple[str, ...]:
     """The parts of ``path`` without what all results are called."""
     if path.is_file():
         path = path.parent if path.name in USUAL_NAMES else path.with_suffix("")
@@ -181,7 +181,7 @@ def evaluate_detection_files(
         none = Detections.empty()
         counted = np.repeat(numbers, [len(found[n]) if n < len(found) else 0 for n in numbers])
         kept = where_labelled(truth.name, truth.labels.frames, counted, truth.length, truth.length is not None)
-        _warn_of_a_stretch(file, truth.labels, counted)
+        _warn_of_a_segment(file, truth.labels, counted)
         left_out = {*counted[~kept].tolist()}
         numbers = [number for number in numbers if number not in left_out]
         every[truth.name] = (truth.labels, numbers, [found[n] if n < len(found) else none for n in numbers])
@@ -200,7 +200,7 @@ def evaluate_detection_files(
     return DetectionEvaluation({name: scored([one]) for name, one in every.items()}, scored(every.values()), visible)
 
 
-def _warn_of_a_stretch(file: Path, labels: GroundTruth, frames: IntArray) -> None:
+def _warn_of_a_segment(file: Path, labels: GroundTruth, frames: IntArray) -> None:
     """Say that many labels lie before the first frame ``(N,)`` with a detection, or after the last."""
     rows = labels.frames[labels.evaluated]
     if len(frames) and ((rows < frames[0]) | (rows > frames[-1])).sum() > MANY * len(rows):

@@ -160,7 +160,7 @@ def learn_background(
         raise RequestError(f"expected a share in (0, 1) and a threshold in (0, 255), got {share:g} and {threshold}")
     ordered = np.sort(np.stack(images), axis=0)
     if contrast == "auto":
-        contrast = _found_contrast(ordered)
+        contrast = _estimated_contrast(ordered)
     back = _quantile(ordered, contrast)
     surroundings = _surroundings(back)
     for done in range(ROUNDS + 1):
@@ -204,7 +204,7 @@ def _difference(image: ImageArray, back: ImageArray, contrast: Contrast) -> Grey
     return np.asarray(cv2.GaussianBlur(different, (0, 0), 1.0), dtype=np.uint8)
 
 
-def _found_contrast(ordered: NDArray[np.uint8]) -> Contrast:
+def _estimated_contrast(ordered: NDArray[np.uint8]) -> Contrast:
     """Whether animals are brighter or darker than what surrounds them.
 
     Where something moved, the brightest and the darkest value of a pixel are the animal and what lies behind it; what

@@ -72,7 +72,7 @@ OVERLAP = 0.25
 
 
 @dataclass(frozen=True)
-class FoundStep:
+class ProposedStep:
     """A step that the search proposes.
 
     Attributes:
@@ -109,13 +109,13 @@ def agreement(first: Pattern, second: Pattern, similarity: FloatArray) -> float:
     return float((one * other).sum()) / energy**0.5 if energy > 0 else -1.0
 
 
-def search(first: Pattern, second: Pattern) -> list[FoundStep]:
+def search(first: Pattern, second: Pattern) -> list[ProposedStep]:
     """The steps that explain ``second`` by ``first``, the best first; those that lead to the same place come once."""
     turns = np.arange(-(LARGEST_TURN // TURN_STEP) * TURN_STEP, LARGEST_TURN + TURN_STEP / 2, TURN_STEP)
     coarse = sorted((_best_shift(first, second, turn) for turn in turns.tolist()), key=lambda s: -s[0])
     found = []
     for height, guess in coarse[:REFINED]:
-        found.append(FoundStep(guess, height))
+        found.append(ProposedStep(guess, height))
         refined = refine(first, second, guess)
         if refined is not None:
             found.append(refined)
@@ -168,7 +168,7 @@ def _masked_correlation(first: Pattern, inside: Pattern, second: Pattern) -> Flo
     return np.where(count[..., 0] < OVERLAP * height * width, -1.0, result)
 
 
-def refine(first: Pattern, second: Pattern, guess: FloatArray) -> FoundStep | None:
+def refine(first: Pattern, second: Pattern, guess: FloatArray) -> ProposedStep | None:
     """The step near ``guess``, turned and shifted, of the highest correlation; None where there is none."""
     back = np.asarray(cv2.invertAffineTransform(guess), dtype=np.float32)
     until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
@@ -178,10 +178,10 @@ def refine(first: Pattern, second: Pattern, guess: FloatArray) -> FoundStep | No
     except cv2.error:  # It has left the image.
         return None
     similarity = np.asarray(cv2.invertAffineTransform(back.astype(np.float64)), dtype=np.float64)
-    return FoundStep(similarity, agreement(first, second, similarity))
+    return ProposedStep(similarity, agreement(first, second, similarity))
 
 
-def leads_to_the_same(one: FoundStep, other: FoundStep, image: Pattern) -> bool:
+def leads_to_the_same(one: ProposedStep, other: ProposedStep, image: Pattern) -> bool:
     """Whether two steps take the corners of ``image`` to the same places, to an eighth of the width."""
     height, width = image.shape[:2]
     corners = np.array([[x, y, 1.0] for x in (0, width) for y in (0, height)])
@@ -189,9 +189,9 @@ def leads_to_the_same(one: FoundStep, other: FoundStep, image: Pattern) -> bool:
     return bool(np.linalg.norm(away, axis=1).max() <= width / 8)
 
 
-def _distinct(steps: Sequence[FoundStep], image: Pattern) -> list[FoundStep]:
+def _distinct(steps: Sequence[ProposedStep], image: Pattern) -> list[ProposedStep]:
     """``steps`` without those that lead to the same as a better one."""
-    kept: list[FoundStep] = []
+    kept: list[ProposedStep] = []
     for step in steps:
         if not any(leads_to_the_same(step, better, image) for better in kept):
             kept.append(step)
@@ -285,7 +285,7 @@ def frame_step(first: CameraFrame, second: CameraFrame) -> CameraStep | None:
     return _in_frames(first, followed) if followed is not None and followed.share >= MINORITY else None
 
 
-def _in_frames(first: CameraFrame, found: FoundStep) -> CameraStep:
+def _in_frames(first: CameraFrame, found: ProposedStep) -> CameraStep:
     """A step between patterns in pixels of the frames, the more in doubt the less the patterns agree."""
     ratio = first.image.shape[1] / first.ratio / first.pattern.shape[1]
     similarity = np.column_stack([found.similarity[:, :2], found.similarity[:, 2] * ratio])
@@ -295,7 +295,7 @@ def _in_frames(first: CameraFrame, found: FoundStep) -> CameraStep:
 
 
 @dataclass(frozen=True)
-class _ByFeatures(FoundStep):
+class _ByFeatures(ProposedStep):
     """What features say, and the share of them that agree."""
 
     share: float

@@ -249,7 +249,7 @@ class ForeignDetector:
         self._batched = len(self._wanted.shape) == 4
         sides = self._wanted.shape[1:3] if self._tensorflow else self._wanted.shape[-2:]
         height, width = (x if isinstance(x, int) else None for x in sides)
-        told = _told_size(self.metadata)
+        told = _metadata_size(self.metadata)
         height = height or options.height or (told[0] if told else None)
         width = width or options.width or (told[1] if told else None)
         if height and width:
@@ -406,7 +406,7 @@ def _changed(path: Path, usual: ImageInput, options: DetectorOptions, *, whole: 
     return replace(usual, **given)
 
 
-def _told_size(metadata: Mapping[str, str]) -> Size | None:
+def _metadata_size(metadata: Mapping[str, str]) -> Size | None:
     """Height and width that the metadata tell (``imgsz``)."""
     try:
         size = ast.literal_eval(metadata["imgsz"])

@@ -44,13 +44,13 @@ def stream(
     batches = _batches(frames, batch_size, times)
     if workers == 1:
         for batch in batches:
-            yield from _look(batch, _ready(detect, batch, times), describe, times)
+            yield from _detected(batch, _ready(detect, batch, times), describe, times)
         return
     waiting: deque[Future[_Found]] = deque()
     with ThreadPoolExecutor(workers, "tsuiseki") as pool:
         try:
             for batch in batches:
-                waiting.append(pool.submit(_look, batch, _ready(detect, batch, times, workers), describe, times))
+                waiting.append(pool.submit(_detected, batch, _ready(detect, batch, times, workers), describe, times))
                 # What is finished, such as the first batch, is not kept waiting for what is behind it.
                 while waiting and (len(waiting) >= 2 * workers or waiting[0].done()):
                     yield from waiting.popleft().result()
@@ -81,7 +81,7 @@ def _ready(
         return detect.prepared([frame.image for frame in batch], workers)
 
 
-def _look(
+def _detected(
     batch: list[Frame], detect: Detect | Sequence[Detections], describe: Describe | None, times: StageTimes
 ) -> _Found:
     with times.measure("detect"):

@@ -126,7 +126,7 @@ def worth_more(people: float, with_more: float, enlarged: bool) -> bool:
 
 
 @dataclass
-class ViewLooks:
+class ViewHistory:
     """The looks at a video's frames of one size, and what follows from them.
 
     Attributes:
@@ -219,7 +219,7 @@ class ViewedDetector:
 
     Attributes:
         enlarge: as given, but never for such a one.
-        looks: at the frames of each height and width.
+        histories: of the frames of each height and width.
     """
 
     def __init__(
@@ -233,27 +233,27 @@ class ViewedDetector:
     ) -> None:
         self.enlarge, self.sparing = enlarge and not scores_are_probabilities(detector), sparing
         self.detector, self.wanted, self.batch_size, self.frame_rate = detector, wanted, batch_size, frame_rate
-        self.looks: dict[tuple[int, ...], ViewLooks] = {}
+        self.histories: dict[tuple[int, ...], ViewHistory] = {}
 
     @property
     def choices(self) -> dict[tuple[int, ...], ViewChoice]:
         """The view by now, by the height and width of the frames."""
-        return {size: looks.choice for size, looks in self.looks.items() if looks.choice is not None}
+        return {size: history.choice for size, history in self.histories.items() if history.choice is not None}
 
     @property
     def summary(self) -> str:
         """The views in words; empty before the first frame."""
-        return "; ".join(map(str, self.looks.values()))
+        return "; ".join(map(str, self.histories.values()))
 
     def prepare(self, images: Sequence[ImageArray], workers: int = 1) -> ViewChoice:
         """The view for ``images``, the next ones of a video, which are counted; see `prepared`."""
         size = images[0].shape[:2]
-        if size not in self.looks:
-            self.looks[size] = ViewLooks(self.frame_rate, enlarge=self.enlarge)
+        if size not in self.histories:
+            self.histories[size] = ViewHistory(self.frame_rate, enlarge=self.enlarge)
             if self.wanted is not None:
                 choice = self._as_wanted(self.wanted, images[0])
-                self.looks[size] = ViewLooks(self.frame_rate, choice, changes=[(0, choice)], due=None)
-        return self.looks[size].take(images, self.detector, self.batch_size, workers)
+                self.histories[size] = ViewHistory(self.frame_rate, choice, changes=[(0, choice)], due=None)
+        return self.histories[size].take(images, self.detector, self.batch_size, workers)
 
     def _as_wanted(self, wanted: tuple[int, int | None], image: ImageArray) -> ViewChoice:
         """The view that was asked for, and what it takes."""
@@ -270,7 +270,7 @@ class ViewedDetector:
         view = self.prepare(images, workers).view
         every = TiledDetector(self.detector, view, batch_size=self.batch_size, workers=workers)
         if self.sparing and len(view) > 1:
-            return self.looks[images[0].shape[:2]].busy(images, every)
+            return self.histories[images[0].shape[:2]].busy(images, every)
         every.workers = 1
         return every
 
@@ -332,7 +332,7 @@ def _expected(found: Detections) -> float:
     return float(found.scores[found.scores >= _CERTAIN].sum())
 
 
-def tell_models(detect: object, *others: object) -> dict[str, Any]:
+def report_models(detect: object, *others: object) -> dict[str, Any]:
     """What the networks run on, and how the file of ``detect`` is read, for ``run.json``.
 
     What is not the usual way is printed, too: a GPU, and a file that was recognised.
@@ -347,7 +347,7 @@ def tell_models(detect: object, *others: object) -> dict[str, Any]:
     return facts
 
 
-def tell_blank(detect: object) -> None:
+def report_blank(detect: object) -> None:
     """Print that the file of ``detect`` has given nothing for any picture, where that is so."""
     found = inner_detector(detect)
     if isinstance(found, ForeignDetector) and found.blank:

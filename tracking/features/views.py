@@ -193,7 +193,7 @@ def merge(found: Sequence[Detections], tiles: IntArray, iou_threshold: float = 0
     classes = np.concatenate([d.origin[:, 1] for d in found])
     cut = _cut_off(boxes, tiles[owner], tiles[0])
     compared = boxes if across else set_apart(boxes, classes)
-    kept = np.flatnonzero(~_seen_better(compared, scores, cut, owner))
+    kept = np.flatnonzero(~_covered_by_other_tile(compared, scores, cut, owner))
     kept = kept[suppress(compared[kept], scores[kept], iou_threshold)]
     told = None if all(d.classes is None for d in found) else classes[kept]
     return Detections(boxes[kept], scores[kept], classes=told, names=found[0].names)
@@ -240,7 +240,7 @@ def _cut_off(boxes: FloatArray, tiles: IntArray, frame: IntArray) -> BoolArray:
     return np.asarray((before | after).any(axis=1))
 
 
-def _seen_better(boxes: FloatArray, scores: FloatArray, cut: BoolArray, owner: IntArray) -> BoolArray:
+def _covered_by_other_tile(boxes: FloatArray, scores: FloatArray, cut: BoolArray, owner: IntArray) -> BoolArray:
     """``(N,)`` cut-off boxes that a box of another tile covers: a whole one, or a larger one that is cut off, too."""
     size = areas(boxes)
     covered = intersections(boxes[:, None], boxes[None]) >= _COVERED * size[:, None]

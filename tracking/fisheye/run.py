@@ -23,7 +23,7 @@ from tsuiseki.tracking.features.exported import (
 from tsuiseki.tracking.features.view_choice import devices_of
 from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, CeilingOptions, FisheyeSettings, FloorFlowSettings
 from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
-from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
+from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
 from tsuiseki.tracking.fisheye.view import CeilingSource, CeilingView, Passed, given_detections, open_ceiling
 from tsuiseki.tracking.following import count
 from tsuiseki.tracking.formats.mot import write_tracks
@@ -94,7 +94,7 @@ def track_fisheye(
     if video.live:
         raise RequestError(f"expected a video that ends, got {video.name}, which is live; record it, or give a list")
     made = {"method": method, "source": named(source), "seed": seed}
-    found = inputs.found(video.frames(), times)
+    found = inputs.detections(video.frames(), times)
     result = floor_result(inputs, found, method, hungarian, flow, times, made)
 
     def page(path: Path, folder: Path) -> None:
@@ -136,27 +136,27 @@ def fisheye(
         hungarian: settings of --method hungarian.
         flow: settings of --method flow.
     """
-    from tsuiseki.tracking.features.view_choice import tell_blank, tell_models
+    from tsuiseki.tracking.features.view_choice import report_blank, report_models
     from tsuiseki.tracking.fisheye.page import floor_page
 
     opened = opened_ceiling(source, cameras, ceiling, finding, detections)
     sections, lines, made = [], [], output.settings
     with output.run() as run:
-        run.facts |= tell_models(opened[0].detector, opened[0].describe)
+        run.facts |= report_models(opened[0].detector, opened[0].describe)
         for inputs in opened:
             if run.asked:
                 break
             name, video = inputs.ceiling.placed.name, inputs.ceiling.source
             folder = "" if len(opened) == 1 else name
-            found = inputs.found(run.frames(video, record=ceiling.overlay), run.times)
+            found = inputs.detections(run.frames(video, record=ceiling.overlay), run.times)
             steps = run.steps(found, f"tracking {name}")
             chosen = method or ("hungarian" if video.live else "flow")
             result = floor_result(inputs, steps, chosen, hungarian, flow, run.times, made)
             run.save(result, partial(ceiling.draw, run, video, result, folder), folder)
             sections.append(inputs.section(result, run.work / folder))
-            told = inputs.passed.told(hungarian.start_score if chosen == "hungarian" else None)
+            told = inputs.passed.summary(hungarian.start_score if chosen == "hungarian" else None)
             lines.append(f"{name}: {count(len(result), 'person', 'people')}{told}")
-        tell_blank(opened[0].detector)
+        report_blank(opened[0].detector)
         page = floor_page(sections, run.times.seconds, {name: str(value) for name, value in made.items()})
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
         run.done("\n".join([*lines, f"results: {output.out}"]))
@@ -185,7 +185,7 @@ class CeilingInputs:
     person: PersonModel
     passed: Passed
 
-    def found(self, frames: Iterable[Frame], times: StageTimes) -> Iterator[FloorDetections]:
+    def detections(self, frames: Iterable[Frame], times: StageTimes) -> Iterator[FloorDetections]:
         """The people of each frame, located and described; ``times`` gets the stages."""
         with times.measure("table"):
             view = self.ceiling.view(self.options.tables, self.person)
@@ -243,9 +243,9 @@ def opened_ceiling(
     if detections is None:
         path, turned = finding.detector or shipped(DETECTORS[options.view]), options.view == "image"
         how = finding.threads, options.detector_options, finding.device
-        found_by = as_detector(path, finding.threshold, *how, turned=turned)
-        detector = found_by
-        found += [looking(found_by, each.placed.camera, options.view, options.unrolling) for each in views]
+        soft_targets = as_detector(path, finding.threshold, *how, turned=turned)
+        detector = soft_targets
+        found += [ceiling_detector(soft_targets, each.placed.camera, options.view, options.unrolling) for each in views]
     else:
         found += [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]
     describe = None if network is None else as_describer(network, finding.threads, device=finding.device)

@@ -55,7 +55,7 @@ class _Live:
         velocities: ``(T, 2)`` m/s.
         appearance: ``(T, D)`` running means of features, of unit length or NaN.
         hits: ``(T,)`` number of detections.
-        unseen: ``(T,)`` seconds since the last detection.
+        undetected: ``(T,)`` seconds since the last detection.
     """
 
     numbers: IntArray
@@ -63,7 +63,7 @@ class _Live:
     velocities: FloatArray
     appearance: FloatArray
     hits: IntArray
-    unseen: FloatArray
+    undetected: FloatArray
 
     def select(self, rows: IntArray) -> _Live:
         return _Live(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
@@ -124,13 +124,13 @@ class FisheyeTracker:
             return _Live(np.empty(0, np.int64), none, none, np.empty((0, width)), np.empty(0, np.int64), np.empty(0))
         kept = float(np.exp(-self._step / self.settings.memory))
         moved = live.places + live.velocities * self.settings.memory * (1 - kept)
-        return replace(live, places=moved, velocities=live.velocities * kept, unseen=live.unseen + self._step)
+        return replace(live, places=moved, velocities=live.velocities * kept, undetected=live.undetected + self._step)
 
     def _match(self, live: _Live, found: FloorDetections, features: FloatArray) -> tuple[IntArray, IntArray]:
         """Rows of the matched tracks, and rows of their detections."""
         settings = self.settings
         away = np.linalg.norm(live.places[:, None] - found.places[None], axis=2)
-        gate = settings.reach + settings.speed * live.unseen[:, None]
+        gate = settings.reach + settings.speed * live.undetected[:, None]
         # Each distance as a share of its own gate, so that one limit serves all tracks.
         shares = away / gate
         seen = detected = np.empty(0, dtype=np.int64)
@@ -154,12 +154,12 @@ class FisheyeTracker:
         free = np.isnan(scores) | (scores >= settings.start_score)
         free[detected] = False
         born = np.flatnonzero(free)
-        waiting = (live.hits >= self._needed) & (live.unseen < settings.max_age + 1e-9)
+        waiting = (live.hits >= self._needed) & (live.undetected < settings.max_age + 1e-9)
         waiting[seen] = False
         old, kept = live.select(seen), live.select(np.flatnonzero(waiting))
         new = self._record.start(len(born))
         away = found.places[detected] - old.places
-        step = old.unseen[:, None]
+        step = old.undetected[:, None]
         alpha = 1 - np.exp(-step / settings.noise)
         beta = alpha**2 / (2 - alpha)
         zero = np.zeros(len(born))
@@ -169,11 +169,11 @@ class FisheyeTracker:
             (old.velocities + beta * away / step, kept.velocities, np.zeros((len(born), 2))),
             (self._mean(old.appearance, features[detected]), kept.appearance, features[born]),
             (old.hits + 1, kept.hits, np.ones(len(born), np.int64)),
-            (np.zeros(len(seen)), kept.unseen, zero),
+            (np.zeros(len(seen)), kept.undetected, zero),
         )
         result = _Live(*(np.concatenate(part) for part in parts))
         self._note(np.concatenate([old.numbers, new]), found, np.concatenate([detected, born]))
-        self._record.confirm(result.numbers[(result.hits >= self._needed) & (result.unseen == 0)])
+        self._record.confirm(result.numbers[(result.hits >= self._needed) & (result.undetected == 0)])
         if self._frame % PRUNED == 0:
             self._record.prune(result.numbers)
         return result

@@ -191,15 +191,15 @@ def _distinct(boxes: FloatArray, scores: FloatArray, owner: np.ndarray, settings
     return np.array(kept, dtype=np.int64)
 
 
-CeilingLook: TypeAlias = Literal["unrolled", "image"]
+CeilingInput: TypeAlias = Literal["unrolled", "image"]
 # The shipped detector for each way of looking.
-DETECTORS: dict[CeilingLook, str] = {"unrolled": "detector_ceiling", "image": "detector_drone"}
+DETECTORS: dict[CeilingInput, str] = {"unrolled": "detector_ceiling", "image": "detector_drone"}
 # Height and width of a tile for a network that takes any size, pixels.
 TILE = (480, 640)
 
 
-def looking(
-    detector: Detect, camera: FloorCamera, look: CeilingLook, unrolling: UnrollingSettings | None = None
+def ceiling_detector(
+    detector: Detect, camera: FloorCamera, look: CeilingInput, unrolling: UnrollingSettings | None = None
 ) -> Detect:
     """``detector`` as it looks at a ceiling camera's images: at them as they are, or at the views they unroll into."""
     if look == "image":

@@ -320,7 +320,7 @@ class Passed:
                 self.boxes[name] = RotatedBoxes(rows, np.full(len(rows), -1), scores)
             yield each
 
-    def told(self, start_score: float | None) -> str:
+    def summary(self, start_score: float | None) -> str:
         """What to tell of detections outside the floor, and where none starts a track from ``start_score`` on."""
         text = ""
         if self.left_out:

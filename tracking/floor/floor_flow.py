@@ -292,7 +292,7 @@ def _learnt(
     """The rates as the tracks say: detections over what could be detected, and those of nobody."""
     track = label[nodes.node]
     used = track >= 0
-    looks = np.array([max(int(view.looked.sum()), 1) for view in views])
+    looks = np.array([max(int(view.measured.sum()), 1) for view in views])
     nobody = np.bincount(points.sensor[~used], minlength=len(views)) / looks
     width = int(label.max(initial=0)) + 1
     key, wanted = expected.moment * width + expected.track, points.moment[used] * width + track[used]

@@ -105,14 +105,14 @@ class SensorView:
 
     Attributes:
         camera: None for a sensor that sees the whole floor, or, where it names people, only those.
-        looked: ``(T,)`` moments at which it measured.
+        measured: ``(T,)`` moments at which it measured.
         boxes: ``(T, M, 4)`` that it found at each, NaN where there are fewer.
         nearness: ``(T, M)`` their distances, metres.
         names: whether it only tells of people whom it names.
     """
 
     camera: AnyCamera | None
-    looked: BoolArray
+    measured: BoolArray
     boxes: FloatArray
     nearness: FloatArray
     names: bool = False
@@ -120,7 +120,7 @@ class SensorView:
     def share(self, moment: IntArray, places: FloatArray) -> FloatArray:
         """``(E,)`` of somebody at ``(E, 2)`` places: the share in the image that no detected nearer person hides."""
         if self.camera is None:
-            return np.where(self.looked[moment], 0.0 if self.names else 1.0, 0.0)
+            return np.where(self.measured[moment], 0.0 if self.names else 1.0, 0.0)
         edges = range(0, len(moment), CHUNK)
         parts = [self._part(moment[k : k + CHUNK], places[k : k + CHUNK]) for k in edges]
         return np.concatenate([np.empty(0), *parts])
@@ -140,7 +140,7 @@ class SensorView:
         with np.errstate(invalid="ignore", divide="ignore"):
             hidden = np.minimum(np.nan_to_num(shared).sum(axis=1) / np.maximum(seen, 1e-9), HIDDEN_BY)
             share = np.nan_to_num(seen / area) * (1.0 - np.nan_to_num(hidden))
-        return np.asarray(self.looked[moment] * share)
+        return np.asarray(self.measured[moment] * share)
 
 
 def shares(views: Sequence[SensorView], moment: IntArray, places: FloatArray) -> FloatArray:
@@ -155,12 +155,12 @@ class CameraFeed:
     Attributes:
         placed: the camera.
         times: ``(T,)`` seconds of its frames.
-        found: T of them.
+        people: T of them.
     """
 
     placed: CameraOverFloor
     times: FloatArray
-    found: Sequence[StandingPeople]
+    people: Sequence[StandingPeople]
 
 
 @dataclass(frozen=True)
@@ -266,7 +266,7 @@ def measured_floor(
             inside = np.asarray((part["places"] >= low).all(axis=1) & (part["places"] <= high).all(axis=1))
         if not inside.all():
             outside[names[sensor]] = int((~inside).sum())
-            _tell_outside(names[sensor], inside, plan, sensor >= len(feeds))
+            _check_outside(names[sensor], inside, plan, sensor >= len(feeds))
         at, looked = np.full(len(stamps[sensor]), -1), np.zeros(len(moments), dtype=np.bool_)
         for number, moment in enumerate(moments):
             if (frame := moment.frames[sensor]) is not None:
@@ -286,11 +286,11 @@ _Columns = dict[str, Any]
 
 
 def _of_camera(feed: CameraFeed, noise: FootNoise) -> _Columns:
-    counts, camera = [len(each) for each in feed.found], feed.placed.camera
-    boxes = np.concatenate([np.empty((0, 4)), *(each.detections.boxes for each in feed.found)])
-    feet = np.concatenate([np.empty((0, 2)), *(each.feet for each in feed.found)])
+    counts, camera = [len(each) for each in feed.people], feed.placed.camera
+    boxes = np.concatenate([np.empty((0, 4)), *(each.detections.boxes for each in feed.people)])
+    feet = np.concatenate([np.empty((0, 2)), *(each.feet for each in feed.people)])
     places, covariances, density = on_floor(camera, StandingPeople(Detections(boxes, np.ones(len(boxes))), feet), noise)
-    described = [each.detections.features for each in feed.found if len(each)]
+    described = [each.detections.features for each in feed.people if len(each)]
     known = [one for one in described if one is not None]
     rows = np.concatenate([np.empty(0, np.int64), *map(np.arange, counts)])
     columns = _columns(np.repeat(np.arange(len(counts)), counts), rows, places, covariances)
@@ -311,7 +311,7 @@ def _columns(frames: IntArray, rows: IntArray, places: FloatArray, covariances: 
     return {**known, **unknown}
 
 
-def _tell_outside(name: str, inside: BoolArray, plan: FloatArray, told: bool) -> None:
+def _check_outside(name: str, inside: BoolArray, plan: FloatArray, told: bool) -> None:
     """Refuse a sensor all of whose measurements lie outside the plan; say how many of another's do."""
     shown = ",".join(f"{value:g}" for value in plan)
     if not inside.any():
@@ -333,17 +333,17 @@ def _spanned(places: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate([np.quantile(every, 0.005, axis=0) - MARGIN, np.quantile(every, 0.995, axis=0) + MARGIN])
 
 
-def _view(camera: AnyCamera | None, looked: BoolArray, part: _Columns) -> SensorView:
+def _view(camera: AnyCamera | None, measured: BoolArray, part: _Columns) -> SensorView:
     """What a sensor sees, with its detections as those that may hide others."""
     order = np.argsort(part["moment"], kind="stable")
     moment = part["moment"][order]
     place = np.arange(len(moment)) - np.searchsorted(moment, moment)
-    shape = len(looked), int(place.max(initial=-1)) + 1
+    shape = len(measured), int(place.max(initial=-1)) + 1
     boxes, nearness = np.full((*shape, 4), np.nan), np.full(shape, np.nan)
     boxes[moment, place] = part["boxes"][order]
     if camera is not None:
         nearness[moment, place] = np.linalg.norm(part["places"][order] - camera.position[:2], axis=1)
-    return SensorView(camera, looked, boxes, nearness, camera is None and bool((part["names"] >= 0).all()))
+    return SensorView(camera, measured, boxes, nearness, camera is None and bool((part["names"] >= 0).all()))
 
 
 def _joined(parts: Sequence[_Columns], views: Sequence[SensorView], feeds: Sequence[CameraFeed]) -> FloorPoints:

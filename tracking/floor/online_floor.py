@@ -47,7 +47,7 @@ def people_online(measured: MeasuredFloor, seed: int = 0, short: int = 3) -> lis
     state: LabelledState | None = None
     for moment, seconds in enumerate(np.diff(times, prepend=times[0] - 1.0).tolist()):
         here = np.arange(edges[moment], edges[moment + 1])
-        looked = [k for k, view in enumerate(views) if view.looked[moment] and not view.names]
+        looked = [k for k, view in enumerate(views) if view.measured[moment] and not view.names]
         ids = np.empty(0, np.int64)
         for number, sensor in enumerate(looked):
             own = here[points.sensor[here] == sensor]

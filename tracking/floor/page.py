@@ -85,7 +85,7 @@ def write_places(path: Path, people: Sequence[PersonOnFloor], names: Sequence[st
     heads = [*(shown or ("frame", "time", "id", "x", "y")), "cameras"]
     order = sorted((int(scan), one.id, k) for one in people for k, scan in enumerate(one.scans))
     by_id = {one.id: one for one in people}
-    seen = [" ".join(n for n, s in zip(names, by_id[i].seen[k], strict=True) if s) for _, i, k in order]
+    seen = [" ".join(n for n, s in zip(names, by_id[i].detected[k], strict=True) if s) for _, i, k in order]
     columns = [
         column.tolist() if column.dtype.kind != "f" else [f"{v:.9g}" for v in column.tolist()]
         for column in shown.values()
@@ -112,7 +112,9 @@ def _followed(people: Sequence[PersonOnFloor], measured: MeasuredFloor) -> str:
     parts = []
     for one in chosen:
         colour = "#{:02x}{:02x}{:02x}".format(*track_colour(one.id))
-        rows = [(name, _bars(one, one.seen[:, k])) for k, name in enumerate(measured.names) if one.seen[:, k].any()]
+        rows = [
+            (name, _bars(one, one.detected[:, k])) for k, name in enumerate(measured.names) if one.detected[:, k].any()
+        ]
         lines = timeline(rows, 0, length, f"person{one.id}")
         walked = float(np.linalg.norm(np.diff(one.positions, axis=0), axis=1).sum())
         head = f"{one.times[0]:.1f} to {one.times[-1]:.1f} s, {walked:.0f} m, {', '.join(escape(n) for n, _ in rows)}"

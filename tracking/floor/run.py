@@ -16,7 +16,7 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer, as_detector
-from tsuiseki.tracking.fisheye.unrolled import looking
+from tsuiseki.tracking.fisheye.unrolled import ceiling_detector
 from tsuiseki.tracking.floor.floor_flow import FloorFlow
 from tsuiseki.tracking.floor.foot_points import FootNoise
 from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, measured_floor
@@ -123,7 +123,11 @@ class FloorRun:
         wanted = self.detecting
         network = as_detector(wanted.detector or shipped("detector_people"), wanted.threshold, wanted.threads,
                               device=wanted.device)  # fmt: skip
-        detect = network if isinstance(placed.camera, PinholeCamera) else looking(network, placed.camera, "unrolled")
+        detect = (
+            network
+            if isinstance(placed.camera, PinholeCamera)
+            else ceiling_detector(network, placed.camera, "unrolled")
+        )
         describe = None
         if str(wanted.appearance) != NONE:
             describe = as_describer(
@@ -195,7 +199,7 @@ def open_floor(
     folder = sources[0] if len(sources) == 1 and cameras is None else None
     if isinstance(folder, str | Path) and is_floor_folder(Path(folder)):
         known = read_floor_folder(Path(folder))
-        return FloorRun(known.cameras, [], known.found, detecting, files, settings, times)
+        return FloorRun(known.cameras, [], known.people, detecting, files, settings, times)
     if cameras is None:
         if not files or sources or detections:
             if missing := [one for one in sources if isinstance(one, str) and not Path(one).exists()]:

@@ -90,9 +90,9 @@ def tracks_in(measured: MeasuredFloor, people: Sequence[PersonOnFloor], camera: 
     for one in people:
         boxes = expected_boxes(feed.placed.camera, one.positions)
         visible = view.share(one.scans, one.positions) > IN_VIEW
-        observed = one.seen[:, camera]
+        observed = one.detected[:, camera]
         for row in np.flatnonzero(observed):
-            found = feed.found[frames[one.scans[row]]].detections.boxes
+            found = feed.people[frames[one.scans[row]]].detections.boxes
             near = own[points.moment[own] == one.scans[row]]
             nearest = near[np.linalg.norm(points.places[near] - one.positions[row], axis=1).argmin()]
             boxes[row] = found[points.row[nearest]]

@@ -135,7 +135,7 @@ def read_detections(
     sources = (np.arange(len(rows)) - np.searchsorted(rows[:, 0], rows[:, 0]))[used]
     rows = rows[used]
     compare_with_picture(path, boxes_of(rows))
-    _tell_two_scales(path, rows[:, 6])
+    _warn_of_two_scales(path, rows[:, 6])
     frames, boxes, scores = rows[:, 0].astype(np.int64) - 1, boxes_of(rows), rows[:, 6]
     classes = _classes(rows)
     last = int(frames[-1]) + 1 if len(frames) else 0
@@ -165,7 +165,7 @@ def _refuse_scores_outside(path: Path, scores: FloatArray, lines: IntArray, scor
         )
 
 
-def _tell_two_scales(path: Path, scores: FloatArray) -> None:
+def _warn_of_two_scales(path: Path, scores: FloatArray) -> None:
     """Warn of scores of which some are shares and others percentages, such as those of two detectors."""
     known = scores[~np.isnan(scores)]
     if len(known) < FEWEST_OF_A_SCALE or known.min() < 0:

@@ -148,7 +148,7 @@ class DeepSort(LifecycleTracker):
 
     def _updated_appearance(self, parts: Survivors, features: FloatArray) -> FloatArray:
         """``(N, D)`` the appearance of the live tracks after a frame."""
-        before, now = self._appearance[parts.seen], features[parts.detected]
+        before, now = self._appearance[parts.matched], features[parts.detected]
         mean = self.settings.memory * before + (1 - self.settings.memory) * now
         length = np.linalg.norm(mean, axis=1, keepdims=True)
         # Two opposite features can cancel; the newer then stands alone, as it does where the older is not known.

@@ -273,7 +273,7 @@ class DelayedFlow:
         self.input.camera.forget(min(first, int(self.window.table.frames.min(initial=first))))
         if self.input.path is not None:
             # Others may follow the same path, and have yet to ask how the camera came to the newest frame.
-            self.input.path.forget(self.input.looks.frame - 1)
+            self.input.path.forget(self.input.inferences.frame - 1)
 
 
 def mean_of(sums: FloatArray) -> FloatArray:

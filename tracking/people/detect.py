@@ -21,7 +21,7 @@ from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 
 @dataclass(frozen=True, kw_only=True)
-class Looking(Shared):
+class DetectSettings(Shared):
     """Which network detects, and what.
 
     Attributes:
@@ -64,10 +64,10 @@ def network_detections(
         frames: of the source, where somebody watches them; by default they are read.
     """
     detect = people_detect(source, finding, PEOPLE_DETECTOR)
-    return PeopleInputs(source, detect, batch_size=finding.batch_size, threads=finding.threads).found(frames)
+    return PeopleInputs(source, detect, batch_size=finding.batch_size, threads=finding.threads).detections(frames)
 
 
-def detect(video: SourceOptions, output: OutputFile, looking: Looking) -> int:
+def detect(video: SourceOptions, output: OutputFile, detecting: DetectSettings) -> int:
     """Write what a network detects in a video, without tracking.
 
     FILE becomes MOTChallenge text (det.txt), with the class in column 8. Where its name ends in .csv, it gets the
@@ -75,7 +75,7 @@ def detect(video: SourceOptions, output: OutputFile, looking: Looking) -> int:
     """
     source = video.open(images=True, ends="")
     found = [Detections.empty()] * source.frames_wanted.first
-    for _, here in progress(network_detections(source, looking.finding), "detecting", frames_expected(source)):
+    for _, here in progress(network_detections(source, detecting.finding), "detecting", frames_expected(source)):
         found.append(here)
     write = write_points if output.out.suffix == ".csv" else write_detections
     output.write(output.out, lambda path: write(path, found))

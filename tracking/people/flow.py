@@ -9,8 +9,8 @@ import numpy as np
 
 from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
 from tsuiseki.tracking.association.flow_window import FlowWindow
+from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.association.learnt_costs import CostChanges, ProjectsAppearance
-from tsuiseki.tracking.association.looks import Looks
 from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
@@ -96,7 +96,7 @@ class FlowTracker:
         self.delay = delay
         standing = camera if isinstance(camera, StandingCamera) else None
         path = camera if isinstance(camera, CameraPath) else None
-        given = FlowInput(settings.input, Looks(frame_rate, stride), size, path, standing, observation)
+        given = FlowInput(settings.input, InferenceTimes(frame_rate, stride), size, path, standing, observation)
         frame_rate = given.frame_rate
         window = FlowWindow(settings.costs, frame_rate, size, transition, changes)
         self._changes = changes
@@ -147,7 +147,7 @@ class FlowTracker:
 
     def numbers_of(self, looks: FrameRuns) -> list[list[int]]:
         """First and last frame of each run of looks, counted from 1."""
-        return FrameRuns(self._flow.input.looks.frames(np.array([*looks], dtype=np.int64)).tolist()).from_one()
+        return FrameRuns(self._flow.input.inferences.frames(np.array([*looks], dtype=np.int64)).tolist()).from_one()
 
     def facts(self) -> dict[str, Any]:
         """What ``run.json`` tells of the tracker, as of the last time that the tracks were asked for."""
@@ -178,7 +178,7 @@ class FlowTracker:
         if isinstance(self._changes, ProjectsAppearance):
             found = self._changes.projected(found)
         refuse_heaps(found)
-        looks = self._flow.input.looks
+        looks = self._flow.input.inferences
         self._flow.input.meet(time)
         self._given += len(found)
         targets = self._flow.update(found)
@@ -200,7 +200,7 @@ class FlowTracker:
 
     def _in_frames(self, track: Track) -> Track:
         """A track of looks, with the frames between two of them filled."""
-        looks = self._flow.input.looks
+        looks = self._flow.input.inferences
         if looks.all:
             return track
         found = replace(track, frames=looks.frames(track.frames))
@@ -211,7 +211,7 @@ class FlowTracker:
         """What the tracks were chosen from when they were last asked for; None where it is forgotten on the way."""
         if not isinstance(self._ended, WholeFlow) or self._ended is self._flow or self._ended.finished_early:
             return None
-        looks, network = self._flow.input.looks, self._ended.network(self._reported)
+        looks, network = self._flow.input.inferences, self._ended.network(self._reported)
         return network if looks.all else replace(network, frames=looks.frames(network.frames))
 
     def forget(self) -> None:

@@ -12,9 +12,9 @@ import numpy as np
 from tsuiseki.tracking.association.camera_from_boxes import LEAST, MOVING, CameraSteps, doubt_of, steps_from_boxes
 from tsuiseki.tracking.association.costs import ProbabilityCost, ScoreCost
 from tsuiseki.tracking.association.detection_tables import DetectionRows, DetectionTable, Measurements, rows_of
-from tsuiseki.tracking.association.flow_rounds import FirstPrices
+from tsuiseki.tracking.association.flow_rounds import FirstCosts
 from tsuiseki.tracking.association.flow_window import FlowCosts, FlowWindow
-from tsuiseki.tracking.association.looks import Looks
+from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.association.nearby import DENSE, hidden_parts, near_pairs, sizes
 from tsuiseki.tracking.association.smoothing import SmoothingSettings, fit_smoothing
 from tsuiseki.tracking.association.video_evidence import DetectionCost, VideoEvidence
@@ -62,7 +62,7 @@ class FlowInput:
 
     Attributes:
         settings: of the preparation.
-        looks: when the video was looked at; what follows counts looks as its frames.
+        inferences: when the video was looked at; what follows counts looks as its frames.
         size: width and height of the image; None where not known.
         path: the camera's motion from images, of which several may read; None takes the boxes.
         standing: pictures that tell where the camera stands still, whatever the boxes say; several may read them.
@@ -75,7 +75,7 @@ class FlowInput:
     """
 
     settings: InputSettings
-    looks: Looks
+    inferences: InferenceTimes
     size: tuple[int, int] | None
     path: CameraPath | None = None
     standing: StandingCamera | None = None
@@ -100,13 +100,13 @@ class FlowInput:
 
     @property
     def frame_rate(self) -> float:
-        """Looks a second."""
-        return self.looks.rate
+        """Inferences a second."""
+        return self.inferences.rate
 
     def skip(self) -> None:
         """Take a frame that is not looked at."""
-        self._follow(self.looks.frame)
-        self.looks.skip()
+        self._follow(self.inferences.frame)
+        self.inferences.skip()
 
     def meet(self, time: float | None = None) -> None:
         """Ask the images how the camera came to the next frame; its detections may come to `rows` much later.
@@ -114,8 +114,8 @@ class FlowInput:
         Raises:
             RequestError: see `Clock.now`.
         """
-        frame = self.looks.frame
-        self.looks.add(time)
+        frame = self.inferences.frame
+        self.inferences.add(time)
         self._follow(frame)
         if self._step is not None:
             self._steps.append(self._step)
@@ -134,7 +134,7 @@ class FlowInput:
     def copy(self) -> FlowInput:
         """A copy that goes on by itself."""
         other = copy(self)
-        other._steps, other._still, other.looks = [*self._steps], [*self._still], self.looks.copy()
+        other._steps, other._still, other.inferences = [*self._steps], [*self._still], self.inferences.copy()
         other.camera, other.evidence = self.camera.copy(), self.evidence.copy()
         return other
 
@@ -155,12 +155,12 @@ class FlowInput:
         self._count += len(rows)
         self._follow_camera(rows, first, len(found))
         boxes = self.camera.to_first(rows.boxes, rows.frames)
-        times = None if self.looks.even else self.looks.seconds(rows.frames)
+        times = None if self.inferences.even else self.inferences.seconds(rows.frames)
         self.evidence.add(rows.frames, boxes, rows.scores, len(self.camera) - 1, times)
         last = rows.frames == len(self.camera) - 1
         self._last = Detections(rows.boxes[last], rows.scores[last])
         measured = Measurements(
-            self.looks.seconds(rows.frames),
+            self.inferences.seconds(rows.frames),
             np.concatenate([centres(boxes), np.log(sizes(boxes))], axis=1),
             self._noise(rows),
             self.camera.variance(rows.frames),
@@ -175,17 +175,19 @@ class FlowInput:
             self.frame_rate,
             self.size,
             rows.actions,
-            self.looks.even,
+            self.inferences.even,
         )
         return seen, rows.scores, origin
 
     def on_grid(self, track: Track) -> Track:
         """A track whose frames are as far apart as its times."""
-        return track if self.looks.even else replace(track, frames=self.looks.ticks(track.frames))
+        return track if self.inferences.even else replace(track, frames=self.inferences.ticks(track.frames))
 
     def smoothing(self, tracks: Sequence[Track]) -> SmoothingSettings:
         """By how much it suits tracks to be smoothed, see `fit_smoothing`."""
-        return fit_smoothing([self.on_grid(track) for track in tracks], self.frame_rate, self.looks.ticks_per_look)
+        return fit_smoothing(
+            [self.on_grid(track) for track in tracks], self.frame_rate, self.inferences.ticks_per_inference
+        )
 
     def probability(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` of detections of ``(N,)`` scores being right: as learnt, and by the video where nothing is."""
@@ -195,7 +197,7 @@ class FlowInput:
         odds = np.exp(self.observation(np.nan_to_num(scores)) - self.observation.b)
         return np.clip(1 / (1 + odds), least, 1 - least)
 
-    def first_prices(self, scores: FloatArray) -> FirstPrices | None:
+    def first_costs(self, scores: FloatArray) -> FirstCosts | None:
         """How likely detections of ``(N,)`` scores are right though not found again; None where speeds are given.
 
         A detector that misses a person in every third frame is right more often than the video bears it out.
@@ -205,7 +207,7 @@ class FlowInput:
         known = self.probability(scores)
         right = np.minimum(known / self.evidence.rate_of_right(), 1) if self.observation is None else known
         costs = self.settings.detection
-        return FirstPrices(right, costs(right, self.frame_rate) - costs(known, self.frame_rate))
+        return FirstCosts(right, costs(right, self.frame_rate) - costs(known, self.frame_rate))
 
     def logits(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` logits of the probabilities of ``(N,)`` scores."""
@@ -239,7 +241,7 @@ class FlowInput:
             return
         boxes = np.concatenate([self._last.boxes, rows.boxes])
         frames = np.append(np.zeros(len(self._last), np.int64), rows.frames - first + 1)
-        rate = np.append(self.frame_rate, self.looks.rates(first, count))
+        rate = np.append(self.frame_rate, self.inferences.rates(first, count))
         steps = steps_from_boxes(frames, boxes, count + 1, rate)
         still, self._still = self._still[:count], self._still[count:]
         for index in range(1, count + 1):
@@ -292,12 +294,12 @@ def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, round
     observation, free = given.costs(scores), window.free()
     if not free.any():
         return
-    first_prices = given.first_prices(scores[free])
+    first_costs = given.first_costs(scores[free])
     if window.changes is None:
-        window.solve(observation[free], rounds=rounds, first_prices=first_prices)
+        window.solve(observation[free], rounds=rounds, first_costs=first_costs)
         return
     change = window.learnt(given.logits(scores), observation)
-    window.solve(observation[free] + change[:, 0], change[:, 1], change[:, 2], rounds, first_prices)
+    window.solve(observation[free] + change[:, 0], change[:, 1], change[:, 2], rounds, first_costs)
 
 
 def refuse_heaps(found: Detections) -> None:

@@ -126,7 +126,7 @@ class Hiding:
         return f"{number} of {of} frames are doubtful: a place is held there without a detection ({where})"
 
 
-def look_again(
+def find_missed(
     source: Source,
     frames: Iterable[Frame],
     tracks: Sequence[Track],
@@ -220,7 +220,7 @@ def hide(
     wanted.check(tracks)
     watch = shown if progress else lambda items, *_: items
     with output_file(out, overwrite) as work, output_file(doubts, overwrite) as listed:
-        hiding = look_again(
+        hiding = find_missed(
             source, watch(source.frames(), "looking", length_of(source)), tracks, wanted, finding, style
         )
         last = hiding.first + len(hiding.seconds) - 1

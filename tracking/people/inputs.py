@@ -14,7 +14,7 @@ from typing import TypeAlias, get_args
 import numpy as np
 
 from tsuiseki.tracking.association.clutter import ScoreChoice
-from tsuiseki.tracking.association.looks import given_looks, looked_at, stride_of
+from tsuiseki.tracking.association.inference_times import inferred_frames, named_frames, stride_of
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath
@@ -64,7 +64,7 @@ class PeopleInputs:
         threads: cores that networks may use; 0 for all. Functions of other people are called one at a time, and live
             sources are never read ahead.
         ground: weighs what was found, in the order of the video.
-        looked: ``(F,)`` by frame number, where a detector was run; None for everywhere.
+        inferred: ``(F,)`` by frame number, where a detector was run; None for everywhere.
         choice: of the threshold of a network whose scores are not known; None where it is given.
     """
 
@@ -75,7 +75,7 @@ class PeopleInputs:
     camera: CameraPath | StandingCamera | None = None
     threads: int = 1
     ground: GroundPlane | None = None
-    looked: BoolArray | None = None
+    inferred: BoolArray | None = None
     choice: ScoreChoice | None = None
 
     @property
@@ -92,7 +92,7 @@ class PeopleInputs:
         decoded = self.describe is not None or moving or not isinstance(self.detect, Sequence)
         return decoded or (self.source.length is None and self.source.has_images)
 
-    def found(
+    def detections(
         self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
     ) -> Iterator[tuple[int, Detections]]:
         """Frame numbers with who was found there; frames are decoded only where somebody looks at them.
@@ -151,7 +151,7 @@ class PeopleInputs:
         if self.choice is None:
             yield from stream(images, self.detect, *how)
             return
-        known, frames = self.choice.look(self.source, self.batch_size, self.workers, times), iter(images)
+        known, frames = self.choice.choose(self.source, self.batch_size, self.workers, times), iter(images)
         first = [known.get(number, Detections.empty()) for number in range(max(known, default=-1) + 1)]
         yield from stream(itertools.islice(frames, len(known)), first, *how)
         yield from stream(frames, self.detect, *how)
@@ -266,7 +266,7 @@ def given_detections(
     return GivenRows(chosen, bad)
 
 
-def looks_of(
+def frames_with_inference(
     detect: Detect | Sequence[Detections], source: Source, given: Iterable[int] | None = None
 ) -> BoolArray | None:
     """``(F,)`` the frames that given detections were looked for in; None for all. What a pattern says is reported.
@@ -274,10 +274,10 @@ def looks_of(
     Args:
         detect: a detector looks at all frames.
         source: the video.
-        given: 0-based numbers of the frames, where the user says so; by default the detections say it, `looked_at`.
+        given: 0-based numbers of the frames, where the user gives them; by default see `inferred_frames`.
 
     Raises:
-        RequestError: see `given_looks`; or there is a detector.
+        RequestError: see `named_frames`; or there is a detector.
     """
     if not isinstance(detect, Sequence):
         if given is not None:
@@ -285,8 +285,8 @@ def looks_of(
         return None
     length = max(source.length or 0, len(detect))
     if given is not None:
-        return given_looks(given, length)
-    looked = looked_at(np.array([*map(len, detect), *[0] * (length - len(detect))], dtype=np.int64))
+        return named_frames(given, length)
+    looked = inferred_frames(np.array([*map(len, detect), *[0] * (length - len(detect))], dtype=np.int64))
     if looked is not None:
         stride = stride_of(looked)
         every = f"{stride:g}th" if stride == round(stride) else f"{stride:.3g}th, on average,"

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypedDict, TypeVar, get_args
 
 import numpy as np
 
-from tsuiseki.tracking.association.looks import Intervals
+from tsuiseki.tracking.association.inference_times import Intervals
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
@@ -91,17 +91,17 @@ def adjusted(settings: S | None, kind: type[S], given: Mapping[str, Any]) -> S:
 
 @dataclass(frozen=True)
 class Survivors:
-    """Where the live tracks after a frame come from, in their order: seen, kept, started.
+    """Where the live tracks after a frame come from, in their order: matched, kept, started.
 
     Attributes:
-        seen: rows of the earlier tracks that were matched.
+        matched: rows of the earlier tracks that were matched.
         detected: the detections they were matched to.
         kept: rows of the earlier tracks that were not seen and live on.
         started: detections that started a track.
         lost: rows of the earlier tracks that were confirmed and are deleted.
     """
 
-    seen: IntArray
+    matched: IntArray
     detected: IntArray
     kept: IntArray
     started: IntArray
@@ -150,7 +150,7 @@ class Lifecycle:
     def skip(self) -> Targets:
         """The confirmed tracks where they are expected in the next frame, which nobody looks at."""
         self.clock.skip()
-        boxes = predict_boxes(self._belief, self._motion, self.clock.since_look()).boxes
+        boxes = predict_boxes(self._belief, self._motion, self.clock.since_last()).boxes
         nobody = np.empty(0, dtype=np.int64)
         lost = nobody, boxes[:0], nobody
         return self._answer(np.zeros(len(boxes)), boxes, self._origin(nobody, nobody), *lost, skipped=True)
@@ -193,7 +193,7 @@ class Lifecycle:
         """Update the tracks ``seen`` by the detections they were matched to, keep or drop the others, start new ones.
 
         Args:
-            seen: rows of the matched tracks.
+            matched: rows of the matched tracks.
             detected: the detection of each.
             detections: all of the frame.
         """

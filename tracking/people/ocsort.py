@@ -195,7 +195,7 @@ def _continued(history: History, parts: Survivors, misses: IntArray, boxes: Floa
         boxes: ``(M, 4)`` the detections of the frame.
         belief: of the tracks after the frame.
     """
-    seen, kept = parts.seen, parts.kept
+    seen, kept = parts.matched, parts.kept
     now = boxes[np.concatenate([parts.detected, parts.started])]
     columns = history.ages.shape[1]
     trail, ages = np.zeros((len(now), columns, 2)), np.full((len(now), columns), np.inf)

@@ -43,7 +43,7 @@ def track(
     finding: PeopleFinding,
     linking: Linking,
     hide: str | None = None,
-    look: Callable[[Run, OpenedPeople], tuple[OpenedPeople, Iterator[tuple[int, Detections]]]] | None = None,
+    replayed: Callable[[Run, OpenedPeople], tuple[OpenedPeople, Iterator[tuple[int, Detections]]]] | None = None,
 ) -> int:
     """`people`, with detections that may come from elsewhere.
 
@@ -53,10 +53,10 @@ def track(
         finding: likewise.
         linking: likewise.
         hide: likewise.
-        look: gives what runs instead, and each frame's number with what is there.
+        replayed: gives what runs instead, and each frame's number with what is there.
     """
     from tsuiseki.tracking.answers.page import counted, with_page
-    from tsuiseki.tracking.features.view_choice import tell_blank, tell_models
+    from tsuiseki.tracking.features.view_choice import report_blank, report_models
     from tsuiseki.tracking.following import count
     from tsuiseki.tracking.formats.mot import detection_lines
     from tsuiseki.tracking.people.hiding import Wanted
@@ -66,18 +66,18 @@ def track(
     source = video.open(images=wanted is not None, timed=True)
     opened = open_people(source, finding, linking, output.seed)
     with output.run() as run:
-        run.facts |= tell_models(opened.inputs.detect, opened.inputs.describe)
-        if look is None:
-            found = opened.inputs.found(run.frames(source, record=video.overlay or wanted is not None), run.times)
+        run.facts |= report_models(opened.inputs.detect, opened.inputs.describe)
+        if replayed is None:
+            found = opened.inputs.detections(run.frames(source, record=video.overlay or wanted is not None), run.times)
         else:
-            opened, found = look(run, opened)
+            opened, found = replayed(run, opened)
         kept = run.kept("detections.txt", found, None if finding.detections else detection_lines)
         steps = run.steps(kept)
         settings = {"method": linking.method, "source": video.source, "hide": hide}
         result, lines = people_result(opened, steps, run.times, settings)
         for line in lines:
             print(line)
-        tell_blank(opened.inputs.detect)
+        report_blank(opened.inputs.detect)
         hiding = None if wanted is None else _hiding(run, source, result, wanted, finding)
         again = None if hiding is None else lambda: hiding.hidden(run.replay(source))
         run.save(
@@ -90,13 +90,13 @@ def track(
 
 def _hiding(run: Run, source: Source, result: Result[Track], wanted: Wanted, finding: PeopleFinding) -> Hiding | None:
     """What to hide, whose places in doubt are listed in ``doubtful.csv``; None where that was not finished."""
-    from tsuiseki.tracking.people.hiding import SENSITIVE, Hiding, look_again
+    from tsuiseki.tracking.people.hiding import SENSITIVE, Hiding, find_missed
 
     score, found = min(finding.threshold, SENSITIVE), list[Hiding]()
     second = replace(finding, detections=None, classes=None, score_range=None, score_threshold=score)
 
     def write(path: Path) -> None:
-        hiding = look_again(source, run.replay(source), list(result), wanted, second)
+        hiding = find_missed(source, run.replay(source), list(result), wanted, second)
         hiding.write_doubts(path)
         found.append(hiding)
 

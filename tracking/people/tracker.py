@@ -14,7 +14,7 @@ A tracker of many is fed the detections of one frame after the other, frames wit
   and changes nothing. Of a tracker with a delay it repeats what was answered, and adds the frames that were not.
 * ``update(detections, time=seconds)`` also takes the time of the frame, with every frame or with none. Filters then
   step by it: frames may be dropped, and rates change. What counts in frames, such as an age, counts calls.
-* ``skip()`` takes a frame that nobody looked at, so that nobody is missed in it.
+* ``skip()`` takes a frame that nobody inferred at, so that nobody is missed in it.
 
 Frames count from 0, the first ``update`` or ``skip``. IDs count from 1, live in the tracker, and are never given
 twice: two trackers in one process share nothing. An id that was answered stays that target's id, also in ``tracks()``.
@@ -84,12 +84,12 @@ class FirstDetections:
     """The first detections of a run, and how many there were.
 
     Attributes:
-        count: of all looks.
-        looks: those of the first looks.
+        count: of all inferences.
+        first: those of the first inferences.
     """
 
     count: int = 0
-    looks: list[Detections] = field(default_factory=list)
+    first: list[Detections] = field(default_factory=list)
     _kept: int = 0
 
     def add(self, found: Detections) -> None:
@@ -97,7 +97,7 @@ class FirstDetections:
         self.count += len(found)
         if self._kept < KEPT:
             self._kept += len(found)
-            self.looks.append(Detections(found.boxes, found.scores))
+            self.first.append(Detections(found.boxes, found.scores))
 
     def line(self, used: int, tracks: int, settings: Any = None) -> str | None:
         """One line where most belong to no track; None where enough do.
@@ -113,8 +113,8 @@ class FirstDetections:
 
     def reason(self, settings: Any = None) -> str:
         """What most of the kept detections have in common."""
-        scores = np.concatenate([found.scores for found in self.looks])
-        sides = np.concatenate([found.boxes[:, 2:] - found.boxes[:, :2] for found in self.looks])
+        scores = np.concatenate([found.scores for found in self.first])
+        sides = np.concatenate([found.boxes[:, 2:] - found.boxes[:, :2] for found in self.first])
         least = getattr(getattr(settings, "lifecycle", None), "start_score", -np.inf)
         if np.mean(scores < least) > 0.5:
             low, high = np.nanmin(scores), np.nanmax(scores)
@@ -122,7 +122,7 @@ class FirstDetections:
         width, height = np.median(sides, axis=0)
         if min(width, height) < TINY:
             return f"boxes are {width:.2g} x {height:.2g} pixels; expected pixels, not shares or metres"
-        if len([found for found in self.looks if len(found)]) < 3:
+        if len([found for found in self.first if len(found)]) < 3:
             return "they are in fewer than three frames"
         if least > -np.inf and np.median(self._overlaps()) < LEAST_OVERLAP:
             return "boxes hardly overlap those of the next frame; look at more frames, or take the method flow"
@@ -130,7 +130,7 @@ class FirstDetections:
 
     def _overlaps(self) -> FloatArray:
         """``(N,)`` of each box the largest overlap in the next look."""
-        pairs = [iou_matrix(one.boxes, other.boxes) for one, other in pairwise(self.looks) if len(one)]
+        pairs = [iou_matrix(one.boxes, other.boxes) for one, other in pairwise(self.first) if len(one)]
         return np.concatenate([np.zeros(1), *(overlap.max(axis=1, initial=0.0) for overlap in pairs)])
 
 
@@ -179,7 +179,7 @@ def run_trackers(
     frames: Iterable[tuple[int, Detections]],
     trackers: Mapping[str, PeopleTracker],
     times: StageTimes,
-    looked: BoolArray | None = None,
+    inferred: BoolArray | None = None,
 ) -> tuple[dict[str, list[Track]], FrameLog]:
     """Feed the same detections to every tracker.
 
@@ -187,7 +187,7 @@ def run_trackers(
         frames: consecutive 0-based frame numbers, from any on, and what was found there.
         trackers: fresh ones, by name.
         times: gets the seconds of each tracker under its name.
-        looked: ``(F,)`` by frame number, where a detector was run; None for everywhere.
+        inferred: ``(F,)`` by frame number, where a detector was run; None for everywhere.
 
     Returns:
         The tracks of each tracker, numbered as the frames are, and what happened in each frame.
@@ -195,7 +195,7 @@ def run_trackers(
     log = FrameLog()
     for index, found in frames:
         log.add(index, found)
-        seen = looked is None or looked[index : index + 1].any()
+        seen = inferred is None or inferred[index : index + 1].any()
         if seen:
             log.first.add(found)
         for name, tracker in trackers.items():

@@ -18,8 +18,8 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 
 from tsuiseki.tracking.association.clutter import above_floor, score_choice
+from tsuiseki.tracking.association.inference_times import stride_of
 from tsuiseki.tracking.association.learnt_costs import Affinity
-from tsuiseki.tracking.association.looks import stride_of
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.devices import Device
@@ -34,8 +34,8 @@ from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.inputs import (
     GivenDetections,
     PeopleInputs,
+    frames_with_inference,
     ground_of,
-    looks_of,
     people_describer,
     people_detect,
     threads_of_a_call,
@@ -149,7 +149,7 @@ def track_people(
     name, times = method if isinstance(method, str) else type(method).__name__, StageTimes()
     plain = {key: value for key, value in keywords.items() if isinstance(value, str | int | float | Path)}
     made = {"method": name, "source": named(source), "seed": 0, **plain}
-    found = opened.inputs.found(times=times)
+    found = opened.inputs.detections(times=times)
     watched = progress(found, "tracking", frames_expected(video)) if shown else found
     result, _ = people_result(opened, watched, times, made)
     if why := result.facts.get("detections_without_track"):
@@ -238,7 +238,7 @@ def open_people(
     describe = people_describer(source, compared, given, threads, more, finding.device)
     camera = camera_for(linking.method, moving=linking.moving_camera)
     ground = ground_of(detect, finding.ground, source)
-    looks = looks_of(detect, source, looked)
+    looks = frames_with_inference(detect, source, looked)
     unknown = finding.score_threshold is None and not source.live
     choice = score_choice(detect, ground) if unknown else None
     inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks, choice)
@@ -277,7 +277,7 @@ def _fresh_tracker(inputs: PeopleInputs, linking: Linking, learnt: LearntCosts |
         flow = PrintedFlow(learnt)
         return MotionCompensated(flow, inputs.camera) if isinstance(inputs.camera, CameraPath) else flow
     scores, drop = cost_of_scores(inputs.detect), straddles(inputs.detect)
-    stride = 1.0 if inputs.looked is None else stride_of(inputs.looked)
+    stride = 1.0 if inputs.inferred is None else stride_of(inputs.inferred)
     return people_tracker(
         linking.method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
     )
@@ -327,7 +327,7 @@ def people_result(
     from tsuiseki.tracking.report.overlay import Overlay
 
     video, name = opened.inputs.source, settings["method"]
-    every, log = run_trackers(found, {name: opened.tracker}, times, opened.inputs.looked)
+    every, log = run_trackers(found, {name: opened.tracker}, times, opened.inputs.inferred)
     tracks = every[name]
     facts, lines = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
     network = network_at(opened.tracker, log.frames[0] if log.frames else 0)
@@ -431,7 +431,7 @@ def followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Fra
     """Each frame with the people in it, as late as the tracker answers."""
     forget = getattr(inner_tracker(tracker), "forget", None)
     waiting: deque[Frame] = deque()
-    first, looked = 0, inputs.looked
+    first, looked = 0, inputs.inferred
     last = Targets.empty(0)
     for number, (frame, found) in enumerate(inputs.with_frames()):
         first = frame.index - number
@@ -523,6 +523,6 @@ def correction_files(
         CORRECTIONS_FILE: lambda path, _: found.write(path),
     }
     facts: Mapping[str, Any] = {"corrections": len(found.done), "track_names": found.names}
-    every, lost = found.said, len(found.left_out)
+    every, lost = found.given, len(found.left_out)
     lines = [f"corrections: {every - lost} of {every} done again"]
     return list(found.tracks), files, dict(facts), [*lines, *(f"left out: {line}" for line in found.left_out)]

@@ -145,7 +145,7 @@ class WholeFlow:
         decision = window.decide(self._frame - 1, self._frame - margin)
         self._record.add(decision, numbers, solved)
         self._chain(decision, table)
-        if self._frame >= self._release_at and table.actions is None and self.input.looks.even:
+        if self._frame >= self._release_at and table.actions is None and self.input.inferences.even:
             self._release()
 
     def network(self, tracks: Sequence[Track]) -> SolvedNetwork:
@@ -169,8 +169,8 @@ class WholeFlow:
             self._record.graph(len(every), self._joins),
             np.array([row.get(key, 0) for key in keys], dtype=np.int64),
             max(min(self.settings.fewest(rate), self._frame), 1),
-            round(self.settings.fill * rate * self.input.looks.stride),
-            rate * self.input.looks.stride,
+            round(self.settings.fill * rate * self.input.inferences.stride),
+            rate * self.input.inferences.stride,
         )
 
     def _absorb(self) -> None:
@@ -256,7 +256,7 @@ def reported(
         smoothing: of the boxes; None reports them as detected.
         first: frame before which nothing is reported.
     """
-    filled = fill_gaps(track, longest, given.looks.ticks)
+    filled = fill_gaps(track, longest, given.inferences.ticks)
     smoothed = filled if smoothing is None else smooth(given.on_grid(filled), smoothing)
     asked = slice(int(np.searchsorted(filled.frames, first)), None)
     frames, observed = filled.frames[asked], filled.observed[asked]

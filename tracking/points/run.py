@@ -237,7 +237,7 @@ def blob_result(
     return with_page(result, nouns=("object", "objects"), settings=CountSettings(anchor="centre"))
 
 
-def said_of_counts(counts: Sequence[float] | None, preset: BlobPreset) -> list[str]:
+def count_lines(counts: Sequence[float] | None, preset: BlobPreset) -> list[str]:
     """A line on the expected number of objects in each frame, where the tracker has one."""
     if not counts:
         return []
@@ -306,5 +306,5 @@ def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
         result = blob_result(source, tracker, steps, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
         summary = f"{count(len(result), 'object', 'objects')} in {run.count} frames: {output.out / 'tracks.txt'}"
-        run.done("\n".join([summary, *said_of_counts(result.frames.get("expected_count"), choice.preset)]))
+        run.done("\n".join([summary, *count_lines(result.frames.get("expected_count"), choice.preset)]))
     return run.status

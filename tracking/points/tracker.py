@@ -310,7 +310,7 @@ class MeasurementTracker(FiniteSetTracker[Scan]):
         before, self._unsettled = self._unsettled, newest
         if before is None or isinstance(info, PhdInfo):
             return None
-        smoothed = info.look_back.smoothed()
+        smoothed = info.smoothing_step.smoothed()
         self._found.append(self._targets(before.time, smoothed.likely(REPORT), smoothed))
         return self._found[-1]
 

@@ -158,18 +158,18 @@ class CorrectedVideo:
 
 @dataclass(frozen=True)
 class CorrectionLog:
-    """All that was said, in order; what was taken back can be repeated until something new is said."""
+    """All corrections, in order; those taken back can be repeated until a new one is given."""
 
-    said: tuple[Correction, ...] = ()
+    given: tuple[Correction, ...] = ()
     undone: tuple[Correction, ...] = ()
 
     def and_then(self, row: Correction | Literal["undo", "redo"]) -> CorrectionLog:
         """The log after one more line; an undo or redo of nothing changes nothing."""
         if isinstance(row, Correction):
-            return CorrectionLog((*self.said, row))
+            return CorrectionLog((*self.given, row))
         if row == "undo":
-            return CorrectionLog(self.said[:-1], (*self.undone, *self.said[-1:]))
-        return CorrectionLog((*self.said, *self.undone[-1:]), self.undone[:-1])
+            return CorrectionLog(self.given[:-1], (*self.undone, *self.given[-1:]))
+        return CorrectionLog((*self.given, *self.undone[-1:]), self.undone[:-1])
 
 
 def read_corrections(path: Path, of: CorrectedVideo | None = None, slack: float = 0.0) -> CorrectionLog:

@@ -180,7 +180,7 @@ def corners(box: Box) -> FloatArray:
 
 
 class Finder:
-    """Looks up detections by boxes.
+    """Finds detections by boxes.
 
     Args:
         frames: ``(N,)``.

@@ -105,7 +105,7 @@ class Questioner:
         self._parted = np.isin(np.arange(flow.count), list(parted))
         first, graph = 3 * flow.count, flow.graph
         here = (ids[graph.tail] > 0) & (ids[graph.head] > 0) & ~flow.used[first:]
-        self.found: Marginals = marginals(flow, CLOSE, np.append(np.zeros(first, np.bool_), here))
+        self.marginals: Marginals = marginals(flow, CLOSE, np.append(np.zeros(first, np.bool_), here))
         solution = flow.solution()
         self._follower, self._labels = solution.follower, track_labels(solution)
         order = np.lexsort((network.frames, self._labels))
@@ -141,7 +141,7 @@ class Questioner:
         arcs = first + np.flatnonzero(flow.used[first:] & (self.ids[flow.graph.tail] > 0))
         i, j = self._ends(arcs)
         gap = np.maximum(self.network.frames[j] - self.network.frames[i], 1)
-        wrong = probability(self.found.through[arcs], LINK + GAP * np.log2(gap))
+        wrong = probability(self.marginals.through[arcs], LINK + GAP * np.log2(gap))
         self._doubt = np.zeros(flow.count)
         self._doubt[j] = wrong
         return wrong, np.minimum(self._rank[i] + 1, self._length[j] - self._rank[j]), arcs, self._ask_of_link
@@ -172,10 +172,10 @@ class Questioner:
         first, graph = 3 * self.flow.count, self.flow.graph
         i, j = graph.tail, graph.head
         apart = (self._follower[i] < 0) & (self._before[j] < 0) & (self.ids[i] > 0) & (self.ids[j] > 0)
-        arcs = first + np.flatnonzero(apart & (self.found.through[first:] < LIMIT))
+        arcs = first + np.flatnonzero(apart & (self.marginals.through[first:] < LIMIT))
         i, j = self._ends(arcs)
         logit = np.where(self._parted[i] | self._parted[j], PARTED, APART)
-        wrong = scipy.special.expit(logit - self.found.through[arcs])
+        wrong = scipy.special.expit(logit - self.marginals.through[arcs])
         # An end goes on as one other at most.
         several = np.maximum(np.bincount(i, wrong, self.flow.count)[i], np.bincount(j, wrong, self.flow.count)[j])
         wrong = wrong / np.maximum(several, 1)
@@ -193,20 +193,20 @@ class Questioner:
     def _exchanges(self) -> _Kind:
         """Two tracks that may go on as each other."""
         first = 3 * self.flow.count
-        cost = self.found.cost[first:]
-        here = np.flatnonzero(~self.flow.used[first:] & (cost < np.minimum(self.found.through[first:], CLOSE)))
+        cost = self.marginals.cost[first:]
+        here = np.flatnonzero(~self.flow.used[first:] & (cost < np.minimum(self.marginals.through[first:], CLOSE)))
         # What changes together costs the same.
         _, one = np.unique(np.rint(cost[here] * 1e6), return_index=True)
         self._changes, spoilt = dict[int, tuple[_Links, _Links]](), list[int]()
         for arc in (first + here[one[:WEIGHED]]).tolist():
-            cycle = self.found.cycle(arc)
+            cycle = self.marginals.cycle(arc)
             links, used = cycle[cycle >= first], self.flow.used[cycle[cycle >= first]]
             removed, added = (np.column_stack(self._ends(part)).tolist() for part in (links[used], links[~used]))
             if len(links) == len(cycle) == 4 and len(removed) == len(added) == 2:
                 self._changes[arc] = removed, added
                 spoilt.append(self._exchanged(removed))
         arcs = np.array([*self._changes], dtype=np.int64)
-        wrong = probability(self.found.cost[arcs], EXCHANGED)
+        wrong = probability(self.marginals.cost[arcs], EXCHANGED)
         return wrong, np.array(spoilt, dtype=np.float64), arcs, self._ask_of_exchange
 
     def _exchanged(self, removed: _Links) -> int:
@@ -269,7 +269,7 @@ class Questioner:
         boxes = self._cut(self._follower, rows, about), self._cut(follower, rows, about) if len(about) > 1 else ()
         text = json.dumps([one.written() for one in said])
         key = f"{kind}-{hashlib.sha1(text.encode(), usedforsecurity=False).hexdigest()[:12]}"
-        cost = self.found.through if kind in ("link", "end") else self.found.cost
+        cost = self.marginals.through if kind in ("link", "end") else self.marginals.cost
         return Question(key, kind, self._frame(about[0]), *boxes, float(cost[arc]), wrong, sentence, *said)
 
     def _ends(self, arcs: IntArray) -> tuple[IntArray, IntArray]:

@@ -41,7 +41,7 @@ class Reviewed:
         self._session, self._about = session, {"name": name, "note": note, "pictures": not note}
         self._lock, self._changed = threading.Lock(), threading.Event()
         self.state: dict[str, Any] = {}
-        self._look()
+        self._take_over()
         threading.Thread(target=self._keep_saved, daemon=True).start()
 
     def change(self, what: str, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -55,7 +55,7 @@ class Reviewed:
         """
         with self._lock:
             said, changed = self._done(what, given)
-            self._look()
+            self._take_over()
             self._changed.set()
             differ = {n for _, first, last in changed for n in range(first // CHUNK, last // CHUNK + 1)}
             return {**self.state, "said": said, "changed": changed, "chunks": sorted(differ)}
@@ -113,7 +113,7 @@ class Reviewed:
         pair = (*self._session.made("real", [of], frame).boxes, *correction.boxes)
         return Correction("several", parts=(correction, Correction("same", pair)))
 
-    def _look(self) -> None:
+    def _take_over(self) -> None:
         """Take over what the session has now."""
         session, tracks = self._session, self._session.tracks()
         questions = session.questions()

@@ -116,7 +116,7 @@ class Session:
         self._solve(self._log)
         self._refresh()
         # Of a review that was killed, the last corrections may not be in the tracks yet.
-        self.saved = self._result.facts.get("corrections", 0) == len(self._log.said)
+        self.saved = self._result.facts.get("corrections", 0) == len(self._log.given)
 
     def _solved_tracks(self) -> list[Track]:
         kept, bodies = self.folder / SOLVED_FILE, self.folder / SOLVED_STATES
@@ -151,7 +151,7 @@ class Session:
     @property
     def answered(self) -> int:
         """What was said and not taken back."""
-        return len(self._log.said)
+        return len(self._log.given)
 
     def questions(self) -> list[Question]:
         """What to ask next, the least certain first."""
@@ -231,17 +231,17 @@ class Session:
         found = [b for p in parts if p.kind not in ("box", "real", "delete", "right") for b in p.there]
         if any(b not in drawn and find(b) < 0 for b in found):
             raise RequestError(f"{correction}: no detection is there; add the box first")
-        return self._said(correction)
+        return self._recorded(correction)
 
     def undo(self) -> Changes:
         """Take back what was said last."""
-        return self._said("undo") if self._log.said else Changes([], ["there is nothing to take back"])
+        return self._recorded("undo") if self._log.given else Changes([], ["there is nothing to take back"])
 
     def redo(self) -> Changes:
         """Say again what was taken back last."""
-        return self._said("redo") if self._log.undone else Changes([], ["there is nothing to repeat"])
+        return self._recorded("redo") if self._log.undone else Changes([], ["there is nothing to repeat"])
 
-    def _said(self, row: Correction | Literal["undo", "redo"]) -> Changes:
+    def _recorded(self, row: Correction | Literal["undo", "redo"]) -> Changes:
         log = self._log.and_then(row)
         self._solve(log)
         append(self.corrections_file, [row], self._video)
@@ -250,10 +250,10 @@ class Session:
 
     def _solve(self, log: CorrectionLog) -> None:
         """Solve under corrections; after every twenty, at costs that are fitted to them."""
-        flow, fitted = self._flow, len(log.said) // EVERY
+        flow, fitted = self._flow, len(log.given) // EVERY
         if fitted != self._fitted:
-            flow = CorrectedFlow(refitted(self._network, log.said[: EVERY * fitted]))
-        flow.correct(log.said)
+            flow = CorrectedFlow(refitted(self._network, log.given[: EVERY * fitted]))
+        flow.correct(log.given)
         self._flow, self._fitted = flow, fitted
 
     def _refresh(self) -> Changes:

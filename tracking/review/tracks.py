@@ -202,7 +202,7 @@ class Replayed:
     Attributes:
         tracks: corrected.
         names: of tracks, by id.
-        said: how many corrections there are.
+        given: how many corrections there are.
         done: those that can hold together.
         left_out: a line for each that does not.
         video: of which they speak.
@@ -210,7 +210,7 @@ class Replayed:
 
     tracks: Sequence[Track]
     names: dict[int, str]
-    said: int
+    given: int
     done: Sequence[Correction]
     left_out: Sequence[str]
     video: CorrectedVideo
@@ -232,7 +232,7 @@ def replayed(tracks: Sequence[Track], network: SolvedNetwork, path: Path, video:
     Raises:
         RequestError: it cannot be read, or speaks of another video.
     """
-    said = read_corrections(path, video).said
+    said = read_corrections(path, video).given
     flow, done, left_out = CorrectedFlow(network), [*said], list[str]()
     try:
         flow.correct(said)

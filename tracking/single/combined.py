@@ -132,7 +132,7 @@ class Combined:
         if self._former is not None:
             self._reconsider(image, self._former)
         if self._frame % witness.EVERY == 0:
-            self._witness.look(image, self.target, sure=not self.doubted)
+            self._witness.update(image, self.target, sure=not self.doubted)
         return self.state()
 
     def state(self) -> TargetState:

@@ -17,7 +17,7 @@ AGREED = 0.5
 """Overlap (IoU) from which the way forward and the way back are at one place."""
 
 
-def boxes_said(path: Path, source: Source) -> dict[int, FloatArray]:
+def corrected_boxes(path: Path, source: Source) -> dict[int, FloatArray]:
     """Boxes ``(4,)`` of the target by 0-based frame, from corrections of a result.
 
     Raises:
@@ -26,7 +26,7 @@ def boxes_said(path: Path, source: Source) -> dict[int, FloatArray]:
     from tsuiseki.tracking.review.corrections import CorrectedVideo, read_corrections
     from tsuiseki.tracking.review.demands import corners
 
-    said = read_corrections(path, CorrectedVideo(Path(source.name).name, image_size(source), 0)).said
+    said = read_corrections(path, CorrectedVideo(Path(source.name).name, image_size(source), 0)).given
     parts = [part for one in said for part in (one.parts or (one,)) if part.kind == "box"]
     if not parts:
         raise RequestError(f"{path}: expected boxes that show where the target is, got none")

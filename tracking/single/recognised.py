@@ -28,7 +28,7 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 Describe = Callable[[ImageArray, FloatArray], FloatArray]
 """Appearance features ``(N, D)`` of boxes ``(N, 4)`` in an image."""
 MEMORY, HEARD = 15, 0.6
-"""Looks of the running median of likenesses, and its value from which on the network is heard."""
+"""Share of the running median of likenesses, and its value from which on the network is heard."""
 EXPECTED = 0.9
 """Likeness of the target before any look, so that a box that is lost at once is not taken for it."""
 STRANGE_SHARE, LOST_SHARE = 0.6, 0.4
@@ -52,13 +52,13 @@ class RecognitionSettings:
         upright: height over width of the first box from which on the target may be a person, and the network is asked.
         every: frames between two looks.
         trusted: looks that `EXPECTED` counts for.
-        lost_looks: likenesses below `LOST_SHARE` in a row from which on the status is ``lost``.
+        lost_inferences: likenesses below `LOST_SHARE` in a row from which on the status is ``lost``.
     """
 
     upright: float = 1.8
     every: int = 3
     trusted: int = 3
-    lost_looks: int = 2
+    lost_inferences: int = 2
 
 
 class Recognised:
@@ -71,7 +71,7 @@ class Recognised:
 
     Attributes:
         asked: whether the first box is upright enough for a person.
-        found_again: how often the network has led to another place.
+        repeated_detections: how often the network has led to another place.
     """
 
     def __init__(self, tracker: SingleTracker, describe: Describe, settings: RecognitionSettings | None = None) -> None:
@@ -87,7 +87,7 @@ class Recognised:
             self._first = self._features(image, np.asarray(box)[None])[0]
         self._usual, self._usual_frame = np.asarray(box, dtype=np.float64), 0
         self._likenesses = deque([EXPECTED] * self.settings.trusted, maxlen=MEMORY)
-        self._frame = self._strange = self._lost = self.found_again = 0
+        self._frame = self._strange = self._lost = self.repeated_detections = 0
 
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
@@ -96,15 +96,15 @@ class Recognised:
             return found
         self._frame += 1
         if self._frame % self.settings.every == 0:
-            likeness = self._look(image, found.box)
+            likeness = self._compare(image, found.box)
             heard = median(self._likenesses) >= HEARD
             if heard and self._strange >= STRANGE_LOOKS and isinstance(self._tracker, Combined):
                 self._find_again(self._tracker, image, likeness)
                 found = self._tracker.state()
-        lost = self._lost >= self.settings.lost_looks and median(self._likenesses) >= HEARD
+        lost = self._lost >= self.settings.lost_inferences and median(self._likenesses) >= HEARD
         return replace(found, status="lost") if lost else found
 
-    def _look(self, image: ImageArray, box: FloatArray) -> float:
+    def _compare(self, image: ImageArray, box: FloatArray) -> float:
         """Likeness of what the box ``(4,)`` of a frame shows, counted as strange, lost or usual."""
         likeness = float(self._likeness(image, box[None])[0])
         usual = median(self._likenesses)
@@ -126,7 +126,7 @@ class Recognised:
         best = int(np.argmax(likenesses))
         if likenesses[best] >= max(likeness + BETTER, ALIKE * median(self._likenesses)):
             tracker.go_on_at(places[best])
-            self.found_again += 1
+            self.repeated_detections += 1
             self._strange = self._lost = 0  # the box counts as the target until it looks otherwise
 
     def _near(self, box: FloatArray) -> bool:

@@ -196,7 +196,7 @@ class RegularisedTarget:
         contrast_at: where the colours' contrast was greatest in the first frame, over the size of the box there.
         peak: response at ``centre``, colours included.
         colour_score: mean colour probability at ``centre``, in [0, 1].
-        seen: what `resize` looked at, for the `update` of the same frame; None else.
+        sample: what `resize` compared, for the `update` of the same frame; None else.
         insisted: for how many frames in a row the colours have wanted a far larger size; negative: a far smaller one.
         area: of the target's colours in the first frame, see `colours.coloured_area`.
     """
@@ -209,7 +209,7 @@ class RegularisedTarget:
     contrast_at: float = 1.0
     peak: float = 1.0
     colour_score: float = 1.0
-    seen: SizeSample | None = None
+    sample: SizeSample | None = None
     insisted: int = 0
     area: float = 1.0
 
@@ -303,7 +303,7 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
     factor = SIZE_STEP ** (middle + best) / target.size
     size = target.size * float(np.clip(factor, 1 / SIZE_CHANGE, SIZE_CHANGE))
     size = float(np.clip(size, SMALLEST, LARGEST))
-    return replace(target, size=size, seen=seen, insisted=insisted)
+    return replace(target, size=size, sample=seen, insisted=insisted)
 
 
 def _agrees(model: Model, target: RegularisedTarget, image: ImageArray, step: float) -> bool:
@@ -324,11 +324,11 @@ def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: flo
     sizes = target.sizes
     if sizes is not None:
         level = model.ladder.level(target.size)
-        sample = model.ladder.sample(image, target.centre, round(level), target.seen)
+        sample = model.ladder.sample(image, target.centre, round(level), target.sample)
         new = ScaleFilter.learn(sample, level - round(level))
         insists = abs(target.insisted) >= SIZE_PATIENCE
         sizes = sizes.blend(new, (SIZE_RELEARNING if insists else SIZE_RATE) * rate)
-    return replace(target, filters=filters, colour=colour, sizes=sizes, seen=None)
+    return replace(target, filters=filters, colour=colour, sizes=sizes, sample=None)
 
 
 class RegularisedTracker:

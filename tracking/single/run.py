@@ -21,7 +21,7 @@ from tsuiseki.tracking.formats.single import find_single_sequences, has_labels, 
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import Result, Writer
-from tsuiseki.tracking.single.corrected import boxes_said, from_both_sides
+from tsuiseki.tracking.single.corrected import corrected_boxes, from_both_sides
 from tsuiseki.tracking.single.settings import (
     SingleChoice,
     SingleMethod,
@@ -226,7 +226,7 @@ def single(
     source = video.open(images=True) if labelled is None else source
     given = _first_box(source, box, select, labelled)
     tracker, constants = choice.tracker(output.seed)
-    said = None if corrections is None else boxes_said(corrections, source)
+    said = None if corrections is None else corrected_boxes(corrections, source)
     with output.run() as run:
         wanted = partial(_drawn, run) if given is None else given
         followed = follow_target(run.frames(source, record=video.overlay), wanted, tracker, run.times, said)

@@ -1,10 +1,10 @@
-"""A witness of the target's look: a linear classifier of the target against what surrounds it, learnt from the clip.
+"""A witness: a linear classifier of the target against its surroundings, learnt from the clip.
 
-A correlation filter that slides onto the background learns it and stays sure of itself. The witness learns only where
-it is sure itself, and from the others' looks, too: windows around the target, above all those that it takes for the
-target. So it does not slide along. It is a ridge regression from gradients and mean colours of a window's cells to 1 on
-the target and -1 around it; both classes weigh alike. It is heard once it has known the target in later frames, and
-says that the target is lost after several unlike looks in a row.
+A correlation filter that slides onto the background learns it and stays confident. The witness learns only where its
+own answer is high. It also learns from windows around the target, above all from those that it takes for the target.
+So it does not slide along. It is a ridge regression to 1 on the target and -1 around it; both classes weigh alike. Its
+features are gradients and mean colours of a window's cells. It counts once it has recognised the target in later
+frames. After several low answers in a row the target is lost.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from tsuiseki.tracking.single.regularised import CELL, Model, RegularisedTarget
 from tsuiseki.tracking.types import ImageArray, IntArray
 
 EVERY = 3
-"""Frames between two looks."""
+"""Frames between two updates."""
 COLOUR_WEIGHT = 2.0
-"""Of the mean colours beside the gradients."""
+"""Weight of the mean colours beside the gradients."""
 RIDGE = 0.002
-"""Of the regression; windows have length one and the weights of all of them sum to one."""
+"""Ridge penalty of the regression. Windows have length one and the weights of all of them sum to one."""
 TARGETS, AROUND, CHOSEN = 20, 10, 8
-"""Looks of which the target, and the surroundings, are remembered beside the first; windows of the surroundings that a
-look adds, of the likest and of others alike."""
+"""Updates whose windows of the target, and of its surroundings, are kept beside the first. Windows of the surroundings
+that an update adds: so many with the highest answers, and so many others."""
 OVERLAP = 0.25
-"""IoU with the target up to which a window is of the surroundings."""
+"""Largest IoU of a window of the surroundings with the target."""
 KNOWN, ALIKE, UNLIKE = 0.0, 0.1, -0.3
-"""Answers, 1 on the target and -1 around it: above the first the look is learnt; above the second it is the target,
-there or elsewhere; below the third it looks like something else."""
-HEARD, LOOKS = 3, 3
-"""Learnt looks from which on the witness is heard; unlike looks in a row from which on the target is lost."""
+"""Answers, 1 on the target and -1 around it. Above the first the window is learnt. Above the second it shows the
+target, there or elsewhere. Below the third it shows something else."""
+HEARD, LOW = 3, 3
+"""Learnt windows from which on the witness counts; low answers in a row from which on the target is lost."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,13 @@ class Regression:
 
 
 class Witness:
-    """What is known of the target's look and of its surroundings'.
+    """The regression, and the windows of the target and of its surroundings that it learns from.
 
     Args:
-        model: of the target.
+        model: correlation filter of the target, which cuts out windows.
         image: the first frame ``(H, W, 3)``.
         target: the target in it.
-        seed: of the choice of surroundings.
+        seed: seed of the random choice of surroundings.
 
     Attributes:
         lost: whether the box no longer shows the target.
@@ -98,17 +98,17 @@ class Witness:
 
     @property
     def heard(self) -> bool:
-        """Whether it has known the target in enough frames."""
+        """Whether it has recognised the target in enough frames."""
         return self._learnt >= HEARD
 
     def answer(self, image: ImageArray, target: RegularisedTarget) -> float:
-        """About 1 where the box shows the target, about -1 where it shows what was around it; 0 where it cannot say."""
+        """About 1 where the box shows the target, about -1 where it shows what was around it; 0 where unknown."""
         if not len(self._far):
             return 0.0
         return float(self._regression(self._rows(self._grid(image, target), self._near)).max())
 
-    def look(self, image: ImageArray, target: RegularisedTarget, sure: bool) -> None:
-        """Take what the box of a frame shows, and learn it where the tracker is ``sure`` and the witness is, too."""
+    def update(self, image: ImageArray, target: RegularisedTarget, sure: bool) -> None:
+        """Take the window of a box. Learn it where the tracker is ``sure`` and the answer is above `KNOWN`."""
         if not len(self._far):
             return
         grid = self._grid(image, target)
@@ -116,7 +116,7 @@ class Witness:
         answers = self._regression(near)
         answer = float(answers.max())
         self._unlike = self._unlike + 1 if answer < UNLIKE else 0
-        self.lost = self.heard and answer <= ALIKE and (self.lost or self._unlike >= LOOKS)
+        self.lost = self.heard and answer <= ALIKE and (self.lost or self._unlike >= LOW)
         if answer <= KNOWN:
             return
         self._learnt += 1
@@ -133,7 +133,7 @@ class Witness:
         )
 
     def moved(self) -> None:
-        """The box is elsewhere now: it counts as the target until it looks otherwise."""
+        """The box is elsewhere now: it counts as the target until the answers are low again."""
         self.lost, self._unlike = False, 0
 
     def _grid(self, image: ImageArray, target: RegularisedTarget) -> Float32Array:

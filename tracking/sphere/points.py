@@ -16,7 +16,7 @@ from tsuiseki.tracking.formats.world_tables import read_ball_points
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.page import sphere_result
 from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, as_place, cameras_of, chosen_motion
-from tsuiseki.tracking.sphere.tracker import Seen, SphereRun, SphereTracker, Start
+from tsuiseki.tracking.sphere.tracker import MomentViews, SphereRun, SphereTracker, Start
 from tsuiseki.tracking.sphere.views import PointLikelihood, Views
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray, Position
@@ -91,7 +91,7 @@ def sphere_points_run(
     def search(views: Views, rng: np.random.Generator) -> FloatArray:
         return _placed_by_rays(pinholes, views, deviation, settings.particles, rng)
 
-    def seen(moments: Sequence[Moment]) -> Iterator[Seen]:
+    def seen(moments: Sequence[Moment]) -> Iterator[MomentViews]:
         for moment in moments:
             found = [None if f is None else p[f] for f, p in zip(moment.frames, pixels, strict=True)]
             yield moment, [None if f is None or np.isnan(f[0]) else f for f in found]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
-from tsuiseki.tracking.cameras.volume import check_volume, common_volume, in_sight
+from tsuiseki.tracking.cameras.volume import check_volume, common_volume, in_view
 from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.following import Drawing
@@ -31,7 +31,7 @@ from tsuiseki.tracking.sphere.settings import (
     chosen_motion,
     frame_times,
 )
-from tsuiseki.tracking.sphere.tracker import Seen, SphereLog, SphereRun, SphereTracker, Start
+from tsuiseki.tracking.sphere.tracker import MomentViews, SphereLog, SphereRun, SphereTracker, Start
 from tsuiseki.tracking.sphere.views import (
     BackgroundLikelihood,
     PrintedContourLikelihood,
@@ -141,10 +141,10 @@ def sphere_run(
         partial(frames_of_size, video, p.camera.width, p.camera.height) for video, p in zip(videos, placed, strict=True)
     ]
 
-    def recorded(moments: Sequence[Moment]) -> Iterator[Seen]:
+    def recorded(moments: Sequence[Moment]) -> Iterator[MomentViews]:
         return moments_with_images(moments, [begin() for begin in frames])
 
-    def newest(_: Sequence[Moment]) -> Iterator[Seen]:
+    def newest(_: Sequence[Moment]) -> Iterator[MomentViews]:
         # Half the shortest time between frames: cameras of one rate have a frame each in all moments but the first.
         half = 0.5 / max(video.frame_rate for video in videos)
         return LatestFrames(frames, half if settings.tolerance is None else settings.tolerance).moments()
@@ -182,7 +182,7 @@ def check_start(position: FloatArray, cameras: Sequence[PlacedCamera]) -> None:
         RequestError: it lies behind a camera, or in fewer than two images.
     """
     depths = [float(entry.camera.to_camera(position[None])[0, 2]) for entry in cameras]
-    seen = sum(bool(in_sight(entry.camera, position[None])[0]) for entry in cameras)
+    seen = sum(bool(in_view(entry.camera, position[None])[0]) for entry in cameras)
     shown = ",".join(f"{v:g}" for v in position)
     behind = [entry.name for entry, depth in zip(cameras, depths, strict=True) if depth <= 0]
     if behind and seen < 2:
@@ -296,7 +296,7 @@ def sphere(
     with output.run() as run:
         run.sources += chosen.sources
 
-        def watched(seen: Iterable[Seen]) -> Iterator[Seen]:
+        def watched(seen: Iterable[MomentViews]) -> Iterator[MomentViews]:
             return run.steps(seen if chosen.length else run.unending(seen), total=chosen.length)
 
         log = chosen.run(np.random.default_rng(output.seed), run.times, watched)

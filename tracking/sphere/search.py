@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cameras.volume import LARGEST_SHARE, SMALLEST_RADIUS, in_sight
+from tsuiseki.tracking.cameras.volume import LARGEST_SHARE, SMALLEST_RADIUS, in_view
 from tsuiseki.tracking.filters.resampling import probabilities, systematic
 from tsuiseki.tracking.sphere.views import ViewLikelihood, Views
 from tsuiseki.tracking.types import FloatArray
@@ -91,7 +91,7 @@ def _places(camera: PinholeCamera, cameras: Sequence[PinholeCamera], radius: flo
         depth = focal * radius / size
         points = camera.position + rays * (depth / (rays @ camera.rotation[2]))[:, None]
         inside = ((points >= volume[0]) & (points <= volume[1])).all(axis=1)
-        seen = sum(in_sight(other, points).astype(np.int64) for other in cameras)
+        seen = sum(in_view(other, points).astype(np.int64) for other in cameras)
         places.append(points[inside & (seen >= 2)])
         size /= DEPTH_STEP
     return np.concatenate(places)

@@ -67,14 +67,14 @@ class SphereState:
         time: seconds.
         open: ``(C,)`` probability that each camera sees the ball.
         last_frames: ``(C,)`` seconds at which each camera last gave a frame.
-        unseen: seconds since the last status ``tracking``.
+        undetected: seconds since the last status ``tracking``.
     """
 
     particles: ParticleState
     time: float
     open: FloatArray
     last_frames: FloatArray
-    unseen: float = 0.0
+    undetected: float = 0.0
 
 
 def with_velocities(positions: FloatArray, speed: float, rng: np.random.Generator) -> FloatArray:
@@ -152,11 +152,11 @@ class SphereTracker:
         # Cameras out of step take turns; one that gave no frame for long sees nothing, whatever it saw before.
         seeing = (opened > OPEN) & (observation.time - last_frames <= self.patience)
         known = deviation <= self.largest_deviation and int(seeing.sum()) >= min(2, len(opened))
-        unseen = 0.0 if known else state.unseen + seconds
-        status: Status = "tracking" if known else "searching" if unseen <= self.patience else "lost"
+        undetected = 0.0 if known else state.undetected + seconds
+        status: Status = "tracking" if known else "searching" if undetected <= self.patience else "lost"
         score = float(np.mean(opened)) * float(np.exp(-deviation / self.largest_deviation))
         position = Position(observation.time, mean[:3], covariance[:3, :3], score, status, mean[3:], opened)
-        return SphereState(after, observation.time, opened, last_frames, unseen), position
+        return SphereState(after, observation.time, opened, last_frames, undetected), position
 
 
 class _Stages:
@@ -204,7 +204,7 @@ class _Stages:
 
 # A search takes frames of different cameras within so many seconds for one look.
 RECENT = 0.15
-Seen: TypeAlias = tuple[Moment, Views]
+MomentViews: TypeAlias = tuple[Moment, Views]
 
 
 @dataclass(frozen=True)
@@ -263,7 +263,7 @@ class SphereRun:
             between frames.
         tracker: the filter.
         start: where the ball is looked for first.
-        seen: what the cameras see at these moments; of live ones, from now on.
+        views: measurements of the cameras at these moments; of live ones, from now on.
         radius: of the ball, metres; 0 of a point.
         sources: the videos, where there are some.
     """
@@ -273,7 +273,7 @@ class SphereRun:
     tolerance: float | None
     tracker: SphereTracker
     start: Start
-    seen: Callable[[Sequence[Moment]], Iterable[Seen]]
+    views: Callable[[Sequence[Moment]], Iterable[MomentViews]]
     radius: float
     sources: Sequence[Source] = ()
 
@@ -283,7 +283,10 @@ class SphereRun:
         return max(map(len, self.stamps)) if self.stamps else None
 
     def run(
-        self, rng: np.random.Generator, times: StageTimes, watch: Callable[[Iterable[Seen]], Iterable[Seen]] = iter
+        self,
+        rng: np.random.Generator,
+        times: StageTimes,
+        watch: Callable[[Iterable[MomentViews]], Iterable[MomentViews]] = iter,
     ) -> SphereLog:
         """Track through all moments; ``times`` gets the stages, ``watch`` passes the moments through.
 
@@ -302,7 +305,7 @@ class SphereRun:
         rng: np.random.Generator,
         times: StageTimes | None = None,
         log: SphereLog | None = None,
-        watch: Callable[[Iterable[Seen]], Iterable[Seen]] = iter,
+        watch: Callable[[Iterable[MomentViews]], Iterable[MomentViews]] = iter,
     ) -> Iterator[Position]:
         """Each position as soon as it is known, kept in ``log``; a ball that is lost is searched again."""
         state: SphereState | None = None
@@ -318,13 +321,13 @@ class SphereRun:
                 state = tracker.start_at(
                     start.position, start.spread, start.particles, len(views), rng, now, start.speed
                 )
-            lost = state is None or state.unseen > tracker.patience
+            lost = state is None or state.undetected > tracker.patience
             if lost and len(recent) >= 2 and now - last_search > tracker.patience:
                 with times.measure("search"):
                     newest = [recent[k][1] if k in recent else None for k in range(len(views))]
                     positions = start.search(newest, rng)
                 found = tracker.init(with_velocities(positions, start.speed, rng), len(views), now)
-                state, last_search = replace(found, unseen=0.0 if state is None else state.unseen), now
+                state, last_search = replace(found, undetected=0.0 if state is None else state.undetected), now
                 if log is not None:
                     log.searches.append(len(log.positions))
             if state is None:
@@ -336,8 +339,8 @@ class SphereRun:
                 log.moments.append(moment)
             yield position
 
-    def _moments(self) -> Iterable[Seen]:
+    def _moments(self) -> Iterable[MomentViews]:
         stamps = list(self.stamps)
         if not stamps:
-            return self.seen([])
-        return self.seen(align(stamps, default_tolerance(stamps) if self.tolerance is None else self.tolerance))
+            return self.views([])
+        return self.views(align(stamps, default_tolerance(stamps) if self.tolerance is None else self.tolerance))

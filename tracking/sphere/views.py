@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.outline import Outlines, sphere_circles, sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cameras.volume import in_sight
+from tsuiseki.tracking.cameras.volume import in_view
 from tsuiseki.tracking.filters.resampling import logarithms
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
@@ -176,7 +176,7 @@ def colour_difference(
         elsewhere the difference is zero.
     """
     pixels, _ = camera.project(points)
-    inside = in_sight(camera, points)
+    inside = in_view(camera, points)
     maps = np.where(inside[:, None], pixels - 0.5, 0.0).astype(np.float32)[:, None]
     colours = [
         cv2.remap(picture, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(-1, 3)

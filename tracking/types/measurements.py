@@ -92,10 +92,10 @@ class PersonOnFloor(SensedTrack):
     """A person on a floor that several sensors look at; `scans` number the moments.
 
     Attributes:
-        seen: ``(T, S)`` which sensors detected them.
+        detected: ``(T, S)`` which sensors detected them.
     """
 
-    seen: BoolArray
+    detected: BoolArray
 
 
 def _one_of(name: str, value: object, choices: tuple[object, ...]) -> None:

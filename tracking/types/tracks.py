@@ -64,7 +64,7 @@ class BodyTrack:
         """``(T,)`` frames whose status is ``tracking``."""
         return np.array([status == "tracking" for status in self.statuses], dtype=np.bool_)
 
-    def stretches(self) -> list[FloatArray]:
+    def segments(self) -> list[FloatArray]:
         """States ``(T_i, D)`` of the stretches of consecutive frames whose status is ``tracking``."""
         good = np.flatnonzero(self.tracking)
         breaks = np.flatnonzero(np.diff(self.frames[good]) != 1) + 1

@@ -260,9 +260,9 @@ class VideoFile:
         finally:
             capture.release()
             sizes.close()
-        self.tell_uneven(times)
+        self.warn_uneven(times)
 
-    def tell_uneven(self, times: Sequence[float]) -> None:
+    def warn_uneven(self, times: Sequence[float]) -> None:
         """Say that frames at ``times``, seconds, lie unevenly, where they do."""
         if found := uneven(times) if self.timed_by == "container" else {}:
             warnings.warn(

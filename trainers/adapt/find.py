@@ -25,7 +25,7 @@ LOWEST_SCORE = 0.1
 
 
 @dataclass(frozen=True)
-class FoundPeople:
+class TrackedPeople:
     """People who were detected and tracked in a video.
 
     Attributes:
@@ -50,14 +50,14 @@ class RoundVideo:
     Attributes:
         watched: the video.
         foreground: of its kept pictures; None where the camera moves.
-        found: detections and tracks.
+        tracked: detections and tracks.
         labels: taken of them.
         held_out: the first frame of the end that teaches nothing.
     """
 
     watched: Watched
     foreground: Foreground | None
-    found: FoundPeople
+    tracked: TrackedPeople
     labels: TrackLabels
     held_out: int
 
@@ -65,7 +65,7 @@ class RoundVideo:
 def labelled(
     watched: Watched,
     foreground: Foreground | None,
-    found: FoundPeople,
+    found: TrackedPeople,
     sitting: bool,
     onto_silhouettes: float,
     certain: CertainBoxes | None = None,
@@ -78,7 +78,7 @@ def labelled(
 
 def find(
     watched: Watched, given: Path | SizedDetect, settings: AdaptSettings, view: str, affinity: Path | None = None
-) -> FoundPeople:
+) -> TrackedPeople:
     """Detect and track people as `tsuiseki track people --ground off` does.
 
     Args:
@@ -103,7 +103,7 @@ def find(
     inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=settings.threads)
     costs = people_affinity("flow", affinity, 1, known_scores=knows_scores(detector))
     begun = perf_counter()
-    detections = [found for _, found in inputs.found()]
+    detections = [found for _, found in inputs.detections()]
     seconds = (perf_counter() - begun) / max(len(detections), 1)
     scores = cost_of_scores(detector)
     # Labels take straddling tracks of an uncalibrated detector for counter-examples (see `labels`); those of a
@@ -114,7 +114,7 @@ def find(
         tracker.update(here.select(here.scores >= settings.score_threshold))
     tracks = [shifted(track, watched.span[0]) for track in tracker.tracks()]
     columns = max((choice.view.columns for choice in detector.choices.values()), default=1)
-    return FoundPeople(detections, watched.span[0], tracks, columns, seconds)
+    return TrackedPeople(detections, watched.span[0], tracks, columns, seconds)
 
 
 def above(detections: Sequence[Detections], score: float) -> list[Detections]:

@@ -31,7 +31,7 @@ _ROOM = np.array([0.08, 0.03])
 _FEWEST = 20
 # The middle of a box is all person: from these shares of its width and height on, to as much before the other end.
 _MIDDLE = np.array([0.25, 0.08])
-_TOLD = 0.7
+_UNLIKE = 0.7
 # A detection is that of a track's box from this overlap on.
 _SAME = 0.5
 # A silhouette that lies farther off, in widths and heights of the box, is torn or joined with something else.
@@ -55,7 +55,7 @@ class Difference:
 
         NaN also where clothes look like a shadow.
         """
-        told = told_from_shadow(self.different, self.bright, boxes)
+        told = unlike_shadow(self.different, self.bright, boxes)
         return np.where(told[:, None], edge_offsets(self.bright, boxes), np.nan)
 
 
@@ -84,7 +84,7 @@ def covered_share(mask: BoolArray, boxes: FloatArray) -> FloatArray:
     return np.asarray(inside / np.maximum((x2 - x1) * (y2 - y1), 1), dtype=np.float64)
 
 
-def told_from_shadow(different: BoolArray, bright: BoolArray, boxes: FloatArray) -> BoolArray:
+def unlike_shadow(different: BoolArray, bright: BoolArray, boxes: FloatArray) -> BoolArray:
     """``(N,)`` whether the clothes in boxes ``(N, 4)`` look unlike a shadow.
 
     Dark or grey clothes on dark or grey ground are taken for shadow, and such a silhouette lacks arms and legs. In the
@@ -92,7 +92,7 @@ def told_from_shadow(different: BoolArray, bright: BoolArray, boxes: FloatArray)
     """
     inset = _MIDDLE * (boxes[:, 2:] - boxes[:, :2])
     middle = boxes + np.concatenate([inset, -inset], axis=1)
-    return np.asarray(covered_share(bright, middle) >= _TOLD * covered_share(different, middle))
+    return np.asarray(covered_share(bright, middle) >= _UNLIKE * covered_share(different, middle))
 
 
 def edge_offsets(mask: BoolArray, boxes: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from lightning.pytorch.callbacks import Callback, EMAWeightAveraging, ModelCheck
 
 from tsuiseki.datamodules.augmentation import Augmentation, fitted_scale
 from tsuiseki.datamodules.detection_data import Composition, DetectionData
-from tsuiseki.datamodules.footage import TrainingSource
+from tsuiseki.datamodules.training_images import TrainingSource
 from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector

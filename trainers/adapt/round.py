@@ -101,7 +101,7 @@ def agreement_held_out(
     """
     agreements, weights = [], []
     for each, found in zip(videos, detections, strict=True):
-        held_out = range(each.held_out, each.found.first + each.watched.length)
+        held_out = range(each.held_out, each.tracked.first + each.watched.length)
         agreements.append(agreement(above(found, score_threshold), each.labels.tracks, held_out))
         weights.append(len(held_out))
     return float(np.average(agreements, weights=weights))
@@ -111,7 +111,7 @@ def round_scores(videos: Sequence[RoundVideo], score_threshold: float) -> RoundS
     """How a round did in the videos of a camera; detections from ``score_threshold`` on count."""
     people, boxes, detections, rejected, frames, offsets, ends = 0, 0, 0, 0, 0, [], []
     for each in videos:
-        video, found, labels = each.watched, each.found, each.labels
+        video, found, labels = each.watched, each.tracked, each.labels
         certain = above(found.detections, score_threshold)
         ends.append(found.detections[each.held_out - found.first :])
         people += len(labels.tracks)
@@ -128,7 +128,7 @@ def round_scores(videos: Sequence[RoundVideo], score_threshold: float) -> RoundS
         max(rejected, 0) / frames,
         float(np.mean(offsets)),
         all(each.foreground is not None for each in videos),
-        sum(each.found.seconds * each.watched.length for each in videos) / frames,
+        sum(each.tracked.seconds * each.watched.length for each in videos) / frames,
     )
 
 

@@ -84,11 +84,11 @@ def rounds(adaptation: Adaptation) -> Iterator[Round]:
     Raises:
         RequestError: nobody is followed with confidence, or a file is no such model.
     """
-    first = best = _look(adaptation, 0, adaptation.teacher or adaptation.start)
-    _refuse_nobody(first, adaptation.camera)
+    first = best = _detect_and_track(adaptation, 0, adaptation.teacher or adaptation.start)
+    _check_people(first, adaptation.camera)
     yield first
     for number in range(1, adaptation.settings.rounds + 1):
-        here = _look(adaptation, number, _learn(adaptation, number, best))
+        here = _detect_and_track(adaptation, number, _learn(adaptation, number, best))
         yield here
         if here.scores.collapsed(first.scores) is not None or not better(here, best):
             return
@@ -97,7 +97,7 @@ def rounds(adaptation: Adaptation) -> Iterator[Round]:
 
 def default_round(adaptation: Adaptation) -> Round:
     """What the default detector sees, which learns nothing."""
-    return _look(adaptation, DEFAULT, adaptation.default)
+    return _detect_and_track(adaptation, DEFAULT, adaptation.default)
 
 
 def against_default(learnt: Round, default: Round) -> tuple[bool, str]:
@@ -202,7 +202,7 @@ def _teaching(videos: Sequence[Watched], taught_by: Round) -> list[Watched]:
     return teaching
 
 
-def _look(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> Round:
+def _detect_and_track(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> Round:
     """Look with the ``detector``, or read what an earlier call found."""
     folder, camera, settings = adaptation.folder(number), adaptation.camera, adaptation.settings
     if (done := kept_round(folder, detector)) is not None:
@@ -226,9 +226,9 @@ def _look(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> 
         detector,
         scores,
         tuple(each.verdicts for each in labels),
-        max(each.found.columns for each in videos),
+        max(each.tracked.columns for each in videos),
         tuple(each.everyone for each in labels),
-        tuple(tuple(above(each.found.detections, 0.0)) for each in videos),
+        tuple(tuple(above(each.tracked.detections, 0.0)) for each in videos),
         tuple(each.people for each in labels),
     )
     keep_round(here, folder)
@@ -250,7 +250,7 @@ def _taken(verdicts: Sequence[Verdict]) -> int:
     return sum(v.verdict == TAKEN for v in verdicts)
 
 
-def _refuse_nobody(first: Round, camera: CameraVideos) -> None:
+def _check_people(first: Round, camera: CameraVideos) -> None:
     """Without anybody there is nothing to learn from."""
     if first.scores.people:
         return

@@ -95,11 +95,11 @@ class _Entries:
     ids: IntArray
     boxes: FloatArray
     sure: BoolArray
-    seen: BoolArray
+    detected: BoolArray
 
     def select(self, which: BoolArray) -> _Entries:
         """Those at a mask ``(N,)``."""
-        return _Entries(self.frames[which], self.ids[which], self.boxes[which], self.sure[which], self.seen[which])
+        return _Entries(self.frames[which], self.ids[which], self.boxes[which], self.sure[which], self.detected[which])
 
 
 def label(
@@ -242,7 +242,7 @@ def _together(parts: Sequence[_Entries]) -> _Entries:
         np.concatenate([np.empty(0, np.int64), *(each.ids for each in parts)]),
         np.concatenate([np.empty((0, 4)), *(each.boxes for each in parts)]),
         np.concatenate([np.empty(0, np.bool_), *(each.sure for each in parts)]),
-        np.concatenate([np.empty(0, np.bool_), *(each.seen for each in parts)]),
+        np.concatenate([np.empty(0, np.bool_), *(each.detected for each in parts)]),
     )
 
 
@@ -250,9 +250,9 @@ def _placed(
     people: _Entries, found: Detections, picture: Difference | None, offset: FloatArray, share: float
 ) -> _Entries:
     """What tracks say in one frame, each box where its person is in that frame."""
-    boxes = detected_boxes(people.boxes, people.seen, found.boxes)
+    boxes = detected_boxes(people.boxes, people.detected, found.boxes)
     if picture is not None:
-        boxes = drawn_to_silhouettes(boxes, people.seen, picture, offset, share)
+        boxes = drawn_to_silhouettes(boxes, people.detected, picture, offset, share)
     return replace(people, boxes=boxes)
 
 

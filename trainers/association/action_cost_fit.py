@@ -23,7 +23,7 @@ from scipy.special import expit
 
 from tsuiseki.tracking.association.costs import ActionCost, action_distances
 from tsuiseki.tracking.association.flow_window import FlowWindow
-from tsuiseki.tracking.association.looks import Looks
+from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.errors import RequestError
@@ -85,7 +85,7 @@ def link_samples(
     path = CameraPath()
     for one in observations:
         path.follow(one.motion or CameraStep(STANDS_STILL))
-    given = FlowInput(flow.input, Looks(frame_rate), size, path)
+    given = FlowInput(flow.input, InferenceTimes(frame_rate), size, path)
     found = [replace(o.detections, actions=averaged(o.actions)) for o in observations if o.actions is not None]
     seen, scores, _ = given.rows(found)
     assert seen.actions is not None

@@ -103,7 +103,7 @@ def trained_frames(training_data: str, sequence: str) -> list[tuple[float, float
     return found
 
 
-def check_unseen(uses: Sequence[NetworkUse]) -> None:
+def check_trained_elsewhere(uses: Sequence[NetworkUse]) -> None:
     """Refuse networks that were trained on what they look at; warn of those that do not say.
 
     Raises:
@@ -192,7 +192,7 @@ class AffinityVideo(Shared):
                 for k, (start, stop) in enumerate(spans(video, self.frames, count) if few else []):
                     path, network = few[k % len(few)]
                     uses.append(NetworkUse(path, network.model.card, video.name, start + 1, stop))
-            check_unseen(uses)
+            check_trained_elsewhere(uses)
         find, faults = [*detectors.values()] or self.detections, self.faults or DetectorFaults()
         streams = self.actions or [shipped(f"action_drone_{name}") for name in STREAMS]
         recognise = ActionRecogniser(streams) if acting else None

@@ -82,14 +82,14 @@ class Origin:
         logits: ``(N,)`` of its scores.
         slope: of the straight line that fits the logits of the probabilities, which the tracker takes scores for, to
             those of the scores.
-        price: by how much a detection costs more a unit of the logit of its probability; below 0.
+        cost_slope: by how much a detection costs more a unit of the logit of its probability; below 0.
         truth: labels of the sequence.
     """
 
     anchors: IntArray
     logits: FloatArray
     slope: float
-    price: float
+    cost_slope: float
     truth: GroundTruth
 
 

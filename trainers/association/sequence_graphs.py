@@ -16,8 +16,8 @@ from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, JOIN_FEATURES, detection_evidence, link_evidence
 from tsuiseki.tracking.association.flow_rounds import AVERAGED, mean_features
 from tsuiseki.tracking.association.flow_window import FlowWindow
-from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
-from tsuiseki.tracking.association.looks import Looks
+from tsuiseki.tracking.association.inference_times import InferenceTimes
+from tsuiseki.tracking.association.link_parts import LinkModel, LinkParts, link_costs
 from tsuiseki.tracking.association.tracklets import MISS_OF_JOIN, MOST_FOR_JOIN, Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, owners_of
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
@@ -49,7 +49,7 @@ def sequence_graphs(
         settings: of the tracker.
     """
     settings = settings or FlowSettings().alike()
-    preparing = FlowInput(settings.input, Looks(video.frame_rate), video.size, video.path())
+    preparing = FlowInput(settings.input, InferenceTimes(video.frame_rate), video.size, video.path())
     seen, scores, _ = preparing.rows(list(video.detections) or [Detections.empty()])
     settings = replace(settings, costs=preparing.flow_costs(settings.costs))
     probability = preparing.probability(scores)
@@ -59,8 +59,8 @@ def sequence_graphs(
     window.add(seen)
     if len(seen):
         change = window.learnt(logit, observation)
-        believed = preparing.first_prices(scores)
-        window.solve(observation + change[:, 0], change[:, 1], change[:, 2], first_prices=believed)
+        believed = preparing.first_costs(scores)
+        window.solve(observation + change[:, 0], change[:, 1], change[:, 2], first_costs=believed)
     owners = owners_of(seen.frames, seen.image, video.truth)
     labels = window.labels() if len(seen) else np.empty(0, np.int64)
     parts = _link_parts(seen, window, labels, settings)
@@ -81,8 +81,8 @@ def _link_parts(seen: DetectionTable, window: FlowWindow, labels: IntArray, sett
     averaged = AVERAGED
     means = None if seen.features is None else mean_features(seen, labels, seen.features, averaged)
     cost, hidden = settings.costs.link, window.links.hidden
-    by = Pricing(cost, np.inf, change=keep)
-    priced(seen, (tails, heads), (past, future), by, means=means, hidden=hidden, labels=labels)
+    by = LinkModel(cost, np.inf, change=keep)
+    link_costs(seen, (tails, heads), (past, future), by, means=means, hidden=hidden, labels=labels)
     return found[0]
 
 

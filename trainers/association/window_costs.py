@@ -120,7 +120,7 @@ def distances(features: Tensor, averages: Averages, graph: Graph) -> Tensor:
     return torch.where(known, distance, torch.full_like(distance, float("nan")))
 
 
-def repriced(rows: Tensor, distance: Tensor, cost: LinkCost) -> tuple[Tensor, Tensor]:
+def with_new_distances(rows: Tensor, distance: Tensor, cost: LinkCost) -> tuple[Tensor, Tensor]:
     """Features of the links with another distance of appearance, and by how much that changes the default's costs.
 
     Args:
@@ -230,7 +230,7 @@ class CostMakers:
         base, rows, links = (self._tensor(part) for part in (graph.costs, graph.detections, graph.links))
         if outputs.features is not None:
             averages = averages_of(graph) if batch.crops is None else batch.crops.averages
-            links, dearer = repriced(links, distances(outputs.features, averages, graph), self.link_cost)
+            links, dearer = with_new_distances(links, distances(outputs.features, averages, graph), self.link_cost)
             base = base + torch.cat([base.new_zeros(3 * count), dearer])
         if outputs.heads is not None and batch.frames is not None:
             rows, dearer = rescored(rows, score_logits(outputs.heads[0], batch.frames, graph), graph)

@@ -132,8 +132,8 @@ def rescored(rows: Tensor, found: Tensor, graph: Graph) -> tuple[Tensor, Tensor]
     surer = origin.slope * (found - torch.as_tensor(origin.logits, dtype=found.dtype, device=found.device))
     columns = list(rows.unbind(dim=1))
     columns[LOGIT] = columns[LOGIT] + surer
-    columns[COST] = columns[COST] + origin.price * surer
-    return torch.stack(columns, dim=1), origin.price * surer
+    columns[COST] = columns[COST] + origin.cost_slope * surer
+    return torch.stack(columns, dim=1), origin.cost_slope * surer
 
 
 def own_loss(detector: DetectorTraining, outputs: tuple[Tensor, Tensor], frames: WindowFrames) -> Tensor:

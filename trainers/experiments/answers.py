@@ -194,7 +194,7 @@ def _case(unit: StreetUnit | GivenSequence | int) -> _Case:
         settings = StreetSettings(frames=unit.frames, people=crowd, occluders=0, samples=1)
         size, rate = (settings.width, settings.height), settings.frame_rate
         tracks = plan_boxes(settings, unit.seed)
-        found = found_boxes(tracks, unit.frames, unit.finding, unit.seed)
+        found = simulated_boxes(tracks, unit.frames, unit.finding, unit.seed)
     else:
         size, rate, found = unit.size, unit.rate, given_sequences.given_detections(unit)
         labels = given_sequences.given_labels(unit)
@@ -303,7 +303,7 @@ def _visible(frames: IntArray, boxes: FloatArray) -> FloatArray:
     return shares
 
 
-def found_boxes(tracks: Sequence[Track], length: int, finding: Finding, seed: int) -> list[Detections]:
+def simulated_boxes(tracks: Sequence[Track], length: int, finding: Finding, seed: int) -> list[Detections]:
     """What a detector finds in each of so many frames; who is less visible scores less."""
     rng = np.random.default_rng([seed, 7])
     frames = np.concatenate([track.frames for track in tracks])

@@ -175,7 +175,7 @@ def reproduce(
     found = [(values, one, "", given_rows(bench, one, sequences)) for one, sequences in given.items()]
     if unseen:
         values["unseen"] = {}
-        every = _unseen_rows(bench, streets, unseen)
+        every = _new_clip_rows(bench, streets, unseen)
         found += [(values["unseen"], one, ", learnt on generated streets", rows) for one, rows in every]
     for into, one, how, rows in found:
         into[one.key] = {name: given_sequences.combined_scores(sums) for name, sums in rows.items()}
@@ -200,7 +200,7 @@ def given_rows(
     return rows
 
 
-def _unseen_rows(
+def _new_clip_rows(
     bench: Bench, streets: Sequence[GivenSequence], sets: Mapping[DataSet, list[GivenSequence]]
 ) -> Iterator[tuple[DataSet, dict[str, FloatArray]]]:
     """The rows of each set: the default, the costs of pairs that ship, and costs learnt on streets."""

@@ -32,7 +32,7 @@ from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.fisheye.settings import FisheyeSettings
 from tsuiseki.tracking.fisheye.tracker import FisheyeTracker, flow_on_floor
-from tsuiseki.tracking.fisheye.unrolled import DETECTORS, looking
+from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
 from tsuiseki.tracking.fisheye.view import CeilingView, Crops
 from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
@@ -181,7 +181,7 @@ def observe(clip: CeilingClip, detector_file: Path, appearance_file: Path) -> Ob
     appearance = Appearance(appearance_file, threads=1)
     table = build_table(camera, room.floor)
     views = {crops: CeilingView(camera, table, PersonModel(), appearance, crops) for crops in CROPS}
-    detector = looking(Detector(detector_file, LEAST_SCORE, threads=1), camera, "unrolled")
+    detector = ceiling_detector(Detector(detector_file, LEAST_SCORE, threads=1), camera, "unrolled")
     times, unmeasured = CpuTimes(dict.fromkeys(STAGES, 0.0)), CpuTimes()
     found, truths = list[FloorDetections](), list[FrameTruth]()
     features: dict[str, list[FloatArray]] = {crops: [] for crops in CROPS}

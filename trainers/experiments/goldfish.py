@@ -165,7 +165,7 @@ def learn(store: Store, folders: Sequence[Path]) -> tuple[LearntMotion, int, int
     """What the learning run over some clips teaches, how many fish it followed to the end, and of how many."""
     files = [store.made(f"{f.name}.csv", write_learning_tracks, f, LEARNING_PARTICLES) for f in folders]
     tracks = [track for file in files for track in read_states(file, BODY.fields)]
-    parts = [part for track in tracks for part in track.stretches()]
+    parts = [part for track in tracks for part in track.segments()]
     motion = learn_motion(parts, BODY.name, BODY.fields, BODY.angles, read_sequence(folders[0]).frame_rate)
     longest = max(len(list((folder / "img1").iterdir())) for folder in folders)
     return motion, sum(int(track.tracking.sum()) == longest for track in tracks), len(tracks)

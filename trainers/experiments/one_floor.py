@@ -132,7 +132,7 @@ def measure(row: FollowedBy, seed: int) -> dict[str, float]:
     """Scores of a row on one draw, and milliseconds of processor time a moment."""
     known = read_floor_folder(row.folder)
     rng = np.random.default_rng(seed)
-    floor, length = known.cameras[0].floor, len(known.found[0])
+    floor, length = known.cameras[0].floor, len(known.people[0])
     if row.method == "floor detections":
         measured = measured_floor([], [floor_detections(known, rng)], floor, FootNoise(), None)
     else:
@@ -150,7 +150,7 @@ def measure(row: FollowedBy, seed: int) -> dict[str, float]:
 def simulated(known: FloorFolder, rng: np.random.Generator) -> list[list[StandingPeople]]:
     """The labels' boxes of every camera with misses, noise and false alarms as large as people of that view."""
     result = []
-    for placed, found in zip(known.cameras, known.found, strict=True):
+    for placed, found in zip(known.cameras, known.people, strict=True):
         every = np.concatenate([each.detections.boxes for each in found])
         size, own = np.array([placed.camera.width, placed.camera.height]), []
         for each in found:
@@ -214,10 +214,10 @@ def _nearest_groups(places: FloatArray, sensor: IntArray) -> FloatArray:
 def shelf_scores(folder: Path) -> list[tuple[str, int, float, int]]:
     """Of each labelled person: name, frames, the share with a track near, and how many ids were nearest."""
     known = read_floor_folder(folder)
-    length = len(known.found[0])
+    length = len(known.people[0])
     rate = known.cameras[0].frame_rate or 1.0
     feeds = [
-        CameraFeed(one, np.arange(length) / rate, found) for one, found in zip(known.cameras, known.found, strict=True)
+        CameraFeed(one, np.arange(length) / rate, found) for one, found in zip(known.cameras, known.people, strict=True)
     ]
     found = as_placed(flow_on_one_floor(measured_floor(feeds, [], None, FootNoise(), None), FloorFlow()))
     rows = []

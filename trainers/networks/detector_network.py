@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from tsuiseki.models.anchors import VARIANCES
 from tsuiseki.models.backbones import TrunkName, build_trunk
 from tsuiseki.models.detector import AnchorDetector, people_detector
-from tsuiseki.models.losses import SoftTargets, found_by
+from tsuiseki.models.losses import SoftTargets, soft_targets
 from tsuiseki.models.ssd import coco_start, ssd300, ssd512, ssdlite320
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
@@ -162,7 +162,7 @@ class SoftTeacher:
         """What the teacher detects in ``(B, 3, H, W)`` normalised images."""
         network = self.network.to(images.device)
         with torch.no_grad():
-            return found_by(network, images, self.calibration)
+            return soft_targets(network, images, self.calibration)
 
 
 def _described(path: Path) -> tuple[dict[str, Any], ModelCard, tuple[float, float]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.figures.mesh import Worn
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite, smaller
-from tsuiseki.datamodules.scenes.people.look import MIDDLE, random_look
+from tsuiseki.datamodules.scenes.people.outfit import MIDDLE, random_outfit
 from tsuiseki.datamodules.scenes.people.poses import mirrored
 from tsuiseki.datamodules.scenes.render.photographs import OPAQUE, Photographs
 from tsuiseki.datamodules.scenes.render.scene import Thing
@@ -101,9 +101,9 @@ class Standing:
 
 def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
     """The sprite in other colours, and mirrored every other time."""
-    look = random_look(rng)
+    outfit = random_outfit(rng)
     albedo = sprite.albedo.copy()
-    colours = (look.hair, look.upper, look.lower, look.shoes, look.bag_colour)
+    colours = (outfit.hair, outfit.upper, outfit.lower, outfit.shoes, outfit.bag_colour)
     for label, colour in zip(list(Worn)[1:], colours, strict=True):
         at = sprite.label == label
         if not at.any():

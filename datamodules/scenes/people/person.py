@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import Outfit, look_alike, random_build, random_look
+from tsuiseki.datamodules.scenes.people.outfit import Outfit, random_build, random_outfit, similar_outfit
 from tsuiseki.datamodules.scenes.people.posture import (
     Build,
     Manner,
@@ -47,13 +47,13 @@ class Person:
     """Somebody: proportions, clothes and a way to walk."""
 
     build: Build
-    look: Outfit
+    outfit: Outfit
     manner: Manner
 
 
 def random_person(rng: np.random.Generator) -> Person:
     """Somebody drawn at random."""
-    return Person(random_build(rng), random_look(rng), random_manner(rng))
+    return Person(random_build(rng), random_outfit(rng), random_manner(rng))
 
 
 def somebody(rng: np.random.Generator, others: Sequence[Person], look_alikes: float) -> Person:
@@ -61,7 +61,7 @@ def somebody(rng: np.random.Generator, others: Sequence[Person], look_alikes: fl
     if not others or rng.random() >= look_alikes:
         return random_person(rng)
     model = others[int(rng.integers(len(others)))]
-    return Person(random_build(rng), look_alike(rng, model.look), random_manner(rng))
+    return Person(random_build(rng), similar_outfit(rng, model.outfit), random_manner(rng))
 
 
 class _Flesh:
@@ -82,7 +82,7 @@ class _Flesh:
 def person_solids(person: Person, pose: Pose, position: FloatArray, heading: float) -> Solids:
     """The solids of ``person`` in ``pose`` at ``position`` ``(2,)`` on the ground, facing ``heading`` radians."""
     skeleton = place(person.build, pose, position, heading)
-    flesh = _Flesh(person.build.height, person.look.phase)
+    flesh = _Flesh(person.build.height, person.outfit.phase)
     _trunk(flesh, person, skeleton)
     _head(flesh, person, skeleton)
     for k in (0, 1):
@@ -95,79 +95,79 @@ def person_solids(person: Person, pose: Pose, position: FloatArray, heading: flo
 
 def person_thing(person: Person, pose: Pose, position: FloatArray, heading: float) -> Thing:
     """`person_solids` with what the person wears."""
-    return Thing(person_solids(person, pose, position, heading), person.look)
+    return Thing(person_solids(person, pose, position, heading), person.outfit)
 
 
 def _trunk(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
-    build, look, h = person.build, person.look, person.build.height
-    g = build.girth * look.thickness
+    build, outfit, h = person.build, person.outfit, person.build.height
+    g = build.girth * outfit.thickness
     up, front = s.trunk_axes[:, 2], s.trunk_axes[:, 0]
     waist = s.pelvis + up * 0.10 * h
-    upper = (look.upper, look.upper_second, look.upper_pattern, look.period)
+    upper = (outfit.upper, outfit.upper_second, outfit.upper_pattern, outfit.period)
     wide = 0.5 * (build.shoulders + g)
     chest = s.chest - up * 0.075 * h
     flesh.add(waist, chest, (0.078 * g, 0.094 * wide), front, 0.68, *upper, relief=0.16, detail=Detail.TRUNK)
-    covered = look.lower_style == "coat" or look.thickness > 1.15
+    covered = outfit.lower_style == "coat" or outfit.thickness > 1.15
     half = s.pelvis_axes[:, 1] * 0.026 * h * build.hips
     hips = s.pelvis + s.pelvis_axes[:, 2] * (0.022 if covered else 0.03) * h
     thick = (0.070 if covered else 0.064) * g
-    cloth = upper if covered else _lower(look)
+    cloth = upper if covered else _lower(outfit)
     flesh.add(hips + half, hips - half, (thick, thick), s.pelvis_axes[:, 0], 0.9, *cloth, detail=Detail.PELVIS)
-    tone = (look.shoulders, look.upper_second, look.upper_pattern, look.period)
+    tone = (outfit.shoulders, outfit.upper_second, outfit.upper_pattern, outfit.period)
     for k in (0, 1):
         flesh.add(s.chest - up * 0.012 * h, s.shoulder[k] - up * 0.006 * h, (0.05 * g, 0.034 * g), front, 0.9, *tone)
-    neck = look.hat if look.hair_style == "hat" else look.skin
+    neck = outfit.hat if outfit.hair_style == "hat" else outfit.skin
     flesh.add(s.chest, s.head - s.head_axes[:, 2] * 0.04 * h, (0.034, 0.03), front, 1.0, neck, relief=0.05)
 
 
-def _lower(look: Outfit) -> tuple[Colour, Colour, int, float]:
-    return look.lower, look.lower_second, look.lower_pattern, look.period
+def _lower(outfit: Outfit) -> tuple[Colour, Colour, int, float]:
+    return outfit.lower, outfit.lower_second, outfit.lower_pattern, outfit.period
 
 
 def _head(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
-    look, h, size = person.look, person.build.height, person.build.head
+    outfit, h, size = person.outfit, person.build.height, person.build.head
     up, front = s.head_axes[:, 2], s.head_axes[:, 0]
     low, high = s.head - up * 0.023 * h * size, s.head + up * 0.021 * h * size
-    style = look.hair_style
+    style = outfit.hair_style
     # The hairline sits in the period of the head's surface: the height where hair begins at the temples.
     hairline = (0.016 if style == "hat" else 0.030) * h
     radius = (0.037 * size, 0.044 * size)
-    flesh.add(low, high, radius, front, 1.2, look.skin, period=hairline, relief=0.06, detail=Detail.HEAD)
+    flesh.add(low, high, radius, front, 1.2, outfit.skin, period=hairline, relief=0.06, detail=Detail.HEAD)
     back = s.head - front * 0.02 * h
     if style == "long":
         end = s.chest - front * 0.035 * h - s.trunk_axes[:, 2] * 0.02 * h
-        flesh.add(back + up * 0.012 * h, end, (0.046 * size, 0.036), front, 0.8, look.hair, relief=0.3)
+        flesh.add(back + up * 0.012 * h, end, (0.046 * size, 0.036), front, 0.8, outfit.hair, relief=0.3)
     elif style == "bun":
         bun = back - front * 0.03 * h + up * 0.025 * h
-        flesh.add(bun, bun + up * 0.01 * h, (0.022, 0.018), front, 1.0, look.hair, relief=0.3)
+        flesh.add(bun, bun + up * 0.01 * h, (0.022, 0.018), front, 1.0, outfit.hair, relief=0.3)
     elif style == "thick":
         crown = s.head + up * 0.02 * h - front * 0.012 * h
-        flesh.add(crown - up * 0.02 * h, crown, (0.045, 0.052), front, 1.05, look.hair, relief=0.4)
+        flesh.add(crown - up * 0.02 * h, crown, (0.045, 0.052), front, 1.05, outfit.hair, relief=0.4)
     elif style == "cap":
-        flesh.add(high + front * 0.03 * h, high + front * 0.075 * h, (0.03, 0.028), up, 0.25, look.hat, relief=0.03)
+        flesh.add(high + front * 0.03 * h, high + front * 0.075 * h, (0.03, 0.028), up, 0.25, outfit.hat, relief=0.03)
     elif style == "hood":
-        flesh.add(back - up * 0.03 * h, back + up * 0.022 * h, (0.05, 0.05), front, 1.1, look.upper, relief=0.2)
+        flesh.add(back - up * 0.03 * h, back + up * 0.022 * h, (0.05, 0.05), front, 1.1, outfit.upper, relief=0.2)
 
 
 def _arm(flesh: _Flesh, person: Person, s: PersonSkeleton, k: int) -> None:
-    look, g, front = person.look, person.build.girth, s.trunk_axes[:, 0]
-    sleeve = (look.shoulders, look.upper_second, look.upper_pattern, look.period)
-    thick = g * look.thickness
+    outfit, g, front = person.outfit, person.build.girth, s.trunk_axes[:, 0]
+    sleeve = (outfit.shoulders, outfit.upper_second, outfit.upper_pattern, outfit.period)
+    thick = g * outfit.thickness
     flesh.add(s.shoulder[k], s.elbow[k], (0.034 * thick, 0.027 * thick), front, 1.0, *sleeve)
-    if look.long_sleeves:
+    if outfit.long_sleeves:
         flesh.add(s.elbow[k], s.wrist[k], (0.027 * thick, 0.021 * thick), front, 1.0, *sleeve)
     else:
-        flesh.add(s.elbow[k], s.wrist[k], (0.024 * g, 0.017 * g), front, 1.0, look.skin, relief=0.05)
-    flesh.add(s.wrist[k], s.fingers[k], (0.019, 0.016), front, 1.0, look.skin, relief=0.05)
+        flesh.add(s.elbow[k], s.wrist[k], (0.024 * g, 0.017 * g), front, 1.0, outfit.skin, relief=0.05)
+    flesh.add(s.wrist[k], s.fingers[k], (0.019, 0.016), front, 1.0, outfit.skin, relief=0.05)
 
 
 def _leg(flesh: _Flesh, person: Person, s: PersonSkeleton, k: int) -> None:
-    build, look, front = person.build, person.look, s.pelvis_axes[:, 0]
+    build, outfit, front = person.build, person.outfit, s.pelvis_axes[:, 0]
     g = build.girth
-    bare = look.lower_style in ("shorts", "skirt")
-    cloth = _lower(look)
-    skin = (look.skin, look.skin, Pattern.PLAIN, 0.1)
-    thigh = skin if look.lower_style == "skirt" else cloth
+    bare = outfit.lower_style in ("shorts", "skirt")
+    cloth = _lower(outfit)
+    skin = (outfit.skin, outfit.skin, Pattern.PLAIN, 0.1)
+    thigh = skin if outfit.lower_style == "skirt" else cloth
     flesh.add(s.hip[k], s.knee[k], (0.056 * g, 0.036 * g), front, 1.0, *thigh)
     shin = (0.034 * g, 0.022 * g) if bare else (0.036 * g, 0.029 * g)
     flesh.add(s.knee[k], s.ankle[k], shin, front, 1.0, *(skin if bare else cloth))
@@ -175,15 +175,17 @@ def _leg(flesh: _Flesh, person: Person, s: PersonSkeleton, k: int) -> None:
     step = (toe - s.ankle[k]) / np.linalg.norm(toe - s.ankle[k])
     heel = s.ankle[k] + (s.ankle[k] - toe) * 0.2
     heel = heel - 0.018 * build.height * np.cross(step, s.pelvis_axes[:, 1]) * -1.0
-    flesh.add(heel, toe, (0.026, 0.021), UP, 0.9, look.shoes, relief=0.08)
+    flesh.add(heel, toe, (0.026, 0.021), UP, 0.9, outfit.shoes, relief=0.08)
 
 
 def _skirt(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
-    style, look, h, g = person.look.lower_style, person.look, person.build.height, person.build.girth
+    style, outfit, h, g = person.outfit.lower_style, person.outfit, person.build.height, person.build.girth
     if style not in ("skirt", "long skirt", "coat"):
         return
     reach = {"skirt": 0.72, "long skirt": 1.25, "coat": 0.8}[style]
-    cloth = (look.upper, look.upper_second, look.upper_pattern, look.period) if style == "coat" else _lower(look)
+    cloth = (
+        (outfit.upper, outfit.upper_second, outfit.upper_pattern, outfit.period) if style == "coat" else _lower(outfit)
+    )
     front = s.pelvis_axes[:, 0]
     hems = []
     for k in (0, 1):
@@ -198,18 +200,18 @@ def _skirt(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
 
 
 def _bag(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
-    look, h = person.look, person.build.height
+    outfit, h = person.outfit, person.build.height
     up, front, left = s.trunk_axes[:, 2], s.trunk_axes[:, 0], s.trunk_axes[:, 1]
-    colour, phase = look.bag_colour, look.phase
+    colour, phase = outfit.bag_colour, outfit.phase
     big = 0.85 + 0.4 * (phase % 1.0)
-    if look.bag == "backpack":
+    if outfit.bag == "backpack":
         centre = s.chest - front * (0.062 + 0.04 * big) * h - up * 0.10 * h
         flesh.add(centre - up * 0.06 * h, centre + up * 0.045 * h, (0.085 * big, 0.07 * big), front, 0.55, colour)
-    elif look.bag in ("shoulder", "cross"):
-        hip = s.pelvis + look.side * left * 0.1 * h - up * 0.02 * h
+    elif outfit.bag in ("shoulder", "cross"):
+        hip = s.pelvis + outfit.side * left * 0.1 * h - up * 0.02 * h
         flesh.add(hip, hip + up * 0.05 * h, (0.055 * big, 0.045 * big), left, 0.5, colour)
-    elif look.bag == "hand":
-        hand = s.fingers[0 if look.side > 0 else 1]
+    elif outfit.bag == "hand":
+        hand = s.fingers[0 if outfit.side > 0 else 1]
         low = hand - np.array([0, 0, (0.06 + 0.08 * big) * h])
         flesh.add(low, low + np.array([0, 0, 0.05 * h]), (0.06 * big, 0.045 * big), left, 0.45, colour)
 
@@ -239,7 +241,7 @@ def draw_alone(
     (x1, y1), (x2, y2) = box[:2] // samples, (box[2:] - 1) // samples + 1
     fine = np.zeros(((y2 - y1) * samples, (x2 - x1) * samples, 4), dtype=np.float32)
     at = np.nonzero(mask)
-    colours = shade(layer, mask, solids, camera, samples, light, person.look)
+    colours = shade(layer, mask, solids, camera, samples, light, person.outfit)
     y, x = at[0] + layer.top - y1 * samples, at[1] + layer.left - x1 * samples
     fine[y, x, :3] = colours
     fine[y, x, 3] = 1
@@ -294,8 +296,8 @@ def random_identities(rng: np.random.Generator, count: int, look_alikes: float) 
     people: list[Person] = []
     for _ in range(count):
         if people and rng.random() < look_alikes:
-            look = look_alike(rng, people[-1].look)
-            people.append(Person(random_build(rng), look, random_manner(rng)))
+            outfit = similar_outfit(rng, people[-1].outfit)
+            people.append(Person(random_build(rng), outfit, random_manner(rng)))
         else:
             people.append(random_person(rng))
     return people

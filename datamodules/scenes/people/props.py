@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE
+from tsuiseki.datamodules.scenes.people.outfit import BRIGHT, DARK, LIGHT, MIDDLE
 from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
 from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Parts, Pattern, Solids, Surface, across, along
 from tsuiseki.tracking.types import FloatArray

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from tsuiseki.datamodules.scenes.clip import ClipSettings
-from tsuiseki.datamodules.scenes.people.look import look_alike, random_build, random_look
+from tsuiseki.datamodules.scenes.people.outfit import random_build, random_outfit, similar_outfit
 from tsuiseki.datamodules.scenes.people.person import Person, person_thing, somebody
 from tsuiseki.datamodules.scenes.people.posture import Pose, blend, random_manner, standing, stride_length, walking
 from tsuiseki.datamodules.scenes.render.scene import Thing
@@ -213,13 +213,13 @@ def dressed(rng: np.random.Generator, people: int, repeated: float) -> list[Pers
     """People of whom a share wears the same clothes as another, or nearly."""
     found: list[Person] = []
     for _ in range(people):
-        look = random_look(rng)
+        outfit = random_outfit(rng)
         if found and rng.random() < repeated:
-            model = found[int(rng.integers(len(found)))].look
+            model = found[int(rng.integers(len(found)))].outfit
             # The same clothes on somebody else, or most of them.
-            other = replace(model, skin=look.skin, hair=look.hair, hair_style=look.hair_style, phase=look.phase)
-            look = other if rng.random() < 0.6 else look_alike(rng, model)
-        found.append(Person(random_build(rng), look, random_manner(rng)))
+            other = replace(model, skin=outfit.skin, hair=outfit.hair, hair_style=outfit.hair_style, phase=outfit.phase)
+            outfit = other if rng.random() < 0.6 else similar_outfit(rng, model)
+        found.append(Person(random_build(rng), outfit, random_manner(rng)))
     return found
 
 

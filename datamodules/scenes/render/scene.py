@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import Outfit
+from tsuiseki.datamodules.scenes.people.outfit import Outfit
 from tsuiseki.datamodules.scenes.render.shading import Light, shade
 from tsuiseki.datamodules.scenes.render.solids import (
     CORNERS,
@@ -43,7 +43,7 @@ class Thing:
     """Solids that belong together; a person's carry a look. A ``cutout`` is shown instead; the solids cast shadows."""
 
     solids: Solids
-    look: Outfit | None = None
+    outfit: Outfit | None = None
     cutout: StandIn | None = None
 
     def trace(self, camera: RayCamera, samples: int) -> tuple[Layer, Any] | None:
@@ -51,7 +51,7 @@ class Thing:
         if self.cutout:
             return self.cutout.trace(camera, samples)
         # Only of people it matters how much lies outside the image.
-        layer = trace(self.solids, camera, samples, 0.0 if self.look is None else 1.0)
+        layer = trace(self.solids, camera, samples, 0.0 if self.outfit is None else 1.0)
         return None if layer is None else (layer, None)
 
 
@@ -134,11 +134,11 @@ def _draw(
 ) -> None:  # fmt: skip
     """Adds the ``seen`` part of the layer of a thing to ``colour``."""
     weight = np.full(seen.shape, 1 / samples**2, dtype=np.float32)
-    if thing.look is None:
+    if thing.outfit is None:
         seen, weight = _fewer(layer, seen, samples)
     rows, columns = np.nonzero(seen)
     if thing.cutout is None:
-        values = shade(layer, seen, thing.solids, camera, samples, light, thing.look)
+        values = shade(layer, seen, thing.solids, camera, samples, light, thing.outfit)
     else:
         values = thing.cutout.shade(shown, seen, camera, light)
     values = values * weight[rows, columns][:, None]

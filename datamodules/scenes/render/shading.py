@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import Outfit
+from tsuiseki.datamodules.scenes.people.outfit import Outfit
 from tsuiseki.datamodules.scenes.render.solids import (
     Colour,
     Detail,
@@ -94,7 +94,7 @@ def shade(
     camera: RayCamera,
     samples: int,
     light: Light,
-    look: Outfit | None = None,
+    outfit: Outfit | None = None,
 ) -> Float32:
     """Linear colours ``(n, 3)`` of the ``n`` subpixels of ``layer`` where ``seen`` ``(h, w)`` is True, row by row."""
     rows, columns = np.nonzero(seen)
@@ -114,7 +114,7 @@ def shade(
         local[:, at] = solids.to_local[k] @ local[:, at] + origin[:, None]
         normal[:, at] = solids.to_local[k].T @ inner_normals(local[:, at], solids, k)
     normal /= np.maximum(np.sqrt(np.square(normal).sum(axis=0)), np.float32(1e-9))
-    albedo = paint(local, which.astype(np.int32), solids, look)
+    albedo = paint(local, which.astype(np.int32), solids, outfit)
     facing = np.maximum(light.direction @ normal, 0)
     up = np.float32(0.5) + np.float32(0.5) * normal[2]
     edge = np.square(1 - np.abs((normal * directions).sum(axis=0))) * np.float32(0.02)
@@ -125,7 +125,7 @@ def shade(
     return result
 
 
-def paint(local: Float32, which: Int32, solids: Solids, look: Outfit | None) -> Float32:
+def paint(local: Float32, which: Int32, solids: Solids, outfit: Outfit | None) -> Float32:
     """Reflectances ``(3, n)`` at points ``local`` ``(3, n)`` in the axes of the solids ``which``, sorted by solid."""
     metres = local * solids.scale[which].T
     colour = solids.colour[which].T.copy()
@@ -137,11 +137,11 @@ def paint(local: Float32, which: Int32, solids: Solids, look: Outfit | None) -> 
             at = np.flatnonzero(pattern == code)
             mix = pattern_value(int(code), u[at], v[at], period[at], phase[at])
             colour[:, at] += mix * (second[:, at] - colour[:, at])
-    if look is not None:
+    if outfit is not None:
         head, trunk, pelvis = (np.flatnonzero(solids.detail[which] == code) for code in list(Detail)[1:])
-        _paint_head(colour, head, look, metres[:, head], solids.period[which[head]])
-        _paint_trunk(colour, trunk, look, metres[:, trunk])
-        if look.phase % 3 < 1:
+        _paint_head(colour, head, outfit, metres[:, head], solids.period[which[head]])
+        _paint_trunk(colour, trunk, outfit, metres[:, trunk])
+        if outfit.phase % 3 < 1:
             # A belt.
             colour[:, pelvis[np.abs(metres[0, pelvis] - 0.075) < 0.02]] *= np.float32(0.4)
     phase = solids.phase[which]
@@ -198,32 +198,32 @@ def _linear(colour: Colour) -> Float32:
     return np.square(np.array(colour, dtype=np.float32))[:, None]
 
 
-def _paint_head(colour: Float32, rows: IntArray, look: Outfit, metres: Float32, hairline: Float32) -> None:
+def _paint_head(colour: Float32, rows: IntArray, outfit: Outfit, metres: Float32, hairline: Float32) -> None:
     """Hair above a line that falls from forehead to neck, a beard, and shade about the eyes."""
     x, y, z = metres
-    hair = (z - 0.8 * y > hairline) & (look.hair_style != "bald")
-    chin = (z < 0.0) & (y > 0.01) & look.beard
-    cover = look.hat if look.hair_style in ("cap", "hat") else look.hair
+    hair = (z - 0.8 * y > hairline) & (outfit.hair_style != "bald")
+    chin = (z < 0.0) & (y > 0.01) & outfit.beard
+    cover = outfit.hat if outfit.hair_style in ("cap", "hat") else outfit.hair
     colour[:, rows[hair]] = _linear(cover)
-    colour[:, rows[chin & ~hair]] = _linear(look.hair)
+    colour[:, rows[chin & ~hair]] = _linear(outfit.hair)
     eyes = (np.abs(z - 0.032) < 0.010) & (y > 0.04) & (np.abs(np.abs(x) - 0.03) < 0.018) & ~hair
     colour[:, rows[eyes]] *= np.float32(0.45)
 
 
-def _paint_trunk(colour: Float32, rows: IntArray, look: Outfit, metres: Float32) -> None:
+def _paint_trunk(colour: Float32, rows: IntArray, outfit: Outfit, metres: Float32) -> None:
     """An open jacket, a zip, a logo, straps."""
     x, y, z = metres
     front = y > 0
-    second, strap = _linear(look.upper_second), _linear(look.bag_colour)
-    if look.front == "open":
-        width = 0.03 + 0.05 * (look.phase * 7 % 1) + 0.12 * np.clip(z - 0.15, 0, None)
-        colour[:, rows[front & (np.abs(x) < width)]] = _linear(look.shirt)
-    elif look.front == "zip":
+    second, strap = _linear(outfit.upper_second), _linear(outfit.bag_colour)
+    if outfit.front == "open":
+        width = 0.03 + 0.05 * (outfit.phase * 7 % 1) + 0.12 * np.clip(z - 0.15, 0, None)
+        colour[:, rows[front & (np.abs(x) < width)]] = _linear(outfit.shirt)
+    elif outfit.front == "zip":
         colour[:, rows[front & (np.abs(x) < 0.010)]] = 0.4 * second
-    elif look.front == "logo":
-        side = front if look.phase % 2 < 1.2 else ~front
+    elif outfit.front == "logo":
+        side = front if outfit.phase % 2 < 1.2 else ~front
         colour[:, rows[side & (np.abs(x) < 0.085) & (np.abs(z - 0.16) < 0.055)]] = second
-    if look.bag == "backpack":
+    if outfit.bag == "backpack":
         colour[:, rows[front & (np.abs(np.abs(x) - 0.095) < 0.016)]] = strap
-    elif look.bag == "cross":
-        colour[:, rows[np.abs(x * look.side * 0.75 + 0.66 * (z - 0.12)) < 0.02]] = strap
+    elif outfit.bag == "cross":
+        colour[:, rows[np.abs(x * outfit.side * 0.75 + 0.66 * (z - 0.12)) < 0.02]] = strap

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import DARK, LIGHT, MIDDLE, any_colour, colour_of
+from tsuiseki.datamodules.scenes.people.outfit import DARK, LIGHT, MIDDLE, any_colour, colour_of
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.solids import (
     UP,

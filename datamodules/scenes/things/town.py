@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.look import BRIGHT, DARK, LIGHT, MIDDLE, any_colour, colour_of
+from tsuiseki.datamodules.scenes.people.outfit import BRIGHT, DARK, LIGHT, MIDDLE, any_colour, colour_of
 from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Parts, Pattern, Solids, Surface, above, across, along
 from tsuiseki.tracking.types import FloatArray

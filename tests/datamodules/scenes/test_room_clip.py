@@ -103,9 +103,9 @@ def test_a_camera_that_looks_down_sees_the_floor_below():
 
 
 def test_some_wear_the_clothes_of_others():
-    looks = [p.look for p in dressed(np.random.default_rng(0), 40, 0.6)]
+    looks = [p.outfit for p in dressed(np.random.default_rng(0), 40, 0.6)]
     assert len({(look.upper, look.lower) for look in looks}) < 34
-    assert len({(p.look.upper, p.look.lower) for p in dressed(np.random.default_rng(0), 40, 0.0)}) == 40
+    assert len({(p.outfit.upper, p.outfit.lower) for p in dressed(np.random.default_rng(0), 40, 0.0)}) == 40
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 from tsuiseki.tracking.association.chain_motion import MotionNoise, beliefs_along
 from tsuiseki.tracking.association.detection_tables import Measurements
 from tsuiseki.tracking.association.nearby import Occluders, hidden_parts
-from tsuiseki.tracking.association.video_evidence import ScoreCalibration, found_again
+from tsuiseki.tracking.association.video_evidence import ScoreCalibration, repeated_detections
 
 NOISE = MotionNoise()
 
@@ -73,7 +73,7 @@ def test_scores_are_worth_how_often_they_are_found_again() -> None:
     false = np.concatenate([corner, corner + np.array([30, 80])], axis=2)
     boxes = np.concatenate([still, false], axis=1).reshape(-1, 4)
     scores = np.tile([40.0, 40.0, 7.0, 7.0], 200)
-    found = found_again(frames, boxes, 30.0).found
+    found = repeated_detections(frames, boxes, 30.0).found
     told = (frames >= 3) & (frames < 197)
     calibration = ScoreCalibration()
     calibration.add(scores[told], found[told])

@@ -17,9 +17,9 @@ from tsuiseki.tracking.association.evidence import (
     detection_evidence,
     link_evidence,
 )
+from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.association.link_cost import LinkCost
-from tsuiseki.tracking.association.link_pricing import LinkParts, Pricing, priced
-from tsuiseki.tracking.association.looks import Looks
+from tsuiseki.tracking.association.link_parts import LinkModel, LinkParts, link_costs
 from tsuiseki.tracking.association.tracklets import Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.people.flow_input import FlowInput, InputSettings
 from tsuiseki.tracking.types import Detections, FloatArray
@@ -29,7 +29,7 @@ COST = LinkCost()
 
 def seen_of(boxes: list[list[list[float]]], size: tuple[int, int] | None = (640, 480)) -> DetectionTable:
     """Detections of each frame at 30 frames a second."""
-    prepared = FlowInput(InputSettings(follow_camera=False), Looks(30.0), size)
+    prepared = FlowInput(InputSettings(follow_camera=False), InferenceTimes(30.0), size)
     return prepared.rows([Detections(np.array(frame).reshape(-1, 4), np.ones(len(frame))) for frame in boxes])[0]
 
 
@@ -42,7 +42,7 @@ def parts_of(seen: DetectionTable, i: list[int], j: list[int], cost: LinkCost = 
 
     past, future = beliefs_along(np.full(len(seen), -1), seen.measured, COST.motion)
     pairs = np.array(i, np.int64), np.array(j, np.int64)
-    priced(seen, pairs, (past, future), Pricing(cost, np.inf, change=keep))
+    link_costs(seen, pairs, (past, future), LinkModel(cost, np.inf, change=keep))
     return found[0]
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.smoothing import USUAL, fit_smoothing
-from tsuiseki.tracking.association.video_evidence import Stride, TypicalSpeed, found_again, interval_frames
+from tsuiseki.tracking.association.video_evidence import Stride, TypicalSpeed, interval_frames, repeated_detections
 from tsuiseki.tracking.types import FloatArray, Track
 
 
@@ -21,8 +21,8 @@ def moving(speed: float, frames: int, rate: float, side: float = 80.0) -> FloatA
 
 @pytest.mark.parametrize(("rate", "speed"), [(10.0, 0.0), (10.0, 5.0), (30.0, 0.5), (30.0, 5.0), (5.0, 3.0)])
 def test_a_target_is_found_again_at_any_speed_and_its_speed_is_told(rate: float, speed: float) -> None:
-    triples = found_again(np.arange(30), moving(speed, 30, rate), rate)
-    found, told = triples.found, triples.speed
+    triples = repeated_detections(np.arange(30), moving(speed, 30, rate), rate)
+    found, told = triples.repeated, triples.speed
     gap = interval_frames(rate)
     assert found[gap : 30 - gap].all()
     assert not found[:gap].any()
@@ -33,14 +33,14 @@ def test_a_target_is_found_again_at_any_speed_and_its_speed_is_told(rate: float,
 def test_a_box_off_the_line_is_not_found_again() -> None:
     boxes = moving(1.0, 3, 10.0)
     boxes[1, [1, 3]] += 40
-    triples = found_again(np.arange(3), boxes, 10.0)
-    assert not triples.found.any()
+    triples = repeated_detections(np.arange(3), boxes, 10.0)
+    assert not triples.repeated.any()
     assert np.isnan(triples.speed).all()
 
 
 def test_nothing_is_found_in_nothing() -> None:
-    triples = found_again(np.empty(0, np.int64), np.empty((0, 4)), 25.0)
-    assert len(triples.found) == len(triples.speed) == len(triples.before) == 0
+    triples = repeated_detections(np.empty(0, np.int64), np.empty((0, 4)), 25.0)
+    assert len(triples.repeated) == len(triples.speed) == len(triples.before) == 0
 
 
 def test_the_typical_speed_starts_at_what_is_expected_and_follows_the_video() -> None:

@@ -218,7 +218,7 @@ def test_a_broken_video_fails_alone(
 def test_a_full_disk_stops_and_the_same_goes_on(
     videos: Path, networks: list[str], tmp_path: Path, here: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from tsuiseki.tracking.batch import looking
+    from tsuiseki.tracking.batch import segments
 
     class Full:
         def __init__(self, write: Any) -> None:
@@ -232,7 +232,7 @@ def test_a_full_disk_stops_and_the_same_goes_on(
 
     how = BatchOptions(out=tmp_path / "o", stretch=1.0)
     with monkeypatch.context() as patch:
-        patch.setattr(looking.np, "savez", Full(looking.np.savez))
+        patch.setattr(segments.np, "savez", Full(segments.np.savez))
         with pytest.raises(RunError, match=r"no space is left .* it goes on"):
             run_batch([str(videos / "still.avi")], people(networks), how)
     assert [path.name for path in (tmp_path / "o/.batch/still").iterdir() if path.name.endswith("unfinished")] == []

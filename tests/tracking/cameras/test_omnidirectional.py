@@ -24,7 +24,7 @@ LENS = OmnidirectionalLens(
 
 def test_pixels_come_back_through_their_rays():
     pixels = np.random.default_rng(0).uniform(0, 1, (2000, 2)) * [640, 480]
-    pixels = pixels[LENS.seen(pixels)]
+    pixels = pixels[LENS.within_rim(pixels)]
     rays = LENS.rays(pixels)
     assert np.allclose(np.linalg.norm(rays, axis=1), 1)
     # Newton's method doubles the digits of a table that is right to 1e-5 px.

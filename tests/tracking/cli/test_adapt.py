@@ -95,9 +95,9 @@ def test_nobody(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch:
     import cv2
 
     from tsuiseki.trainers.adapt import rounds as module
-    from tsuiseki.trainers.adapt.find import FoundPeople
+    from tsuiseki.trainers.adapt.find import TrackedPeople
 
-    monkeypatch.setattr(module, "find", lambda v, *_: FoundPeople([Detections.empty()] * v.length, 0, [], 1))
+    monkeypatch.setattr(module, "find", lambda v, *_: TrackedPeople([Detections.empty()] * v.length, 0, [], 1))
     empty = street.write_video(tmp_path / "empty", frames=100)
     for path in (empty / "img1").iterdir():
         cv2.imwrite(str(path), street.view()[..., ::-1])
@@ -173,7 +173,7 @@ def test_the_teacher_is_opened_once(video: Path, tmp_path: Path, monkeypatch: py
     from tsuiseki.tracking.features.foreign_detector import ForeignDetector
     from tsuiseki.trainers.adapt import rounds as module
 
-    opened, given, look = [], [], module._look
+    opened, given, look = [], [], module._detect_and_track
     monkeypatch.setattr(exported, "ForeignDetector", lambda *a: opened.append(a) or ForeignDetector(*a))
 
     def one_round(adaptation: Adaptation) -> Iterator[object]:

@@ -13,28 +13,28 @@ from tsuiseki.tracking.evaluation.identity_metrics import ALPHAS, LabelledSequen
 def crowded(seed: int, length: int = 40) -> LabelledSequence:
     """Crossing people, doubled and false boxes, ids that change, frames without true or found boxes."""
     rng = np.random.default_rng(seed)
-    true_ids, found_ids, overlaps = [], [], []
+    true_ids, reported_ids, overlaps = [], [], []
     for _ in range(length):
         true = np.flatnonzero(rng.random(6) < 0.7) if rng.random() > 0.1 else np.empty(0, np.int64)
         found = np.flatnonzero(rng.random(8) < 0.7) if rng.random() > 0.1 else np.empty(0, np.int64)
         near = 0.6 * (true[:, None] == found[None] % 6)
         shared = np.clip(near + rng.random((len(true), len(found))) * rng.choice([0.3, 0.9]), 0, 1)
         true_ids.append(true)
-        found_ids.append(found)
+        reported_ids.append(found)
         # Values on the thresholds themselves, too.
         overlaps.append(np.where(rng.random(shared.shape) < 0.2, np.round(shared, 1), shared))
-    return LabelledSequence(true_ids, found_ids, overlaps, 6, 8)
+    return LabelledSequence(true_ids, reported_ids, overlaps, 6, 8)
 
 
 def as_trackeval(sequence: LabelledSequence) -> dict[str, Any]:
     return {
         "num_timesteps": len(sequence.true_ids),
         "num_gt_ids": sequence.true_count,
-        "num_tracker_ids": sequence.found_count,
+        "num_tracker_ids": sequence.reported_count,
         "num_gt_dets": sum(map(len, sequence.true_ids)),
-        "num_tracker_dets": sum(map(len, sequence.found_ids)),
+        "num_tracker_dets": sum(map(len, sequence.reported_ids)),
         "gt_ids": list(sequence.true_ids),
-        "tracker_ids": list(sequence.found_ids),
+        "tracker_ids": list(sequence.reported_ids),
         "similarity_scores": list(sequence.overlaps),
     }
 

@@ -210,7 +210,7 @@ def seen(frames, rate=1.0):
 def test_an_empty_street_is_looked_at_again_until_somebody_comes():
     empty, busy = frame_with([]), frame_with(SMALL)
     columns, viewed = seen([empty] * 4 + [busy] * 8)
-    # Looks at the seconds 0, 0.15, 0.45, 1.05, … as soon as there is a frame.
+    # Inference at the seconds 0, 0.15, 0.45, 1.05, … as soon as there is a frame.
     assert columns == [1] * 5 + [2] * 7
     assert re.fullmatch(r"the whole frame, .*from frame 6 on 5 tiles a frame, about \d+ ms a frame", viewed.summary)
     assert seen([empty] * 12)[1].summary.endswith("saw nobody at any scale")
@@ -219,14 +219,14 @@ def test_an_empty_street_is_looked_at_again_until_somebody_comes():
 
 def test_looks_end_with_the_third_that_shows_somebody_and_are_a_minute_apart_at_most():
     busy = frame_with(SMALL)
-    looks = seen([busy] * 3)[1].looks[240, 320]
+    looks = seen([busy] * 3)[1].histories[240, 320]
     assert (len(looks.somebody), looks.due) == (2, 3)
-    looks = seen([busy] * 4)[1].looks[240, 320]
+    looks = seen([busy] * 4)[1].histories[240, 320]
     assert (len(looks.somebody), looks.due) == (3, None)
     empty, dues = ViewedDetector(MarkDetector(), frame_rate=1.0), []
     for _ in range(240):
         empty.prepare([frame_with([], size=(70, 130))])
-        dues.append(empty.looks[70, 130].due)
+        dues.append(empty.histories[70, 130].due)
     waits = np.diff(np.unique(dues))
     assert (waits[1:5] > waits[:4]).all()
     np.testing.assert_allclose(waits[-1], 60, atol=1)  # looks come with whole frames

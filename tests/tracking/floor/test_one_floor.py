@@ -159,7 +159,7 @@ def test_everybody_is_followed(world):
     scores = evaluate_on_floor(world.truth, as_truth(people))
     assert scores.idf1 > 0.95
     assert scores.mota > 0.93
-    assert max(one.seen.sum(axis=1).max() for one in people) == 5
+    assert max(one.detected.sum(axis=1).max() for one in people) == 5
 
 
 def test_the_same_input_gives_the_same_people(world):
@@ -180,7 +180,7 @@ def test_tracks_of_a_camera_bear_the_ids_of_the_floor(world):
     people = flow_on_one_floor(found, FloorFlow())
     tracks = tracks_in(found, people, 0)
     assert {track.id for track in tracks} <= {one.id for one in people}
-    seen = {one.id: int(one.seen[:, 0].sum()) for one in people}
+    seen = {one.id: int(one.detected[:, 0].sum()) for one in people}
     assert all(int(track.observed.sum()) == seen[track.id] for track in tracks)
 
 
@@ -231,7 +231,7 @@ def test_positions_outside_the_plan_are_refused(world, tmp_path):
         (lambda f: replace(f, placed=lowered(f.placed, -1.0)), "corner1: expected a camera over the floor"),
         (lambda f: replace(f, placed=turned_up(f.placed)), "corner1: expected a camera that sees the floor"),
         (
-            lambda f: replace(f, times=f.times[:0], found=[]),
+            lambda f: replace(f, times=f.times[:0], people=[]),
             "corner1: expected frames as of the other cameras, got none",
         ),
         (lambda f: replace(f, times=f.times + 100), "expected cameras that run at one time, got corner1 100.0"),
@@ -257,7 +257,7 @@ def test_a_result_is_saved_and_loaded(world, tmp_path):
     names = []
     for feed in world.feeds:
         rows = [
-            (k + 1, *box, 1.0) for k, one in enumerate(feed.found) for box in one.detections.boxes.round(3).tolist()
+            (k + 1, *box, 1.0) for k, one in enumerate(feed.people) for box in one.detections.boxes.round(3).tolist()
         ]
         path = tmp_path / f"{feed.placed.name}.csv"
         path.write_text("frame,x1,y1,x2,y2,score\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))

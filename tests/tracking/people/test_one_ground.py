@@ -48,7 +48,7 @@ def found_with(source, threads, batch_size):
     detect = ViewedDetector(NumberedPeople(), parse_view("1"))
     ground = GroundPlane(source.frame_rate, score_threshold=0.3)
     inputs = PeopleInputs(source, detect, None, batch_size, threads=threads, ground=ground)
-    return [found for _, found in inputs.found()], ground
+    return [found for _, found in inputs.detections()], ground
 
 
 def test_neither_threads_nor_batches_matter(numbered):
@@ -86,9 +86,9 @@ def test_what_is_left_out_in_pets_is_nobody(data_folder):
     truth = read_ground_truth(sequence / "gt" / "gt.txt")
     source = open_source(sequence, FrameRange(150, 209))
     detect = ViewedDetector(open_detector(shipped("detector_figures"), 0.3, threads=1), parse_view("1"))
-    before = list(PeopleInputs(source, detect).found())
+    before = list(PeopleInputs(source, detect).detections())
     ground = ground_of(detect, "auto", source)
-    after = [found for _, found in PeopleInputs(source, detect, ground=ground).found()]
+    after = [found for _, found in PeopleInputs(source, detect, ground=ground).detections()]
     assert ground.line.explained > 0.8
     assert ground.used >= 55
     assert ground.dropped > 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.video_evidence import RateOfRight, found_again
+from tsuiseki.tracking.association.video_evidence import RateOfRight, repeated_detections
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
 
@@ -55,9 +55,9 @@ def test_false_boxes_anywhere_are_no_people_for_that() -> None:
 def test_how_often_right_detections_are_found_again_is_known_without_labels(missed: float) -> None:
     found = walkers(missed, 0.0)
     frames = np.repeat(np.arange(FRAMES), [len(one) for one in found])
-    triples = found_again(frames, np.concatenate([one.boxes for one in found]), RATE)
+    triples = repeated_detections(frames, np.concatenate([one.boxes for one in found]), RATE)
     rate = RateOfRight()
-    asked: BoolArray = triples.found & (frames >= 2)
-    rate.add(triples.found[triples.before[asked]])
+    asked: BoolArray = triples.repeated & (frames >= 2)
+    rate.add(triples.repeated[triples.before[asked]])
     assert rate() == pytest.approx((1 - missed) ** 2, abs=0.07)
-    assert triples.found.mean() == pytest.approx((1 - missed) ** 2, abs=0.07)
+    assert triples.repeated.mean() == pytest.approx((1 - missed) ** 2, abs=0.07)

@@ -47,7 +47,7 @@ def test_the_rest_of_the_video_goes_by_the_threshold_of_its_beginning(tmp_path: 
     network = Walkers()
     choice = ScoreChoice(network, network, None)  # type: ignore[arg-type]
     inputs = PeopleInputs(opened(tmp_path), network, choice=choice)
-    counts = [len(found) for _, found in inputs.found()]
+    counts = [len(found) for _, found in inputs.detections()]
     assert counts == [5] * FRAMES
     assert choice.floor is not None
     assert LOWEST < choice.threshold == network.score_threshold <= 0.7
@@ -58,7 +58,7 @@ def test_where_nothing_moves_the_usual_threshold_is_taken(tmp_path: Path) -> Non
     network = Walkers()
     still = SimpleNamespace(detect=lambda images: [each.select(slice(5, None)) for each in network.detect(images)])
     choice = ScoreChoice(still, network, None)  # type: ignore[arg-type]
-    assert sum(len(found) for _, found in PeopleInputs(opened(tmp_path), still, choice=choice).found()) == 0
+    assert sum(len(found) for _, found in PeopleInputs(opened(tmp_path), still, choice=choice).detections()) == 0
     assert choice.floor is None
     assert choice.threshold == 0.3
 

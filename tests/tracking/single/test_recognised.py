@@ -52,7 +52,7 @@ def test_the_target_is_found_again_where_the_filter_alone_stays():
     tracker = Recognised(Combined(SURE), describe, EVERY)
     overlaps, statuses = follow(tracker, images, boxes)
     assert overlaps[-1] > 0.6
-    assert tracker.found_again == 1
+    assert tracker.repeated_detections == 1
     assert set(statuses[:11]) == {statuses[-1]} == {"tracking"}
 
 
@@ -63,7 +63,7 @@ def test_where_nothing_is_alike_it_stays_and_says_lost():
         image[62 : 62 + HEIGHT, 38 : 38 + WIDTH] = 90
     tracker = Recognised(Combined(SURE), describe, EVERY)
     _, statuses = follow(tracker, gone, boxes)
-    assert tracker.found_again == 0
+    assert tracker.repeated_detections == 0
     assert statuses[-1] == "lost"
 
 
@@ -100,4 +100,4 @@ def test_a_place_too_far_for_the_time_is_not_taken(monkeypatch):
     images, boxes = jump()
     tracker = Recognised(Combined(SURE), describe, EVERY)
     assert follow(tracker, images, boxes)[0][-1] == 0
-    assert tracker.found_again == 0
+    assert tracker.repeated_detections == 0

@@ -7,7 +7,7 @@ from tsuiseki.tracking.single.recognised import Recognised, RecognitionSettings
 from tsuiseki.tracking.single.tracker import TargetState
 
 BOX = np.array([10.0, 10.0, 30.0, 50.0])
-EVERY = RecognitionSettings(every=1, trusted=2, lost_looks=2)
+EVERY = RecognitionSettings(every=1, trusted=2, lost_inferences=2)
 
 
 class StandingStill:
@@ -49,5 +49,5 @@ def test_a_box_that_is_lost_at_once_is_not_taken_for_the_target():
 
 
 def test_it_looks_every_few_frames():
-    settings = RecognitionSettings(every=3, lost_looks=1, trusted=1)
+    settings = RecognitionSettings(every=3, lost_inferences=1, trusted=1)
     assert statuses([0.9, 0.1], settings) == ["tracking"] * 5 + ["lost"]

@@ -9,7 +9,7 @@ from tests.tracking.single.moving_texture import clip, walk
 from tsuiseki.tracking.single import regularised
 from tsuiseki.tracking.single.regularised import Model, RegularisedSettings
 from tsuiseki.tracking.single.tracker import box_centre
-from tsuiseki.tracking.single.witness import HEARD, LOOKS, Regression, Witness
+from tsuiseki.tracking.single.witness import HEARD, LOW, Regression, Witness
 
 
 def test_the_regression_is_that_of_all_dimensions():
@@ -39,7 +39,7 @@ def known():
         return replace(first, centre=box_centre(boxes[frame]) + shift)
 
     for frame in range(1, 9):
-        witness.look(images[frame], at(frame), sure=True)
+        witness.update(images[frame], at(frame), sure=True)
     return witness, images, at
 
 
@@ -54,12 +54,12 @@ def test_a_box_on_the_target_is_alike_and_one_beside_it_is_not(known):
 def test_unlike_looks_in_a_row_say_lost_and_the_target_takes_it_back(known):
     witness, images, at = known
     said = []
-    for frame in range(9, 9 + LOOKS + 1):
-        witness.look(images[frame], at(frame, 60.0), sure=True)
+    for frame in range(9, 9 + LOW + 1):
+        witness.update(images[frame], at(frame, 60.0), sure=True)
         said.append(witness.lost)
-    assert said == [False] * (LOOKS - 1) + [True] * 2
+    assert said == [False] * (LOW - 1) + [True] * 2
     assert witness.answer(images[15], at(15, 60.0)) < -0.3  # it has not learnt what it does not know
-    witness.look(images[15], at(15), sure=True)
+    witness.update(images[15], at(15), sure=True)
     assert not witness.lost
 
 
@@ -69,7 +69,7 @@ def test_a_witness_that_has_not_known_the_target_again_is_not_heard():
     first = regularised.start(model, images[0], box_centre(boxes[0]))
     witness = Witness(model, images[0], first)
     for frame in range(1, 2 * HEARD):
-        witness.look(images[frame], replace(first, centre=np.array([150.0, 30.0])), sure=True)
+        witness.update(images[frame], replace(first, centre=np.array([150.0, 30.0])), sure=True)
     assert not witness.lost
 
 
@@ -78,5 +78,5 @@ def test_a_target_without_room_around_it_has_no_witness():
     model = Model.of(RegularisedSettings(), 200.0, 4.0)
     target = regularised.start(model, image, np.array([100.0, 30.0]))
     witness = Witness(model, image, target)
-    witness.look(image, target, sure=True)
+    witness.update(image, target, sure=True)
     assert not witness.lost

@@ -7,7 +7,7 @@ import pytest
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
-from tsuiseki.tracking.cameras.volume import common_volume, in_sight
+from tsuiseki.tracking.cameras.volume import common_volume, in_view
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.motion.points import Ballistic, ConstantVelocity3D
 from tsuiseki.tracking.sphere.run import check_start
@@ -160,7 +160,7 @@ def test_the_volume_holds_what_two_cameras_see_and_refuses_cameras_that_share_no
     away = [PinholeCamera.look_at(place, target, 200.0, 240, 180) for place, target in ends]
     with pytest.raises(RequestError, match="no such place"):
         common_volume(away, 0.01)
-    assert in_sight(CAMERAS[0], PATH).all()
+    assert in_view(CAMERAS[0], PATH).all()
 
 
 def test_a_start_behind_or_beside_the_cameras_is_refused():

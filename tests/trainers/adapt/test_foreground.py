@@ -13,7 +13,7 @@ from tsuiseki.trainers.adapt.foreground import (
     drawn_to_silhouettes,
     edge_offsets,
     moving_blobs,
-    told_from_shadow,
+    unlike_shadow,
     usual_offset,
 )
 
@@ -49,7 +49,7 @@ def test_dark_legs_on_dark_ground_tell_nothing() -> None:
     image[60:90, 80:100] = (0.6 * street.view()[60:90, 80:100]).astype(np.uint8)
     different, bright = difference(image, street.view())
     assert (covered_share(different, boxes) > 0.9).all()
-    assert told_from_shadow(different, bright, boxes).tolist() == [True, False]
+    assert unlike_shadow(different, bright, boxes).tolist() == [True, False]
 
 
 def test_boxes_are_moved_onto_silhouettes() -> None:

@@ -17,7 +17,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.trainers.adapt import rounds as module
-from tsuiseki.trainers.adapt.find import FoundPeople
+from tsuiseki.trainers.adapt.find import TrackedPeople
 from tsuiseki.trainers.adapt.rounds import (
     Adaptation,
     against_default,
@@ -34,22 +34,22 @@ START = Path("start.onnx")
 TEACHER: Any = Path("teacher.onnx")
 
 
-def seeing(people: int, jitter: float) -> FoundPeople:
+def seeing(people: int, jitter: float) -> TrackedPeople:
     """What a detector finds that sees some of the people, with boxes off by so many pixels; tracks are smooth."""
     rng = np.random.default_rng(0)
     detections = []
     for frame in range(street.FRAMES):
         boxes = street.people(frame)[:people]
         detections.append(Detections(boxes + rng.normal(0, jitter, boxes.shape), np.full(len(boxes), 0.9)))
-    return FoundPeople(detections, 0, [street.track_of(n) for n in range(people)], 1)
+    return TrackedPeople(detections, 0, [street.track_of(n) for n in range(people)], 1)
 
 
 @pytest.fixture
-def adaptation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[list[FoundPeople]], Adaptation]:
+def adaptation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[list[TrackedPeople]], Adaptation]:
     """Rounds whose detectors see what is given, one entry a round; nothing is trained."""
 
-    def make(seen: list[FoundPeople]) -> Adaptation:
-        def find(_: Watched, detector: Path, *__: object) -> FoundPeople:
+    def make(seen: list[TrackedPeople]) -> Adaptation:
+        def find(_: Watched, detector: Path, *__: object) -> TrackedPeople:
             return seen[0 if detector == START else int(detector.parent.name.removeprefix("round-"))]
 
         def export(*given: Any) -> None:
@@ -70,14 +70,14 @@ def adaptation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[lis
     return make
 
 
-def test_the_best_round_is_kept(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:
+def test_the_best_round_is_kept(adaptation: Callable[[list[TrackedPeople]], Adaptation]) -> None:
     finished = list(rounds(adaptation([seeing(2, 3.0), seeing(2, 1.0), seeing(2, 2.0), seeing(2, 0.0)])))
     assert [here.number for here in finished] == [0, 1, 2]
     assert best_of(finished).number == 1
     assert finished[1].scores.agreement > finished[2].scores.agreement > finished[0].scores.agreement
 
 
-def test_the_first_round_must_be_better_by_more(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:
+def test_the_first_round_must_be_better_by_more(adaptation: Callable[[list[TrackedPeople]], Adaptation]) -> None:
     start, first = rounds(adaptation([seeing(2, 3.0), seeing(2, 1.0)]))
     for rise, kept in ((0.019, 0), (0.021, 1)):
         learnt = replace(first, scores=replace(first.scores, agreement=start.scores.agreement + rise))
@@ -86,7 +86,7 @@ def test_the_first_round_must_be_better_by_more(adaptation: Callable[[list[Found
         assert better(again, learnt)
 
 
-def test_a_round_is_kept_where_it_beats_the_default(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:
+def test_a_round_is_kept_where_it_beats_the_default(adaptation: Callable[[list[TrackedPeople]], Adaptation]) -> None:
     given = adaptation([seeing(2, 3.0), seeing(2, 1.0)])
     _, learnt = rounds(given)
     default = default_round(given)
@@ -106,7 +106,7 @@ def test_a_round_is_kept_where_it_beats_the_default(adaptation: Callable[[list[F
     assert "it is slower: 2000 and 1000 ms a frame" in against_default(slow, other)[1]
 
 
-def test_a_collapse_stops_and_is_not_kept(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:
+def test_a_collapse_stops_and_is_not_kept(adaptation: Callable[[list[TrackedPeople]], Adaptation]) -> None:
     """One of two people agrees perfectly with its track, and yet it is one of two."""
     finished = list(rounds(adaptation([seeing(2, 3.0), seeing(1, 0.0), seeing(2, 0.0)])))
     assert len(finished) == 2
@@ -114,14 +114,14 @@ def test_a_collapse_stops_and_is_not_kept(adaptation: Callable[[list[FoundPeople
     assert best_of(finished).number == 0
 
 
-def test_twice_the_people_are_kept(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:
+def test_twice_the_people_are_kept(adaptation: Callable[[list[TrackedPeople]], Adaptation]) -> None:
     finished = list(rounds(adaptation([seeing(1, 3.0), seeing(2, 0.5)])))
     assert finished[1].scores.boxes == pytest.approx(2 * finished[0].scores.boxes)
     assert best_of(finished).number == 1
 
 
 def test_a_round_competes_with_the_start_and_not_with_its_teacher(
-    adaptation: Callable[[list[FoundPeople]], Adaptation], monkeypatch: pytest.MonkeyPatch
+    adaptation: Callable[[list[TrackedPeople]], Adaptation], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The teacher's boxes are its tracks', the learnt ones nearly; those of the start lie far off."""
     for start, best in ((seeing(2, 2.5), 1), (seeing(2, 0.0), 0)):
@@ -129,8 +129,8 @@ def test_a_round_competes_with_the_start_and_not_with_its_teacher(
         look = module.find
 
         def find(
-            watched: Watched, detector: Path, *rest: Any, start: FoundPeople = start, look: Any = look
-        ) -> FoundPeople:
+            watched: Watched, detector: Path, *rest: Any, start: TrackedPeople = start, look: Any = look
+        ) -> TrackedPeople:
             return start if detector == START else look(watched, START if detector == TEACHER else detector, *rest)
 
         monkeypatch.setattr(module, "find", find)
@@ -140,7 +140,7 @@ def test_a_round_competes_with_the_start_and_not_with_its_teacher(
         assert best_of(finished).number == best
 
 
-def test_labels_of_a_round_teach_the_next(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:
+def test_labels_of_a_round_teach_the_next(adaptation: Callable[[list[TrackedPeople]], Adaptation]) -> None:
     given = adaptation([seeing(1, 1.0), seeing(2, 0.5)])
     counted = [here.people[0].evaluated.sum() for here in rounds(given)]
     assert counted == [30, 60]
@@ -148,7 +148,7 @@ def test_labels_of_a_round_teach_the_next(adaptation: Callable[[list[FoundPeople
     assert sum(row.split(",")[6] == "1" for row in written) == 30
 
 
-def test_boxes_are_moved_onto_silhouettes_once(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:
+def test_boxes_are_moved_onto_silhouettes_once(adaptation: Callable[[list[TrackedPeople]], Adaptation]) -> None:
     """Otherwise a part of the way becomes the whole way in a few rounds."""
     wide = seeing(2, 1.0)
     wide = replace(wide, tracks=[street.track_of(n, shift=0.4) for n in range(2)])
@@ -157,7 +157,7 @@ def test_boxes_are_moved_onto_silhouettes_once(adaptation: Callable[[list[FoundP
 
 
 def test_finished_rounds_are_not_made_again(
-    adaptation: Callable[[list[FoundPeople]], Adaptation], monkeypatch: pytest.MonkeyPatch
+    adaptation: Callable[[list[TrackedPeople]], Adaptation], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     given = adaptation([seeing(2, 3.0), seeing(2, 1.0), seeing(2, 0.0)])
     stopped = rounds(given)
@@ -172,16 +172,18 @@ def test_finished_rounds_are_not_made_again(
     assert [str(affinity) for *_, affinity in calls] == ["none"]
 
 
-def test_nobody_is_refused(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:
-    nobody = FoundPeople([Detections.empty()] * street.FRAMES, 0, [], 1)
+def test_nobody_is_refused(adaptation: Callable[[list[TrackedPeople]], Adaptation]) -> None:
+    nobody = TrackedPeople([Detections.empty()] * street.FRAMES, 0, [], 1)
     with pytest.raises(RequestError, match=r"expected people to learn from .* found nobody"):
         next(rounds(adaptation([nobody])))
 
 
-def test_people_in_the_held_out_end_alone_teach_nothing(adaptation: Callable[[list[FoundPeople]], Adaptation]) -> None:
+def test_people_in_the_held_out_end_alone_teach_nothing(
+    adaptation: Callable[[list[TrackedPeople]], Adaptation],
+) -> None:
     late = street.track_of(0)
     late = Track(1, late.frames[95:], late.boxes[95:], late.scores[95:])
-    found = FoundPeople([Detections.empty()] * street.FRAMES, 0, [late], 1)
+    found = TrackedPeople([Detections.empty()] * street.FRAMES, 0, [late], 1)
     with pytest.raises(RequestError, match="expected people before the last 25% of a video"):
         list(rounds(adaptation([found, found])))
 

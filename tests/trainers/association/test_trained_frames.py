@@ -8,7 +8,7 @@ import pytest
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.trainers.association.affinity_fit import NetworkUse, check_unseen, trained_frames
+from tsuiseki.trainers.association.affinity_fit import NetworkUse, check_trained_elsewhere, trained_frames
 
 PETS = "PETS09-S2L1-first"
 ALL = [(0.0, float("inf"))]
@@ -37,15 +37,15 @@ def use(said: str, first: int, last: int) -> NetworkUse:
 @pytest.mark.parametrize(("first", "last"), [(1, 400), (300, 301), (250, 260)])
 def test_seen_frames_are_refused(first: int, last: int) -> None:
     with pytest.raises(RequestError, match=rf"d.onnx: expected a detector that has not seen frames {first}-{last} of"):
-        check_unseen([use("PETS frames 1-300", first, last)])
+        check_trained_elsewhere([use("PETS frames 1-300", first, last)])
 
 
 def test_other_frames_are_taken(recwarn: pytest.WarningsRecorder) -> None:
-    check_unseen([use("PETS frames 1-300", 301, 400), use("generated people", 1, 400)])
+    check_trained_elsewhere([use("PETS frames 1-300", 301, 400), use("generated people", 1, 400)])
     assert not recwarn.list
 
 
 def test_silence_is_told_once() -> None:
     with pytest.warns(UserWarning, match=r"d.onnx does not say what it was trained on") as told:
-        check_unseen([use("", 1, 100), use("", 101, 200)])
+        check_trained_elsewhere([use("", 1, 100), use("", 101, 200)])
     assert len(told) == 1

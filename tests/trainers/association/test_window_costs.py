@@ -18,7 +18,7 @@ from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association.flow_loss import FlowLoss
 from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining
-from tsuiseki.trainers.association.window_costs import averaged, contrast_within, distances, repriced
+from tsuiseki.trainers.association.window_costs import averaged, contrast_within, distances, with_new_distances
 from tsuiseki.trainers.association.windows import AssociationData, EveryWindow
 from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.exporting.export_networks import export_appearance
@@ -100,7 +100,7 @@ def test_the_distances_are_those_of_the_tracker(street: Path, siamese: tuple[Pat
 def test_a_distance_costs_what_the_tracker_takes_for_it() -> None:
     rows = torch.zeros(2, len(LINK_FEATURES))
     rows[1, LINK_FEATURES.index("appearance")], rows[1, LINK_FEATURES.index("appearance_known")] = 0.5, 1
-    changed, dearer = repriced(rows, torch.tensor([0.34, 0.4]), LinkCost())
+    changed, dearer = with_new_distances(rows, torch.tensor([0.34, 0.4]), LinkCost())
     torch.testing.assert_close(dearer, torch.tensor([18 * 0.1, -18 * 0.1]))
     torch.testing.assert_close(changed[:, LINK_FEATURES.index("cost")], dearer)
 

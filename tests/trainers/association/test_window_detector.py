@@ -108,8 +108,8 @@ def test_surer_detections_are_cheaper(batch: TrainingWindow) -> None:
     rows = torch.as_tensor(graph.detections, dtype=torch.float64)
     found = torch.as_tensor(graph.origin.logits) + 2.0
     changed, dearer = rescored(rows, found, graph)
-    assert graph.origin.price < 0 < graph.origin.slope
-    torch.testing.assert_close(dearer, torch.full_like(dearer, 2 * graph.origin.slope * graph.origin.price))
+    assert graph.origin.cost_slope < 0 < graph.origin.slope
+    torch.testing.assert_close(dearer, torch.full_like(dearer, 2 * graph.origin.slope * graph.origin.cost_slope))
     cost, logit = (DETECTION_FEATURES.index(name) for name in ("cost", "logit"))
     torch.testing.assert_close(changed[:, cost] - rows[:, cost], dearer)
     torch.testing.assert_close(changed[:, logit] - rows[:, logit], torch.full_like(dearer, 2 * graph.origin.slope))

@@ -21,12 +21,12 @@ def short_folder(folder):
     frames, rate = (FRAMES, 2.0) if "wildtrack" in str(folder) else (60, known.cameras[0].frame_rate or 1.0)
     kept = known.truth.times < frames / rate
     truth = PlacedTruth(known.truth.times[kept], known.truth.ids[kept], known.truth.places[kept])
-    return replace(known, found=[each[:frames] for each in known.found], truth=truth)
+    return replace(known, found=[each[:frames] for each in known.people], truth=truth)
 
 
 def three_cameras(folder):
     known = short_folder(folder)
-    return replace(known, cameras=known.cameras[:3], found=known.found[:3])
+    return replace(known, cameras=known.cameras[:3], found=known.people[:3])
 
 
 @pytest.mark.slow
@@ -60,7 +60,7 @@ def test_an_id_is_kept_where_it_is_that_of_before_in_another_view():
 
 def test_simulated_errors_are_as_many_as_said(data_folder):
     known = short_folder(data_folder / "multicamera/wildtrack")
-    boxes = sum(len(each) for found in known.found for each in found)
+    boxes = sum(len(each) for found in known.people for each in found)
     drawn = sum(len(each) for found in simulated(known, np.random.default_rng(0)) for each in found)
     assert abs(drawn - (0.7 * boxes + 2 * 7 * FRAMES)) < 4 * np.sqrt(boxes)
     positions = floor_detections(known, np.random.default_rng(0))

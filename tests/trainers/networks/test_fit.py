@@ -16,7 +16,7 @@ import torch
 import yaml
 
 from tsuiseki.datamodules.detection_data import DetectionData
-from tsuiseki.datamodules.footage import TrainingSource
+from tsuiseki.datamodules.training_images import TrainingSource
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.weights import shipped

@@ -6,9 +6,9 @@ so that several may appear at one place at once. Reuter, Vo, Vo and Dietmayer, "
 (2014); the Poisson part and the marginal association are those of Williams, "Marginal multi-Bernoulli filters" (2015).
 
 Whether a target has ended or was only missed, and whether a measurement began one, is mostly told by the next
-observation; and a place between two measurements is known better than the last one. `LookBack` is a fixed lag of one
-step of the forward-backward recursions (Kitagawa, "Monte Carlo filter and smoother", 1996): the particles as they were
-before they moved get the weights that they have after.
+observation. A place between two measurements is known better than the last one. `SmoothingStep` is a fixed lag of
+one step of the forward-backward recursions (Kitagawa, "Monte Carlo filter and smoother", 1996): the particles as they
+were before they moved get the weights that they have after.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class TrackParticles:
 
 
 @dataclass(frozen=True)
-class LookBack:
+class SmoothingStep:
     """The same tracks through one step of a filter.
 
     Attributes:
@@ -116,14 +116,14 @@ class LabelledInfo:
         expected_count: of the tracks and of the hidden targets together.
         tracks: number of tracks kept, unlikely ones included.
         pairs: gated pairs of tracks and measurements.
-        look_back: what this observation says of the tracks before it.
+        smoothing_step: what this observation says of the tracks before it.
     """
 
     estimates: TargetEstimates
     expected_count: float
     tracks: int
     pairs: int
-    look_back: LookBack
+    smoothing_step: SmoothingStep
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ class LabelledMultiBernoulliFilter:
         new_mass, new_particles, hidden = self._hidden_update(predicted.hidden, measurements, rng)
         unclaimed = self.model.clutter_at(measurements) + new_mass
         updated, pairs, free = self._track_update(predicted, measurements, unclaimed)
-        back = LookBack(state, predicted.existence, predicted.log_weights, updated.existence, updated.log_weights)
+        back = SmoothingStep(state, predicted.existence, predicted.log_weights, updated.existence, updated.log_weights)
         begun = free * np.divide(new_mass, unclaimed, out=np.zeros_like(new_mass), where=unclaimed > 0)
         joined = self._merge(self._join(updated, begun, new_particles, hidden), rng)
         joined, estimates = self._estimate(joined)

@@ -93,11 +93,11 @@ class WithoutOthers:
 
     Attributes:
         margin: of the frame around a box, for ``q``.
-        believed: a cluster that weighs more is a target, and covers others.
+        covering: a cluster that weighs more is a target, and covers others.
     """
 
     margin: float = 0.5
-    believed: float = 0.5
+    covering: float = 0.5
 
     def __call__(self, state: LabelledParticles, image: ColourImage) -> FloatArray:
         """See `RegionLikelihood`."""
@@ -105,7 +105,7 @@ class WithoutOthers:
             return np.empty(0)
         _, masses, means = cluster_means(state)
         boxes, starts = boxes_of(means), cluster_starts(state.labels)
-        counted = masses > self.believed
+        counted = masses > self.covering
         touching = _touching(boxes, _reach(grown(boxes_of(state.particles), self.margin), starts), counted)
         front = touching & _fits_better(region_contrast(image, boxes, self.margin), counted)
         most = min(int(touching.sum(axis=1).max()), MOST_OTHERS)
@@ -122,7 +122,7 @@ class WithoutOthers:
             np.repeat(others, sizes, axis=0),
             np.repeat(in_front, sizes, axis=0),
         )
-        unseen = np.isnan(contrast) & np.repeat(masses <= self.believed, sizes)
+        unseen = np.isnan(contrast) & np.repeat(masses <= self.covering, sizes)
         return logarithms(np.where(unseen, 0.0, contrast))
 
 

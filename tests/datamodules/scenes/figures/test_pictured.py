@@ -37,7 +37,7 @@ def test_things_stand_where_nobody_does(photographs: Photographs) -> None:
     things = pictured_things(np.random.default_rng(1), photographs, CAMERA, 8, taken, 0.12)
     assert len(things) == 8
     for thing in things:
-        assert thing.look is None
+        assert thing.outfit is None
         foot = thing.solids.start[0, :2]
         assert np.linalg.norm(taken - foot, axis=1).min() > 0.4
 

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules import footage
-from tsuiseki.datamodules.footage import TrainingSource
+from tsuiseki.datamodules import training_images
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.figures.figure import random_figure
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary, SpriteSettings, write_sprites
@@ -27,6 +26,7 @@ from tsuiseki.datamodules.scenes.training_pictures import (
     random_training_scene,
     settings_of_scene,
 )
+from tsuiseki.datamodules.training_images import TrainingSource
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
@@ -225,9 +225,9 @@ def _varied(folder: Path, count: int, scene: Any = "varied", **given: Any) -> Tr
 
 
 def test_varied_pictures_show_them(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(footage, "on_all_cores", lambda work, items, _: map(work, items))
+    monkeypatch.setattr(training_images, "on_all_cores", lambda work, items, _: map(work, items))
     folder = tmp_path / "pictures"
-    footage.write_pictures(_varied(folder, 3, sprites=str(library), seed=1), (96, 72))
+    training_images.write_pictures(_varied(folder, 3, sprites=str(library), seed=1), (96, 72))
     assert len(list((folder / "img1").iterdir())) == 3
     assert len(read_ground_truth(folder / "gt" / "gt.txt").boxes) > 0
 
@@ -238,12 +238,12 @@ def test_things_are_refused_where_there_are_none(library: Path, tmp_path: Path) 
     for photographs in ("", str(tmp_path / "photographs")):
         source = _varied(tmp_path / "pictures", 1, sprites=str(library), photographs=photographs, things=True)
         with pytest.raises(RequestError, match="expected photographs of things"):
-            footage.write_pictures(source, (96, 72))
+            training_images.write_pictures(source, (96, 72))
     assert not (tmp_path / "pictures").exists()
 
 
 def test_aerial_pictures_look_down_on_people(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(footage, "on_all_cores", lambda work, items, _: map(work, items))
+    monkeypatch.setattr(training_images, "on_all_cores", lambda work, items, _: map(work, items))
     near, asked = SpriteLibrary.near, []
 
     def noted(self: SpriteLibrary, rng: np.random.Generator, tilt: float) -> Sprite:
@@ -254,7 +254,7 @@ def test_aerial_pictures_look_down_on_people(library: Path, tmp_path: Path, monk
     tilts = {}
     for scene in ("varied", "aerial"):
         asked.clear()
-        footage.write_pictures(_varied(tmp_path / scene, 12, scene, sprites=str(library), seed=3), (96, 72))
+        training_images.write_pictures(_varied(tmp_path / scene, 12, scene, sprites=str(library), seed=3), (96, 72))
         assert len(read_ground_truth(tmp_path / scene / "gt" / "gt.txt").boxes) > 5
         tilts[scene] = np.degrees(asked)
     assert np.median(tilts["aerial"]) > np.median(tilts["varied"]) + 10

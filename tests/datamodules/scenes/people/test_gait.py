@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.people.look import random_build
+from tsuiseki.datamodules.scenes.people.outfit import random_build
 from tsuiseki.datamodules.scenes.people.posture import (
     STANCE,
     Build,

@@ -9,7 +9,7 @@ from tsuiseki.tracking.filters.finite_sets.births import MixtureBirths
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import (
     LabelledMultiBernoulliFilter,
     LabelledState,
-    LookBack,
+    SmoothingStep,
     TrackParticles,
 )
 from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, PointModel, cartesian
@@ -41,7 +41,7 @@ def test_after_a_miss_existence_is_that_of_bayes(r: float, survival: float, dete
     _, info = chosen.step(state, np.empty((0, 2)), np.random.default_rng(0))
     # Nothing measured: there and gone on but missed, there and ended, or never there.
     missed, ended, never = r * survival * (1 - detection), r * (1 - survival), 1 - r
-    smoothed = info.look_back.smoothed()
+    smoothed = info.smoothing_step.smoothed()
     assert smoothed.existence[0] == pytest.approx((missed + ended) / (missed + ended + never))
     np.testing.assert_allclose(np.exp(smoothed.log_weights).sum(axis=1), 1.0)
 
@@ -50,7 +50,7 @@ def test_a_measurement_makes_the_track_before_it_certain() -> None:
     chosen = LabelledMultiBernoulliFilter(model(0.9, 0.9), NO_BIRTHS, 200)
     particles = 5 * np.random.default_rng(1).standard_normal((200, 4))
     _, info = chosen.step(one_track(0.3, particles, chosen), np.array([[2.0, 1.0]]), np.random.default_rng(0))
-    smoothed = info.look_back.smoothed()
+    smoothed = info.smoothing_step.smoothed()
     assert smoothed.existence[0] == pytest.approx(1.0)
     assert smoothed.likely(0.5).ids.tolist() == [1]
     assert len(smoothed.likely(1.0)) == 0
@@ -70,7 +70,7 @@ def test_the_smoothed_mean_is_that_of_the_rauch_tung_striebel_smoother() -> None
     spread = seen @ predicted @ seen.T + 100 * np.eye(2)
     gain = covariance @ transition.T @ seen.T @ np.linalg.inv(spread)
     expected = mean + gain @ (found - seen @ transition @ mean)
-    smoothed = info.look_back.smoothed()
+    smoothed = info.smoothing_step.smoothed()
     # Five standard errors of as many particles, whose weights are uneven by less than a half.
     tolerance = 5 * np.sqrt(np.diag(covariance) / (0.5 * count))
     assert np.all(np.abs(smoothed.likely(0.5).states[0] - expected) < tolerance)
@@ -80,7 +80,7 @@ def test_particles_that_leave_are_where_a_target_ended() -> None:
     # Two particles: the second left for certain. Nothing was measured, though what is there is always measured.
     before = TrackParticles(np.array([1]), np.array([0.8]), np.zeros((1, 2, 4)), np.log(np.array([[0.5, 0.5]])))
     with np.errstate(divide="ignore"):
-        back = LookBack(before, np.array([0.4]), np.log(np.array([[1.0, 0.0]])), np.zeros(1), np.log([[0.5, 0.5]]))
+        back = SmoothingStep(before, np.array([0.4]), np.log(np.array([[1.0, 0.0]])), np.zeros(1), np.log([[0.5, 0.5]]))
     smoothed = back.smoothed()
     np.testing.assert_allclose(np.exp(smoothed.log_weights), [[0.0, 1.0]], atol=1e-12)
     assert smoothed.existence[0] == pytest.approx(0.4 / (0.4 + 0.2))

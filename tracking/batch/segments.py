@@ -21,7 +21,7 @@ from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.streaming import stream
-from tsuiseki.tracking.features.view_choice import ViewChoice, ViewedDetector, ViewLooks, inner_detector
+from tsuiseki.tracking.features.view_choice import ViewChoice, ViewedDetector, ViewHistory, inner_detector
 from tsuiseki.tracking.features.views import TileView
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
@@ -30,8 +30,8 @@ from tsuiseki.tracking.people.tracking import OpenedPeople, open_people
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
 from tsuiseki.tracking.video.image_folder import ImageFolder
+from tsuiseki.tracking.video.seekable import SeekableVideo
 from tsuiseki.tracking.video.source import Source, VideoFile
-from tsuiseki.tracking.video.stretch import SeekableVideo
 
 # Frames before a stretch that its camera is watched from: some that it is compared with in turn.
 WATCHED = 3
@@ -47,12 +47,12 @@ class Observations:
     """Detections of frames that follow each other, in a file of numbers that is read without unpickling.
 
     Attributes:
-        found: detections of each frame, with features where they were described.
+        detections: of each frame, with features where they were described.
         about: what else is to be kept, for JSON.
         arrays: likewise, by name.
     """
 
-    found: Sequence[Detections]
+    detections: Sequence[Detections]
     about: Mapping[str, Any]
     arrays: Mapping[str, Any]
 
@@ -63,15 +63,15 @@ class Observations:
             RequestError: the disk is full, or the folder cannot be written to.
         """
         arrays = dict(self.arrays)
-        arrays["counts"] = np.array([len(each) for each in self.found], dtype=np.int64)
+        arrays["counts"] = np.array([len(each) for each in self.detections], dtype=np.int64)
         for name in COLUMNS:
-            parts = [getattr(each, name) for each in self.found]
+            parts = [getattr(each, name) for each in self.detections]
             arrays[f"told_{name}"] = told = np.array([part is not None for part in parts], dtype=np.bool_)
             if told.any():
                 width = max((np.shape(part)[1:] for part in parts if part is not None), default=())
                 values = np.concatenate([part for part in parts if part is not None and len(part)] or [np.empty(0)])
                 arrays[name] = _packed(values.reshape(-1, *width))
-        names = {number: name for each in self.found for number, name in each.names.items()}
+        names = {number: name for each in self.detections for number, name in each.names.items()}
         arrays["about"] = np.array(json.dumps({**self.about, "names": names}))
         with whole_file(path) as file:
             np.savez(file, **arrays)
@@ -105,18 +105,18 @@ def _packed(values: Any) -> Any:
     return short if np.array_equal(short.astype(np.float64), values, equal_nan=True) else values
 
 
-class KnownLooks(ViewLooks):
+class KnownViewHistory(ViewHistory):
     """The views of a video that was looked at before."""
 
     def take(self, images: Sequence[ImageArray], *_: Any) -> ViewChoice:
-        """See `ViewLooks.take`; nobody looks."""
+        """See `ViewHistory.take`; nobody looks."""
         self.choice = next(choice for frame, choice in reversed(self.changes) if frame <= self.frames)
         self.frames += len(images)
         return self.choice
 
 
 @dataclass(frozen=True)
-class LookingPlan:
+class SegmentPlan:
     """How a video is cut, and what is chosen before.
 
     Attributes:
@@ -150,12 +150,12 @@ class LookingPlan:
         Observations(found, about, arrays).write(path)
 
     @classmethod
-    def read(cls, path: Path) -> LookingPlan:
+    def read(cls, path: Path) -> SegmentPlan:
         """What `write` wrote."""
         seen = Observations.read(path)
-        return cls(**seen.about, beginning=seen.found, **seen.arrays)
+        return cls(**seen.about, beginning=seen.detections, **seen.arrays)
 
-    def stretches(self, source: Source) -> SeekableVideo:
+    def seekable(self, source: Source) -> SeekableVideo:
         """Of the video, which is opened anew."""
         assert isinstance(source, VideoFile | ImageFolder)
         return SeekableVideo(source, len(self.stamps) or source.length or 0, self.stamps, self.times)
@@ -167,9 +167,11 @@ class LookingPlan:
             for size, changes in self.views:
                 told = [(frame, _choice(values)) for frame, values in changes]
                 rate, count = inputs.detect.frame_rate, self.seen + max(first - self.begins, 0)
-                inputs.detect.looks[tuple(size)] = KnownLooks(rate, told[-1][1], changes=told, frames=count, due=None)
+                inputs.detect.histories[tuple(size)] = KnownViewHistory(
+                    rate, told[-1][1], changes=told, frames=count, due=None
+                )
                 seen = [choice for _, choice in told if choice.sees_somebody]
-                inputs.detect.looks[tuple(size)].somebody = seen
+                inputs.detect.histories[tuple(size)].somebody = seen
         if inputs.choice is not None and self.threshold is not None:
             assert isinstance(network, ForeignDetector)
             inputs.choice.floor, network.score_threshold = self.floor, self.threshold
@@ -190,7 +192,7 @@ def _values(choice: ViewChoice) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float) -> LookingPlan | None:
+def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float) -> SegmentPlan | None:
     """The plan of a video; None where it has to be done in one piece.
 
     Args:
@@ -213,13 +215,13 @@ def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float
     if wanted.last < wanted.first:
         return None
     if inputs.choice is not None:
-        known = inputs.choice.look(source, inputs.batch_size, 1, StageTimes())
+        known = inputs.choice.choose(source, inputs.batch_size, 1, StageTimes())
     begins, seen = wanted.first + len(known), 0
     views = []
     if isinstance(inputs.detect, ViewedDetector):
-        seen = max((looks.frames for looks in inputs.detect.looks.values()), default=0)
-        _look_at_views(inputs.detect, stretches, begins, wanted.last, inputs.batch_size)
-        for size, looks in inputs.detect.looks.items():
+        seen = max((looks.frames for looks in inputs.detect.histories.values()), default=0)
+        _choose_views(inputs.detect, stretches, begins, wanted.last, inputs.batch_size)
+        for size, looks in inputs.detect.histories.items():
             views.append((list(size), [(frame, _values(choice)) for frame, choice in looks.changes]))
     batches = max(round(seconds * source.frame_rate / inputs.batch_size), 1)
     parts = _parts(wanted.first, begins - 1, batches * inputs.batch_size)
@@ -229,16 +231,16 @@ def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float
     floor, threshold = (None, None) if choice is None else (choice.floor, choice.threshold)
     gave = [*network.gave] if isinstance(network, ForeignDetector) else []
     beside = told, stretches.stamps, stretches.times
-    return LookingPlan(parts, begins, seen, views, floor, threshold, gave, *beside)
+    return SegmentPlan(parts, begins, seen, views, floor, threshold, gave, *beside)
 
 
 def _parts(first: int, last: int, length: int) -> list[tuple[int, int]]:
     return [(start, min(start + length - 1, last)) for start in range(first, last + 1, length)]
 
 
-def _look_at_views(detect: ViewedDetector, stretches: SeekableVideo, first: int, last: int, batch: int) -> None:
+def _choose_views(detect: ViewedDetector, stretches: SeekableVideo, first: int, last: int, batch: int) -> None:
     """Let the detector choose its tiles as if it were shown all batches from frame ``first`` on."""
-    looks = next(iter(detect.looks.values()), None)
+    looks = next(iter(detect.histories.values()), None)
     before = 0 if looks is None else looks.frames
     frame = first
     while frame <= last and (looks is None or looks.due is not None):
@@ -250,18 +252,20 @@ def _look_at_views(detect: ViewedDetector, stretches: SeekableVideo, first: int,
         count = min(batch, last + 1 - frame)
         images = [each.image for each in stretches.frames(frame, frame + (count - 1 if looks is None else 0))]
         detect.prepare(images if looks is None else images * count)
-        looks = next(iter(detect.looks.values()))
+        looks = next(iter(detect.histories.values()))
         frame += count
 
 
-def look(plan: LookingPlan, part: int, source: Source, finding: PeopleFinding, linking: Linking) -> Observations:
+def detect_segment(
+    plan: SegmentPlan, part: int, source: Source, finding: PeopleFinding, linking: Linking
+) -> Observations:
     """What is to be seen in a stretch.
 
     Raises:
         RunError: see `SeekableVideo.frames`.
     """
     opened = open_people(source, replace(finding, threads=1), linking, 0)
-    stretches, inputs = plan.stretches(source), opened.inputs
+    stretches, inputs = plan.seekable(source), opened.inputs
     first, last = plan.parts[part]
     plan.prepare(opened, first)
     begins = stretches.wanted.first
@@ -312,7 +316,7 @@ def standing(begins: int, files: Sequence[Path]) -> BoolArray | None:
 
 
 class Again:
-    """A video that was looked at before: its frames come again with ``found``, what was seen in the last of them.
+    """A video that was looked at before: its frames come again with ``detections``, what was seen in the last of them.
 
     An image is blank where nobody needs it again.
 
@@ -323,9 +327,9 @@ class Again:
         times: gets the seconds that the stretches took.
     """
 
-    def __init__(self, plan: LookingPlan, files: Sequence[Path], opened: OpenedPeople, times: StageTimes) -> None:
+    def __init__(self, plan: SegmentPlan, files: Sequence[Path], opened: OpenedPeople, times: StageTimes) -> None:
         self.plan, self.files, self._seconds = plan, files, times.seconds
-        self.source, self.found = opened.inputs.source, Detections.empty()
+        self.source, self.detections = opened.inputs.source, Detections.empty()
         self._network, camera = inner_detector(opened.inputs.detect), opened.inputs.camera
         plan.prepare(opened, plan.parts[-1][0])
         self._images = isinstance(camera, CameraPath)
@@ -338,7 +342,7 @@ class Again:
 
     def frames(self) -> Iterator[Frame]:
         """See `Source.frames`."""
-        stretches = self.plan.stretches(self.source)
+        stretches = self.plan.seekable(self.source)
         first, last = self.plan.parts[0][0], self.plan.parts[-1][1]
         images = stretches.frames(first, last) if self._images else None
         told = {*self.plan.gave}
@@ -350,17 +354,17 @@ class Again:
             for stage, seconds in seen.about["seconds"].items():
                 self._seconds[stage] = self._seconds.get(stage, 0.0) + seconds
             blank = np.broadcast_to(np.zeros(1, dtype=np.uint8), (*seen.about["size"], 3))
-            for number, self.found in enumerate(seen.found, start):
+            for number, self.detections in enumerate(seen.detections, start):
                 frame = Frame(number, stretches.time(number), blank) if images is None else next(images)
                 yield self.source.times.note(frame)
         stretches.check_end(last)
 
 
 def again(
-    run: Run, opened: OpenedPeople, plan: LookingPlan, files: Sequence[Path], tracker: PeopleTracker | None = None
+    run: Run, opened: OpenedPeople, plan: SegmentPlan, files: Sequence[Path], tracker: PeopleTracker | None = None
 ) -> tuple[OpenedPeople, Iterator[tuple[int, Detections]]]:
     """What was seen in every frame, for ``run``, in order; see `Again`. Another ``tracker`` may take it."""
     video = Again(plan, files, opened, run.times)
-    pairs = ((frame, video.found) for frame in run.frames(video))
+    pairs = ((frame, video.detections) for frame in run.frames(video))
     found = ((frame.index, here) for frame, here in opened.inputs.in_order(pairs, run.times))
     return opened if tracker is None else replace(opened, tracker=tracker), found

@@ -152,4 +152,4 @@ class SeekableVideo:
         wanted = self.video.frames_wanted
         if wanted.last is None or last < wanted.last:
             self.video.refuse_early_end(last + 1, float(self.stamps[-1]) / 1000)
-        self.video.tell_uneven(self.times[: last + 1].tolist())
+        self.video.warn_uneven(self.times[: last + 1].tolist())

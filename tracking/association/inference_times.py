@@ -1,6 +1,6 @@
-"""Which frames of a video were looked at, and how time passes from one look to the next.
+"""The frames on which a detector ran (inferences), and the time from one inference to the next.
 
-A frame that nobody looked at says nothing: nobody is missed in it. Trackers count looks, and step their filters by the
+A frame without inference is no evidence: it has no misses. Trackers count inferences, and step their filters by the
 time between them.
 """
 
@@ -17,51 +17,52 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Looks that show a pattern, twice as many where it is not exact; the share of looks in which somebody is detected.
+# Inferences that show a pattern, twice as many where it is not exact; least share of them that has detections.
 FEWEST, OCCUPIED = 5, 0.5
-# Deviation of the interval between looks, over its mean, up to which it is a stride.
+# Deviation of the interval between inferences, over its mean, up to which it is a stride.
 JITTER = 0.5
-# A detector that finds so many in the frames around one hardly misses all of them; so often a frame is empty then.
+# A detector with so many detections in the frames around one hardly misses all of them. Least share of frames that are
+# empty all the same.
 CROWD, DROPPED = 4, 0.1
 # Intervals that the usual one is taken from, and how much longer than their median one is that does not count.
 MEMORY, PAUSE = 30, 5.0
-# Share of an interval by which looks may be off and still are even.
+# Share of an interval by which inferences may be off and still are even.
 EVEN = 0.01
 # Steps of an average interval to which times are rounded where a grid is needed.
 TICKS = 4
 
 
-def looked_at(counts: IntArray) -> BoolArray | None:
-    """``(F,)`` the frames that a detector was run on, by a pattern; None where it was run on all.
+def inferred_frames(counts: IntArray) -> BoolArray | None:
+    """``(F,)`` the frames with inference, by a pattern of the counts; None where all have it.
 
     Args:
         counts: ``(F,)`` detections in each frame of the video.
 
-    >>> looked_at(np.array([2, 0, 0, 3, 0, 0, 1, 0, 0, 0, 0, 0, 2, 0, 0, 1, 0])).nonzero()[0].tolist()
+    >>> inferred_frames(np.array([2, 0, 0, 3, 0, 0, 1, 0, 0, 0, 0, 0, 2, 0, 0, 1, 0])).nonzero()[0].tolist()
     [0, 3, 6, 9, 12, 15]
-    >>> looked_at(np.array([2, 0, 3, 1, 0, 0, 1, 1, 1]))
+    >>> inferred_frames(np.array([2, 0, 3, 1, 0, 0, 1, 1, 1]))
     """
     rows = np.flatnonzero(counts)
     if len(rows) < FEWEST:
         return None
-    gaps, looked = np.diff(rows), counts > 0
+    gaps, inferred = np.diff(rows), counts > 0
     stride = int(np.gcd.reduce(gaps))
     if stride > 1 and len(rows) >= OCCUPIED * (1 + (rows[-1] - rows[0]) / stride):
         return np.asarray((np.arange(len(counts)) - rows[0]) % stride == 0)
     if gaps.min() > 1 and len(rows) >= 2 * FEWEST and gaps.std() <= JITTER * gaps.mean():
-        return np.asarray(looked)
-    # Dropped frames of a crowd: nobody where there are many before and after.
+        return np.asarray(inferred)
+    # Dropped frames of a crowd: none detected where there are many before and after.
     least = np.minimum(counts[rows[:-1]], counts[rows[1:]])
     dropped = np.concatenate([np.arange(a + 1, b) for a, b in itertools.pairwise(rows)])
     dropped = dropped[np.repeat(least >= CROWD, gaps - 1)]
     if len(dropped) < DROPPED * (rows[-1] - rows[0]):
         return None
-    looked = np.ones(len(counts), dtype=np.bool_)
-    looked[dropped] = False
-    return looked
+    inferred = np.ones(len(counts), dtype=np.bool_)
+    inferred[dropped] = False
+    return inferred
 
 
-def given_looks(frames: Iterable[int], length: int) -> BoolArray:
+def named_frames(frames: Iterable[int], length: int) -> BoolArray:
     """``(F,)`` the frames that are named.
 
     Raises:
@@ -72,20 +73,20 @@ def given_looks(frames: Iterable[int], length: int) -> BoolArray:
         raise RequestError(
             f"`frames_looked_at`: expected numbers of frames from 0, such as range(0, 300, 10), got {frames!r:.80}"
         )
-    looked = np.zeros(max(length, int(given.max()) + 1), dtype=np.bool_)
-    looked[given] = True
-    return looked
+    inferred = np.zeros(max(length, int(given.max()) + 1), dtype=np.bool_)
+    inferred[given] = True
+    return inferred
 
 
 def usual(intervals: Sequence[float] | FloatArray | IntArray) -> float:
-    """The mean of the intervals between looks, but for pauses."""
+    """The mean of the intervals between inferences, but for pauses."""
     known = np.asarray(intervals, dtype=np.float64)
     return float(known[known <= PAUSE * np.median(known)].mean())
 
 
-def stride_of(looked: BoolArray) -> float:
-    """Frames from one look to the next, usually."""
-    gaps = np.diff(np.flatnonzero(looked))
+def stride_of(inferred: BoolArray) -> float:
+    """Usual number of frames from one inference to the next."""
+    gaps = np.diff(np.flatnonzero(inferred))
     return usual(gaps) if len(gaps) else 1.0
 
 
@@ -102,11 +103,11 @@ class Clock:
         self._last = -math.inf
 
     def skip(self) -> None:
-        """The next frame is not looked at."""
+        """The next frame has no inference."""
         self.frame += 1
 
     def now(self, time: float | None) -> float:
-        """The time of a look at the next frame: in seconds where it is given, else its number.
+        """The time of the inference on the next frame: in seconds where it is given, else its number.
 
         Raises:
             RequestError: the time is no number, lies before the last one, or is given for some frames only.
@@ -131,10 +132,10 @@ def _is_finite(time: object) -> bool:
 
 
 class Intervals(Clock):
-    """Time in usual intervals between looks: those that come evenly are 1 apart, at whatever rate.
+    """Time in usual intervals between inferences: those that come evenly are 1 apart, at whatever rate.
 
     Attributes:
-        passed: of the last looks, how long before each the one before it was; the newest last.
+        passed: usual intervals before each of the last inferences, the newest last.
     """
 
     def __init__(self, memory: int) -> None:
@@ -144,7 +145,7 @@ class Intervals(Clock):
         self._usual = 0.0
 
     def step(self, time: float | None) -> tuple[float, float]:
-        """How long before this look the last one was, and by what factor the usual interval has become longer.
+        """Usual intervals since the last inference, and the factor by which the usual interval has become longer.
 
         Raises:
             RequestError: see `Clock.now`.
@@ -163,22 +164,22 @@ class Intervals(Clock):
         self.passed.append(passed)
         return passed, longer
 
-    def since_look(self) -> float:
-        """How long before the frame to come the last look was, where frames are numbered."""
+    def since_last(self) -> float:
+        """Usual intervals from the last inference to the next frame; 0 where times are given."""
         return 0.0 if self._timed or not self._usual else (self.frame - self._last) / self._usual
 
 
-class Looks(Clock):
-    """The frame and the time of every look, counted from the first.
+class InferenceTimes(Clock):
+    """The frame and the time of every inference, counted from the first.
 
     Args:
         frame_rate: frames a second.
-        stride: frames from one look to the next, on average.
+        stride: frames from one inference to the next, on average.
 
     Attributes:
-        rate: looks a second.
+        rate: inferences a second.
         stride: as given.
-        even: whether all of them came in their turn.
+        even: whether all of them come at one interval.
     """
 
     def __init__(self, frame_rate: float, stride: float = 1.0) -> None:
@@ -188,15 +189,15 @@ class Looks(Clock):
         self._count, self._start = 0, 0.0
         self._frames, self._seconds = array("q"), array("d")
 
-    def copy(self) -> Looks:
+    def copy(self) -> InferenceTimes:
         """A copy that goes on by itself."""
-        other = Looks(self._frame_rate, self._frame_rate / self.rate)
+        other = InferenceTimes(self._frame_rate, self._frame_rate / self.rate)
         other.__dict__.update(self.__dict__)
         other._frames, other._seconds = self._frames[:], self._seconds[:]
         return other
 
     def add(self, time: float | None) -> None:
-        """Take the next look; see `Clock.now`."""
+        """Take the next inference; see `Clock.now`."""
         frame, now = self.frame, self.now(time)
         seconds = now if time is not None else now / self._frame_rate
         self._start = seconds if self._count == 0 else self._start
@@ -204,36 +205,36 @@ class Looks(Clock):
         self.even &= abs(seconds * self.rate - self._count) < EVEN
         self.all &= frame == self._count
         if not (self.even and self.all):
-            # What came before was in its turn, and is kept only now.
+            # Those before came at one interval, and are kept only now.
             before = np.arange(len(self._frames), self._count)
             self._frames.extend([*before.tolist(), frame])
             self._seconds.extend([*(before / self.rate).tolist(), seconds])
         self._count += 1
 
-    def frames(self, looks: IntArray) -> IntArray:
-        """``(N,)`` the frames of ``(N,)`` looks."""
-        return looks if self.all else np.array(self._frames)[looks]
+    def frames(self, inferences: IntArray) -> IntArray:
+        """``(N,)`` the frames of ``(N,)`` inferences."""
+        return inferences if self.all else np.array(self._frames)[inferences]
 
-    def ticks(self, looks: IntArray) -> IntArray:
-        """``(N,)`` whole numbers that grow as the times of ``(N,)`` looks do, `TICKS` a look on average."""
+    def ticks(self, inferences: IntArray) -> IntArray:
+        """``(N,)`` whole numbers that grow as the times of ``(N,)`` inferences do, `TICKS` an inference on average."""
         if self.even:
-            return looks
+            return inferences
         every = np.arange(len(self._seconds))
         ticks = np.rint(np.array(self._seconds) * self.rate * TICKS).astype(np.int64)
-        return np.asarray((np.maximum.accumulate(ticks - every) + every)[looks])
+        return np.asarray((np.maximum.accumulate(ticks - every) + every)[inferences])
 
     @property
-    def ticks_per_look(self) -> int:
-        """On average."""
+    def ticks_per_inference(self) -> int:
+        """Ticks from one inference to the next, on average."""
         return 1 if self.even else TICKS
 
     def rates(self, first: int, count: int) -> FloatArray:
-        """``(count,)`` of looks from ``first`` on: one over the seconds since the look before."""
+        """``(count,)`` of inferences from ``first`` on: one over the seconds since the inference before."""
         if self.even:
             return np.full(count, self.rate)
         passed = np.diff(self.seconds(np.maximum(np.arange(first - 1, first + count), 0)))
         return np.asarray(1 / np.maximum(passed, 1 / (self.rate * TICKS)))
 
-    def seconds(self, looks: IntArray) -> FloatArray:
-        """``(N,)`` the times of ``(N,)`` looks."""
-        return looks / self.rate if self.even else np.array(self._seconds)[looks]
+    def seconds(self, inferences: IntArray) -> FloatArray:
+        """``(N,)`` the times of ``(N,)`` inferences."""
+        return inferences / self.rate if self.even else np.array(self._seconds)[inferences]

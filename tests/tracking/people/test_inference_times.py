@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.looks import given_looks, looked_at
+from tsuiseki.tracking.association.inference_times import inferred_frames, named_frames
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion, per_longer_frame, predict_boxes, start_boxes, update_boxes
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
@@ -63,22 +63,22 @@ def video(tmp_path: Path, frames: int, looks: list[int]) -> tuple[Path, Path]:
     ],
 )
 def test_a_stride_is_told_from_misses(frames: list[int], expected: list[int] | None) -> None:
-    looked = looked_at(counts(frames, 100))
+    looked = inferred_frames(counts(frames, 100))
     assert expected == (None if looked is None else np.flatnonzero(looked).tolist())
 
 
 def test_a_crowd_is_not_missed_as_a_whole() -> None:
     kept = np.sort(np.random.default_rng(0).choice(200, 100, replace=False))
-    looked = looked_at(counts(kept.tolist(), 200, each=6))
+    looked = inferred_frames(counts(kept.tolist(), 200, each=6))
     assert looked is not None
     assert set(np.flatnonzero(looked)) - set(kept) <= {*range(kept[0]), *range(kept[-1], 200)}
-    assert looked_at(counts(kept.tolist(), 200, each=1)) is None
+    assert inferred_frames(counts(kept.tolist(), 200, each=1)) is None
 
 
 @pytest.mark.parametrize("given", [10, "every", [], [-1, 3], [0.5], [[1, 2]], None])
 def test_looks_are_numbers_of_frames(given: object) -> None:
     with pytest.raises(RequestError, match="frames_looked_at"):
-        given_looks(given, 20)  # type: ignore[arg-type]
+        named_frames(given, 20)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -1,4 +1,4 @@
-"""What links of a flow network cost: by motion, appearance and actions, by what hides people, by what was learnt."""
+"""Costs of links of a flow network, from motion, appearance, actions, occlusion and learnt costs."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from tsuiseki.tracking.association.link_cost import MOST_WORTH, LinkCost, Mismat
 from tsuiseki.tracking.association.nearby import Occluders, Pairs
 from tsuiseki.tracking.types import FloatArray, IntArray
 
-# Pairs that are priced together: as many as the processor holds close by.
+# Pairs of one call: as many as the processor holds close by.
 PAIRS_AT_ONCE = 16_384
 
 
 @dataclass(frozen=True)
 class LinkParts:
-    """Links and what their costs are made of.
+    """Links and the parts of their costs, nats.
 
     Attributes:
         i: ``(P,)`` indices of the earlier detections.
-        j: ``(P,)`` of the later ones.
-        past: what the past of its track says at each detection.
-        future: likewise of the future.
-        seconds: ``(P,)`` between the two.
-        distance: ``(P,)`` of their appearance, NaN where not known.
-        mismatch: ``(P,)`` cost of how ill the motion of the two goes together.
-        hidden: ``(P,)`` share of the person hidden in between.
-        cost: ``(P,)`` by default.
-        action: ``(P,)`` cost of how unlike the two act, a part of the cost; NaN where nothing recognised actions.
+        j: ``(P,)`` indices of the later detections.
+        past: estimates at each detection from the past of its track.
+        future: estimates at each detection from the future of its track.
+        seconds: ``(P,)`` time between the two detections, seconds.
+        distance: ``(P,)`` cosine distance of the appearance in [0, 2], NaN where not known.
+        mismatch: ``(P,)`` cost of the difference of the two motions.
+        hidden: ``(P,)`` share of the person hidden in between, in [0, 1].
+        cost: ``(P,)`` default cost of the link.
+        action: ``(P,)`` cost of the difference of actions, a part of the cost; NaN without actions.
     """
 
     i: IntArray
@@ -52,14 +52,14 @@ LinkChange = Callable[[DetectionTable, LinkParts], FloatArray]
 
 
 @dataclass(frozen=True)
-class Pricing:
-    """What the links of a video are priced by.
+class LinkModel:
+    """The parts of a link's cost, for a video.
 
     Attributes:
-        cost: of links by motion, appearance and actions.
-        dearest: links that cost more are left out.
-        transition: learnt costs of pairs, which speak in place of the appearance; None for none.
-        change: by how much learnt costs of links differ from the default; None for not at all.
+        cost: costs from motion, appearance and actions.
+        dearest: largest cost of a link that is kept, nats.
+        transition: learnt costs of pairs, in place of the appearance; None for none.
+        change: differences of learnt costs from the default costs; None for none.
     """
 
     cost: LinkCost
@@ -68,28 +68,28 @@ class Pricing:
     change: LinkChange | None = None
 
 
-def priced(
+def link_costs(
     table: DetectionTable,
     pairs: Pairs,
     beliefs: tuple[Beliefs, Beliefs],
-    by: Pricing,
+    by: LinkModel,
     *,
     means: tuple[FloatArray, FloatArray] | None = None,
     hidden: FloatArray | None = None,
     mismatch: Mismatch | None = None,
     labels: IntArray | None = None,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Which links do not cost too much, what they cost, and how much of the person is hidden in between.
+    """The links that are kept, their costs, and how much of the person is hidden in between.
 
     Args:
         table: the N detections.
         pairs: ``(P,)`` indices of the earlier, and of the later detections of the links.
-        beliefs: what the past of its track says at each detection, and what the future says.
-        by: what they are priced by.
+        beliefs: estimates at each detection from the past of its track, and from the future.
+        by: the parts of a cost.
         means: ``(N, D)`` mean features of the past, and of the future of each detection along its track; without them
             single detections are compared.
         hidden: ``(P,)`` share of the person hidden in between, NaN where not known; by default none is.
-        mismatch: how ill the motions go together; by default as along tracks.
+        mismatch: cost of the difference of motions; by default along tracks.
         labels: ``(N,)`` tracks along which actions are averaged; without them those of single detections count.
 
     Returns:
@@ -104,29 +104,29 @@ def priced(
         if labels is not None:
             doing = cost.action.means(table.frames, labels, table.actions, table.frame_rate)
     hiding = Occluders.of(table.frames, table.image, table.size)
-    prices = _Prices(table, by, (past, future), mismatch, hiding, means, doing, labels is not None)
+    parts_of = _PartsOf(table, by, (past, future), mismatch, hiding, means, doing, labels is not None)
     if hidden is None:
         # A view of one number.
         hidden = np.broadcast_to(np.nan, len(i))
     if change is not None:
         # Learnt changes compare links with each other.
-        kept, parts = prices(i, j, hidden)
+        kept, parts = parts_of(i, j, hidden)
         return kept, np.maximum(parts.cost + change(table, parts), -MOST_WORTH), parts.hidden
     found = []
     for start in range(0, max(len(i), 1), PAIRS_AT_ONCE):
         some = slice(start, start + PAIRS_AT_ONCE)
-        kept, parts = prices(i[some], j[some], hidden[some])
+        kept, parts = parts_of(i[some], j[some], hidden[some])
         found.append((kept + start, parts.cost, parts.hidden))
     kept, cost_of_kept, covered = (np.concatenate(column) for column in zip(*found, strict=True))
     return kept, cost_of_kept, covered
 
 
 @dataclass(frozen=True)
-class _Prices:
-    """What is needed to price links, see `priced`; ``doing`` are actions of the earlier and of the later ones."""
+class _PartsOf:
+    """The inputs of `link_costs`, for all links; ``doing`` are actions of the earlier and of the later ones."""
 
     table: DetectionTable
-    by: Pricing
+    by: LinkModel
     beliefs: tuple[Beliefs, Beliefs]
     mismatch: Mismatch
     hiding: Occluders
@@ -148,7 +148,7 @@ class _Prices:
                 if self.means is None
                 else np.clip(1 - inner_products(*self.means, i, j), 0, 2)
             )
-            # Learnt costs are right about the gaps that they were learnt on.
+            # Learnt costs hold for the gaps that they were learnt on.
             unlearnt = True if self.by.transition is None else gap > self._learnt_up_to()
             total += np.where(unlearnt, cost.appearance_cost(distance, averaged=averaged), 0)
         if self.by.transition is not None:
@@ -159,18 +159,18 @@ class _Prices:
             averaged = self.along and cost.action.averaged
             action = cost.action(*self.doing, i, j, seconds, averaged=averaged)
             total += action
-        # What hides a person is looked at only where it matters.
+        # Occlusion is computed only where it matters.
         kept = np.flatnonzero(total + cost.waiting(seconds, one_frame, np.ones(len(i))) < self.by.dearest)
         covered = hidden[kept]
         asked = np.flatnonzero(np.isnan(covered))
         covered[asked] = self.hiding.between(i[kept[asked]], j[kept[asked]])
-        price = total[kept] + cost.waiting(seconds[kept], one_frame, covered)
+        total = total[kept] + cost.waiting(seconds[kept], one_frame, covered)
         past, future = self.beliefs
         parts = LinkParts(
-            i[kept], j[kept], past, future, seconds[kept], distance[kept], motion[kept], covered, price, action[kept]
+            i[kept], j[kept], past, future, seconds[kept], distance[kept], motion[kept], covered, total, action[kept]
         )
         return kept, parts
 
     def _learnt_up_to(self) -> float:
-        """Longest gap that the learnt costs speak of, frames."""
+        """Longest gap of the learnt costs, frames."""
         return float(getattr(self.by.transition, "window", np.inf))

@@ -105,7 +105,7 @@ class FixedView:
         return [person for frame in self.cutouts for person in frame if person is not None]
 
 
-class Footage:
+class TrainingImages:
     """The labelled images of one source.
 
     Raises:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.flow_rounds import FirstPrices, Links, with_known_velocity
+from tsuiseki.tracking.association.flow_rounds import FirstCosts, Links, with_known_velocity
 from tsuiseki.tracking.association.link_cost import LinkCost
 
 
@@ -24,11 +24,11 @@ from tsuiseki.tracking.association.link_cost import LinkCost
 )
 def test_first_prices_are_too_high_where_most_are_right_and_left_out(right: int, used: int, too_high: bool) -> None:
     probability = np.where(np.arange(20) < right, 0.9, 0.3)
-    assert FirstPrices(probability, np.zeros(20)).left_out(np.arange(20) < used) == too_high
+    assert FirstCosts(probability, np.zeros(20)).left_out(np.arange(20) < used) == too_high
 
 
 def test_few_detections_say_nothing() -> None:
-    assert not FirstPrices(np.ones(9), np.zeros(9)).left_out(np.zeros(9, dtype=np.bool_))
+    assert not FirstCosts(np.ones(9), np.zeros(9)).left_out(np.zeros(9, dtype=np.bool_))
 
 
 def test_only_links_without_a_price_along_tracks_take_the_velocity_for_known() -> None:

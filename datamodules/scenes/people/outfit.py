@@ -139,7 +139,7 @@ def _towards(a: Colour, b: Colour, part: float) -> Colour:
     return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2])
 
 
-def random_look(rng: np.random.Generator) -> Outfit:
+def random_outfit(rng: np.random.Generator) -> Outfit:
     """One person dressed as people on a street are: mostly dark and muted, now and then bright or patterned."""
     upper = _garment(rng, (0.45, 0.22, 0.17, 0.16))
     lower_style = str(rng.choice(LOWER_STYLES, p=(0.74, 0.08, 0.05, 0.04, 0.09)))
@@ -187,9 +187,9 @@ def random_build(rng: np.random.Generator) -> Build:
     )
 
 
-def look_alike(rng: np.random.Generator, look: Outfit) -> Outfit:
-    """Somebody else who is dressed much like ``look``: two or three things differ."""
-    other = random_look(rng)
+def similar_outfit(rng: np.random.Generator, outfit: Outfit) -> Outfit:
+    """Somebody else who is dressed much like ``outfit``: two or three things differ."""
+    other = random_outfit(rng)
     changes = (
         {"upper": other.upper, "shoulders": other.upper, "upper_pattern": other.upper_pattern},
         {"lower": other.lower, "lower_pattern": other.lower_pattern},
@@ -199,7 +199,7 @@ def look_alike(rng: np.random.Generator, look: Outfit) -> Outfit:
         {"front": other.front, "shirt": other.shirt, "upper_second": other.upper_second},
     )
     chosen = rng.choice(len(changes), size=int(rng.integers(2, 4)), replace=False)
-    result = replace(look, skin=other.skin, phase=other.phase, beard=other.beard)
+    result = replace(outfit, skin=other.skin, phase=other.phase, beard=other.beard)
     for index in chosen:
         result = replace(result, **changes[index])
     return result
