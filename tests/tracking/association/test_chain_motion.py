@@ -73,7 +73,7 @@ def test_scores_are_worth_how_often_they_are_found_again() -> None:
     false = np.concatenate([corner, corner + np.array([30, 80])], axis=2)
     boxes = np.concatenate([still, false], axis=1).reshape(-1, 4)
     scores = np.tile([40.0, 40.0, 7.0, 7.0], 200)
-    found = repeated_detections(frames, boxes, 30.0).found
+    found = repeated_detections(frames, boxes, 30.0).repeated
     told = (frames >= 3) & (frames < 197)
     calibration = ScoreCalibration()
     calibration.add(scores[told], found[told])
