@@ -1,14 +1,14 @@
-"""Who is who over a whole video on one floor: grouping and linking, alternated.
+"""Identities over a whole video on one floor: grouping and linking, alternated.
 
 1. The detections of each moment are grouped by themselves (`grouping`).
 2. The groups are the nodes of the minimum-cost flow (`association.network_flow`), which links them into tracks.
-3. Along the tracks, Kalman filters from either side say where each is expected at each moment.
+3. Along the tracks, Kalman filters from either side predict each person's place at each moment.
 4. The detections are grouped anew, now beside the tracks that are expected there; the flow links the new groups, by the
    velocities that the tracks gave. And again from 3.
 
 Solving both at once is a set packing over all candidate groups: NP-hard, and its relaxation over the candidates of a
 crowd takes longer than all rounds here. Alternated, each step is solved exactly or climbs, in a second or two a minute
-of video; what the first grouping got wrong, the tracks of the second put right.
+of video; later rounds correct errors of the first grouping.
 """
 
 from __future__ import annotations
@@ -43,18 +43,17 @@ class FloorFlow:
     """How people are linked on the floor.
 
     Attributes:
-        walking: how they move.
+        walking: motion of people.
         window: longest time between two linked groups, seconds.
-        rounds: of grouping and linking.
-        density: people a square metre where none is expected.
-        births: new people a square metre and second.
-        lives: mean time for which somebody is there, seconds.
-        hidden: log probability of being hidden from all sensors for one moment, and for each further one, whatever they
-            say.
+        rounds: number of rounds of grouping and linking.
+        density: expected people per square metre where no track is expected.
+        births: new people per square metre and second.
+        lives: mean time for which a person is there, seconds.
+        hidden: log probability of being hidden from all sensors for one moment, and for each further one.
         beyond: moments for which a track is expected beyond its ends.
         short: tracks of fewer moments are left out.
-        appearance: weight of the cosine distance of two features.
-        neutral: cosine distance that says nothing, in [0, 2].
+        appearance: cost of a cosine distance of 1 between two features, nats.
+        neutral: cosine distance that costs nothing, in [0, 2].
     """
 
     walking: Walking = field(default_factory=Walking)

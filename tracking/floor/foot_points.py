@@ -2,9 +2,9 @@
 
 A person is an upright stick of height h. Its foot (x, y, 0) lies at the lower edge of the box, its head (x, y, h) at
 the upper edge. Under an omnidirectional camera people lean away from the middle, and half the height lies at the centre
-of the box. Ankles that were found stand for the foot. With the noise of the pixels and h about `HEIGHT`, the unknowns
+of the box. Detected ankles stand for the foot. With the noise of the pixels and h about `HEIGHT`, the unknowns
 (x, y, h) have a Gaussian posterior, found by Gauss and Newton; h is integrated out. An edge at the border of the image
-says nothing, for the person goes on beyond it.
+is no evidence, for the person goes on beyond it.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
 HEIGHT, HEIGHT_DEVIATION = 1.72, 0.12
-"""Of people, metres."""
+"""Mean and deviation of the height of people, metres."""
 WIDTH = 0.36
-"""Of a person, of the height."""
+"""Width of a person, heights."""
 BORDER, STEP, ROUNDS = 2.0, 0.02, 3
-"""Pixels about the image's border; metres of a difference; of Gauss and Newton."""
+"""Width of the image's border, pixels; step of a numerical derivative, metres; rounds of Gauss and Newton."""
 
 
 @dataclass(frozen=True)
 class FootNoise:
-    """How exactly a detection tells where somebody stands.
+    """Noise of a detection as a measurement of the place where a person stands.
 
     Attributes:
-        box: deviation of an edge of a box, of its height.
-        ankle: deviation of the middle of both ankles, of the height of the box.
+        box: deviation of an edge of a box, heights of the box.
+        ankle: deviation of the middle of both ankles, heights of the box.
         floor: deviation of the body from the foot point, and of the calibration, metres.
     """
 

@@ -1,4 +1,4 @@
-"""What cameras and other sensors found, brought to one floor and one clock, and how surely they see a spot."""
+"""Detections of cameras and other sensors on one floor and one clock, and each sensor's probability of detection."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
 
 MARGIN = 1.0
-"""Metres beyond the plan within which somebody is still followed."""
+"""Margin around the plan in which people are still followed, metres."""
 APART = 0.5
 STEPS, LEAST_SEEN = 5, 0.05
-"""Steps in which detection grows with what is seen of somebody, and the share below which nobody is detected."""
+"""Steps of the visible share of a person, each with a probability of detection; least visible share of a detection."""
 PRIOR, LEAST_FALSE = 10.0, 0.02
 CHUNK = 4_000
 HIDDEN_BY, NEARER = 0.95, 0.5
-"""Most of a person that nearer ones hide; metres by which somebody must be nearer."""
+"""Largest share of a person that others hide; least difference in distance of a person who hides another, metres."""
 
 
 @dataclass(frozen=True)
@@ -33,16 +33,16 @@ class FloorPoints:
     """All that was measured on the floor, ordered by moment.
 
     Attributes:
-        moment: ``(N,)`` its number.
+        moment: ``(N,)`` number of the moment, from 0.
         sensor: ``(N,)`` number of the camera or sensor.
-        row: ``(N,)`` row in what the sensor found at that moment.
-        places: ``(N, 2)`` metres.
-        covariances: ``(N, 2, 2)``.
-        spread: ``(N,)`` density of false ones there, of one in all, a square metre.
-        visible: ``(N, S)`` how surely each sensor would find somebody there, of its detection probability, [0, 1].
-        names: ``(N,)`` who it is, for certain; -1 where that is not known.
+        row: ``(N,)`` row in the sensor's detections of that moment.
+        places: ``(N, 2)`` positions on the floor, metres.
+        covariances: ``(N, 2, 2)`` of the positions, square metres.
+        spread: ``(N,)`` density of a false positive there, per square metre.
+        visible: ``(N, S)`` share in [0, 1] of each sensor's detection probability that a person there would have.
+        names: ``(N,)`` certain identity; -1 where it is not known.
         features: ``(N, D)`` of unit length, zero where there is none; or None.
-        facing: ``(N, 2)`` horizontal direction in which each was looked at; or None.
+        facing: ``(N, 2)`` horizontal viewing direction, a unit vector; or None.
     """
 
     moment: IntArray
@@ -65,8 +65,8 @@ class SensorRates:
     """How well each of S sensors detects.
 
     Attributes:
-        detection: ``(S, B)`` probability of somebody by how much of them is seen, in B equal steps from 0 to 1.
-        false: ``(S,)`` false ones a moment.
+        detection: ``(S, B)`` probability of detecting a person, for B equal steps of the visible share from 0 to 1.
+        false: ``(S,)`` false positives a moment.
     """
 
     detection: FloatArray
@@ -77,13 +77,13 @@ class SensorRates:
         found: FloatArray = self.detection[np.arange(share.shape[1]), _step_of(share)]
         return np.asarray(np.where(share > LEAST_SEEN, found, 1e-6))
 
-    def learnt(self, share: FloatArray, hit: BoolArray, nobody: FloatArray) -> SensorRates:
-        """As people of tracks were detected.
+    def learnt(self, share: FloatArray, hit: BoolArray, false: FloatArray) -> SensorRates:
+        """Rates estimated from tracks.
 
         Args:
-            share: ``(E, S)`` that sensors saw of them.
-            hit: ``(E, S)`` whether they detected them.
-            nobody: ``(S,)`` detections of nobody a moment.
+            share: ``(E, S)`` visible share of the tracked people, in [0, 1].
+            hit: ``(E, S)`` whether the sensors detected them.
+            false: ``(S,)`` false positives a moment.
         """
         detection = np.empty_like(self.detection)
         for sensor in range(share.shape[1]):
@@ -91,7 +91,7 @@ class SensorRates:
             step = _step_of(share[seen, sensor])
             hits = np.bincount(step, hit[seen, sensor], STEPS) + PRIOR * self.detection[sensor]
             detection[sensor] = hits / (np.bincount(step, minlength=STEPS) + PRIOR)
-        return SensorRates(np.asarray(np.clip(detection, 0.02, 0.98)), nobody + LEAST_FALSE)
+        return SensorRates(np.asarray(np.clip(detection, 0.02, 0.98)), false + LEAST_FALSE)
 
 
 def _step_of(share: FloatArray) -> IntArray:
@@ -101,14 +101,14 @@ def _step_of(share: FloatArray) -> IntArray:
 
 @dataclass(frozen=True)
 class SensorView:
-    """What one sensor sees of the floor, and when.
+    """The view of one sensor on the floor, over time.
 
     Attributes:
-        camera: None for a sensor that sees the whole floor, or, where it names people, only those.
-        measured: ``(T,)`` moments at which it measured.
-        boxes: ``(T, M, 4)`` that it found at each, NaN where there are fewer.
-        nearness: ``(T, M)`` their distances, metres.
-        names: whether it only tells of people whom it names.
+        camera: None for a sensor that covers the whole floor, or only the people whom it names.
+        measured: ``(T,)`` whether it measured at each moment.
+        boxes: ``(T, M, 4)`` boxes of its detections, pixels, NaN where there are fewer.
+        nearness: ``(T, M)`` distances of the detections from the camera, metres.
+        names: whether it only reports people whom it names.
     """
 
     camera: AnyCamera | None
@@ -118,7 +118,7 @@ class SensorView:
     names: bool = False
 
     def share(self, moment: IntArray, places: FloatArray) -> FloatArray:
-        """``(E,)`` of somebody at ``(E, 2)`` places: the share in the image that no detected nearer person hides."""
+        """``(E,)`` visible share of a person at ``(E, 2)`` places, in [0, 1]: in the image, not behind others."""
         if self.camera is None:
             return np.where(self.measured[moment], 0.0 if self.names else 1.0, 0.0)
         edges = range(0, len(moment), CHUNK)
@@ -311,12 +311,12 @@ def _columns(frames: IntArray, rows: IntArray, places: FloatArray, covariances: 
     return {**known, **unknown}
 
 
-def _check_outside(name: str, inside: BoolArray, plan: FloatArray, told: bool) -> None:
+def _check_outside(name: str, inside: BoolArray, plan: FloatArray, warned: bool) -> None:
     """Refuse a sensor all of whose measurements lie outside the plan; say how many of another's do."""
     shown = ",".join(f"{value:g}" for value in plan)
     if not inside.any():
         raise RequestError(f"{name}: expected people on the plan {shown}, got all {len(inside)} outside; check `floor`")
-    if told:
+    if warned:
         warnings.warn(
             f"{name}: {(~inside).sum()} of {len(inside)} positions lie outside the plan {shown} and are left out",
             InputWarning,
@@ -334,7 +334,7 @@ def _spanned(places: Sequence[FloatArray]) -> FloatArray:
 
 
 def _view(camera: AnyCamera | None, measured: BoolArray, part: _Columns) -> SensorView:
-    """What a sensor sees, with its detections as those that may hide others."""
+    """The view of a sensor, with its detections as possible occluders."""
     order = np.argsort(part["moment"], kind="stable")
     moment = part["moment"][order]
     place = np.arange(len(moment)) - np.searchsorted(moment, moment)

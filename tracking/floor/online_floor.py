@@ -2,8 +2,8 @@
 
 At each moment the tracks move once, and are then updated by one sensor after the other: the iterated corrector (Mahler,
 "The multisensor PHD filter", 2009, for the PHD; the order matters little where all sensors see well). Each sensor has
-its own visibility, by its lens and by people who hide others, and its own false alarms. An answer comes with the moment
-itself: the delay is none.
+its own visibility, by its lens and by people who hide others, and its own false alarms. Each moment is
+reported at once, without delay.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 
 DETECTION, FALSE = 0.75, 1.5
-"""Of each sensor: probability of detecting somebody in full view, and false ones a moment."""
+"""Of each sensor: probability of detecting a person in full view, and false positives a moment."""
 BIRTHS, LIVES, SPEED, ACCELERATION = 0.004, 20.0, 0.9, 0.8
-"""New people a square metre and second; seconds for which one stays; m/s; m/s²."""
+"""New people per square metre and second; mean time that one stays, seconds; speed, m/s; acceleration, m/s²."""
 PARTICLES, NEAR = 300, 9.0
 REPORT, CONFIRM, KERNEL = 0.5, 0.8, 0.3
-"""Existence above which somebody is reported, and for the first time; width of the kernel that spreads particles."""
+"""Existence from which a person is reported, and for the first time; width of the kernel that spreads particles."""
 
 
 def _stay(states: FloatArray, _: float, __: np.random.Generator) -> FloatArray:

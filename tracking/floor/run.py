@@ -52,7 +52,7 @@ class OneFloorSettings(Shared):
         tolerance: frames of different cameras within so many seconds count as taken together; by default a quarter of
             the shortest time between frames.
         floor: X1,Y1,X2,Y2 of the plan, metres; by default that of cameras.yaml, or what the measurements span.
-        noise: how exactly a detection tells where somebody stands.
+        noise: how exact a detection is as a measurement of the place where a person stands.
         flow: settings of the flow.
     """
 
@@ -82,8 +82,8 @@ class FloorRun:
     Attributes:
         placed: the cameras.
         sources: one of each camera, or none where there are only detections.
-        given: what was found in each frame of each camera, where that is known.
-        detecting: what finds and describes people otherwise.
+        given: detections in each frame of each camera, where they are given.
+        detecting: detector and appearance network otherwise.
         positions: of other sensors.
         settings: of the tracker.
         times: of the frames.

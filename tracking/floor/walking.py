@@ -1,4 +1,4 @@
-"""How people walk on a floor: Kalman filters along tracks from either side, and what a link between two nodes costs.
+"""How people walk on a floor: Kalman filters along tracks from either side, and the cost of a link between two nodes.
 
 The state is (x, y) and its velocity, which changes at random (white acceleration of strength q):
 
@@ -30,8 +30,8 @@ class Walking:
     Attributes:
         speed: deviation of a velocity along each axis, m/s.
         restless: strength q of the acceleration, m/s over the root of a second.
-        turns: share of links on which somebody turns at once, or a measurement is far off.
-        turning: deviation of the mean velocity then, along each axis, m/s.
+        turns: share of links with a sudden turn or a measurement that is far off, in [0, 1].
+        turning: deviation of the mean velocity on such a link, along each axis, m/s.
     """
 
     speed: float = 0.9

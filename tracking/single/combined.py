@@ -4,16 +4,15 @@ In thesis chapter 3 particles take over as soon as the filter's response is low.
 settings this loses more targets than it saves: the response is mostly low for a short time only, and the filter
 recovers by itself. So here
 
-* the filter is `regularised`, which knows the target's colours and size;
+* the filter is `regularised`, with the target's colours and size;
 * the target is in doubt when two measures, the response and the colours, are both low against their own running
   medians; doubt ends at higher values than it begins (hysteresis);
 * the filter's learning rate falls with its response, and in doubt it is low; the filter goes on all the same and stays
   one of the hypotheses;
 * the particles of 3.2.3 to 3.2.5, each a place and the number of a filter (the present, the first, or a stored one),
-  look for the target all around. Where the best one's response is higher elsewhere for several frames in a row, the
-  target is taken to be there, with that filter, unless the witness takes its old place for likelier, then or ten frames
-  later. All particles have the target's present size;
-* where the box does not look like the target but like what is around it, the status is lost (`witness`).
+  search the target all around. Where the best one's response is higher elsewhere for several frames in a row, it takes
+  over, with that filter. The witness may undo this, then or ten frames later. All particles have the present size;
+* where the witness takes the box for surroundings, the status is lost (`witness`).
 """
 
 from __future__ import annotations
@@ -61,10 +60,10 @@ class CombinedSettings:
     """Constants.
 
     Attributes:
-        filter: of the filter that goes on alone.
-        doubt: share of its running median under which a response is low.
+        filter: constants of the filter that goes on alone.
+        doubt: share of its running median under which a response is low, in [0, 1].
         reach: windows searched to each side of the one about the target; 1 gives 3 x 3.
-        certain: share of the median response from which on a frame is learnt at full speed.
+        certain: share of the median response from which on a frame is learnt at full rate, in [0, 1].
     """
 
     filter: RegularisedSettings = field(default_factory=RegularisedSettings)

@@ -1,7 +1,7 @@
 """MOSSE: a linear correlation filter on grey values, in closed form; thesis 2.2.4.
 
 Bolme et al., "Visual object tracking using adaptive correlation filters", CVPR 2010. The filter is a quotient of two
-running sums, so an update costs one transform. The first frame is learnt under small random turns and stretches.
+running sums, so an update costs one transform. The first frame is learnt under small random rotations and scalings.
 """
 
 from __future__ import annotations

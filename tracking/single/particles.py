@@ -1,4 +1,4 @@
-"""The search of `kcf_particle`: its particles, what they see of a frame, and when it begins; thesis 3.2.2-3.2.7.
+"""The search of `kcf_particle`: its particles, their weights in a frame, and when it begins; thesis 3.2.2-3.2.7.
 
 A particle is a row ``x, y, f``: the centre of its box in pixels and the number of its correlation filter. Width and
 height of the box are the same for all particles: the thesis gives them no variance (3.3.2).
@@ -20,7 +20,7 @@ from tsuiseki.tracking.single.response import ResponseMaps, local_maxima
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 COLOUR_RATE = 0.04
-"""Share of a new look in the colours, in [0, 1]."""
+"""Share of a new frame in the colours, in [0, 1]."""
 SHARPNESS, COLOUR_WEIGHT = 2.0, 6.0
 """Of the additions: power of the likelihood, and weight of the colours in it."""
 SMALLEST_LIKELIHOOD = 1e-6
@@ -81,12 +81,12 @@ class RunningMean:
 
 @dataclass(frozen=True)
 class Confidence:
-    """What the target looked like while it was tracked without doubt, and when the filter is doubted, 3.2.2.
+    """Responses and colours of the target in frames without doubt, and when the filter is doubted, 3.2.2.
 
     Attributes:
         settings: hold the threshold of the response.
         peaks: responses, a frame each.
-        colours: colour scores, a look each.
+        colours: colour scores, one for each frame with a score.
         colour: the colours themselves; None where they are not used or where a box covers the whole image.
     """
 
@@ -105,7 +105,7 @@ class Confidence:
 
         Args:
             peak: response of the filter at the target.
-            colour: colour score there; None where nobody looked.
+            colour: colour score there; None where none was computed.
         """
         if peak <= self.settings.switch:
             return True
@@ -124,7 +124,7 @@ class Confidence:
         return replace(after, colours=self.colours.add(colour), colour=blended)
 
     def colour_score(self, image: ImageArray, box: FloatArray) -> float:
-        """Of one box ``(4,)``; 1 where colours are not used."""
+        """Colour score of one box ``(4,)``; 1 where colours are not used."""
         return 1.0 if self.colour is None else float(self.colour.score(image, box[None])[0])
 
 

@@ -1,15 +1,16 @@
-"""A tracker of a person with a second witness: an appearance network, which has learnt nothing from the video.
+"""A tracker of a person with a second witness: an appearance network, which learns nothing from the video.
 
-A correlation filter that slides onto the background learns it, and is as sure of it as of the target. A network that
-tells people apart and is never taught from the video does not slide along: what it says of the box is compared with
-what it said of the first box. Where the likeness falls far below what it was, the status is ``lost``, whatever the
-tracker says. Of the combined tracker, particles are drawn at the maxima of all filters all around as soon as the box
-looks strange, moved and weighed as in a search, and the network looks at the heaviest places. The one most like the
-first frame's box is the target, if it is like enough, more so than the box, and not too far or of another size.
-Otherwise the filter goes on as if nothing had been said.
+A correlation filter that slides onto the background learns it, and its response stays high. An appearance network does
+not slide along. It compares the features of the box with those of the first box: their cosine is the likeness. Where
+the likeness falls far below its running median, the status is ``lost``, whatever the tracker reports.
 
-The network knows people: where the likeness has never been high it is not heard, and where the first box is not as
-upright as a person it is not asked.
+The combined tracker also searches. As soon as the likeness is low, particles are drawn at the maxima of all filters,
+moved and weighed as in a search. The network then describes the heaviest places. The one most like the first box is
+the target, if its likeness is high enough and above that of the box, and its place and size are near. Otherwise the
+filter goes on as before.
+
+The network describes people. It counts only where the likeness has been high, and the first box is as upright as a
+person.
 """
 
 from __future__ import annotations
@@ -28,17 +29,17 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 Describe = Callable[[ImageArray, FloatArray], FloatArray]
 """Appearance features ``(N, D)`` of boxes ``(N, 4)`` in an image."""
 MEMORY, HEARD = 15, 0.6
-"""Share of the running median of likenesses, and its value from which on the network is heard."""
+"""Likenesses of the running median, and its value from which on the network counts."""
 EXPECTED = 0.9
-"""Likeness of the target before any look, so that a box that is lost at once is not taken for it."""
+"""Prior likeness of the target, so that a box that is lost at once is not taken for it."""
 STRANGE_SHARE, LOST_SHARE = 0.6, 0.4
-"""Shares of the running median under which a likeness is strange, and under which the target counts as lost: who is
-half hidden looks strange, too."""
+"""Shares of the running median under which a likeness is strange, and under which the target counts as lost. A
+half hidden target is strange, too."""
 STRANGE_LOOKS = 2
-"""Strange likenesses in a row from which on the target is looked for elsewhere."""
+"""Strange likenesses in a row from which on the target is searched elsewhere."""
 CANDIDATES, BETTER, ALIKE = 4, 0.1, 0.85
-"""Places that the network looks at then, how much more alike than the box such a place must be, and the share of the
-running median from which on it may be the target."""
+"""Places that the network describes then, by how much their likeness must exceed that of the box, and the share of the
+running median from which on a place may be the target."""
 FURTHEST, PACE, LARGER = 6.0, 0.5, 1.5
 """Bounds of such a place from where the target was last usual: sides of the box away, at most and a frame since; factor
 on the size, up or down."""
@@ -50,8 +51,8 @@ class RecognitionSettings:
 
     Attributes:
         upright: height over width of the first box from which on the target may be a person, and the network is asked.
-        every: frames between two looks.
-        trusted: looks that `EXPECTED` counts for.
+        every: frames from one inference of the network to the next.
+        trusted: weight of `EXPECTED`, in inferences.
         lost_inferences: likenesses below `LOST_SHARE` in a row from which on the status is ``lost``.
     """
 
@@ -62,12 +63,12 @@ class RecognitionSettings:
 
 
 class Recognised:
-    """A tracker whose status also says lost where the box no longer looks like the first one.
+    """A tracker whose status is also lost where the box is no longer like the first one.
 
     Args:
         tracker: that follows; only a `Combined` is led to another place.
         describe: appearance features of boxes.
-        settings: when the network looks, and what it takes for the target.
+        settings: when the network runs, and which likenesses it takes for the target.
 
     Attributes:
         asked: whether the first box is upright enough for a person.
@@ -118,7 +119,7 @@ class Recognised:
         return likeness
 
     def _find_again(self, tracker: Combined, image: ImageArray, likeness: float) -> None:
-        """Go to the place that looks most like the first box, if that is alike enough."""
+        """Go to the place most like the first box, if its likeness is high enough."""
         places = [there for there in tracker.heaviest_places(image, CANDIDATES) if self._near(tracker.box(there))]
         if not places:
             return

@@ -67,7 +67,7 @@ SIZE_COLOUR = 2.0
 SIZE_AREA, SIZE_STEP = 512.0, 1.03
 """Pixels of the template of the size filter, and ratio of neighbouring sizes."""
 FAR, WIDEST = 4, 8
-"""Steps of size from which on a size is far from the present one; in which the first frame's contrast is looked for."""
+"""Steps of size from which on a size is far from the present one; in which the first frame's contrast is searched."""
 SIZE_MARGIN, SIZE_PATIENCE = 0.03, 5
 """How much greater the contrast of colours must be at a far size, and for how many frames on the same side."""
 LOST_BELOW = 0.25
@@ -79,13 +79,13 @@ class RegularisedSettings:
     """Constants.
 
     Attributes:
-        colour_share: of the colours in the response of a place, in [0, 1].
-        sizes: how many are tried in a frame, odd; 1 keeps the first size.
-        size_reach: steps of size to each side among which the colours look for one far from the present size, which
-            the size filter does not see; 0 looks for none.
-        size_agreement: share of its response at the present size that the filter of places must have on the way there.
-        size_by_area: contrast of colours from which on the number of the target's pixels tells the size, which needs
-            no agreement then; 2 never does.
+        colour_share: share of the colours in the response of a place, in [0, 1].
+        sizes: number of sizes tried in a frame, odd; 1 keeps the first size.
+        size_reach: steps of size to each side that the colours search, beyond the reach of the size filter; 0 searches
+            none.
+        size_agreement: least response on the way to a far size, as a share of that at the present size, in [0, 1].
+        size_by_area: contrast of colours from which on the number of the target's pixels gives the size, without
+            `size_agreement`; 2 never does.
         calibration: share of the first frame's calibration of the contrast of colours that is used, in [0, 1].
     """
 

@@ -48,7 +48,7 @@ def follow_single(
     frames: str | None = None,
     seed: int = 0,
 ) -> Iterator[tuple[Frame, Estimate]]:
-    """One target of any kind: each frame with the target's box, a score, and whether to believe it.
+    """One target of any kind: each frame with the target's box, a score, and a status.
 
     Args:
         source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, VOT, UAV123), images in a
@@ -60,7 +60,7 @@ def follow_single(
             particles; or a tracker of one target.
         preset: constants of the last two: ``robust`` is ours; ``thesis``, ``paper`` (both ``kcf`` only) and
             ``printed`` (``kcf-particle`` only: to the letter) are the published ones.
-        frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
+        frames: this segment only, counted from 1 with both ends, such as ``"301-400"``.
         seed: of all random numbers.
 
     Returns:

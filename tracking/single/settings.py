@@ -125,11 +125,11 @@ class SingleChoice(Shared):
             particles as the thesis does; the others are simpler and are there to compare with.
         preset: constants of kcf and kcf-particle. robust is ours; thesis, paper (both kcf only) and printed
             (kcf-particle only: the thesis to the letter) are the published ones.
-        scale: whether combined, regularised, kcf and kcf-particle also look for other sizes; by default the first two
+        scale: whether combined, regularised, kcf and kcf-particle also try other sizes; by default the first two
             do, and the others as the preset says.
-        recognise: also say lost where the target, a person, no longer looks as in the first frame, by the shipped
-            appearance network; combined also lets it choose where to go on. It is asked only where the first box is as
-            upright as a person.
+        recognise: also report lost where the shipped appearance network finds the target, a person, unlike the first
+            frame; with combined it also chooses where to go on. It runs only where the first box is as upright as a
+            person.
         objectness: model for kcf-particle from `tsuiseki train objectness`; by default the shipped one.
     """
 

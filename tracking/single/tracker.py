@@ -1,4 +1,4 @@
-"""What every tracker of one target can do."""
+"""The contract of every tracker of one target."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class TargetState:
     """The target in one frame.
 
     Attributes:
-        box: ``(4,)`` pixels.
-        score: how sure the tracker is; what it measures is said by the tracker.
+        box: ``(4,)`` corners x1, y1, x2, y2, pixels.
+        score: confidence of the tracker, on its own scale.
         status: ``tracking``, ``searching`` or ``lost``.
     """
 
