@@ -77,7 +77,7 @@ class ScoredFrames(Shared):
     """Which frames count.
 
     Attributes:
-        frames: score this stretch only, counted from 1 with both ends, such as 301-400.
+        frames: score this segment only, counted from 1 with both ends, such as 301-400.
     """
 
     frames: str | None = None
@@ -168,7 +168,7 @@ def coverage(given: Comparison, scored: ScoredFrames, overlap: float = 0.5) -> N
 
     _check(0 < overlap <= 1, "overlap", "a share above 0 and at most 1", overlap)
     sequences = find_single_sequences(given.truth)
-    found = {name: cover_targets(sequences, path, overlap, stretch.range) for name, path in given.named().items()}
+    found = {name: cover_targets(sequences, path, overlap, scored.range) for name, path in given.named().items()}
     given.report(coverage_table(found), found)
 
 
@@ -295,7 +295,7 @@ def points(given: Comparison, scored: ScoredFrames, cutoff: float = 100.0, windo
 
     _check(cutoff > 0, "cutoff", "a distance above 0", cutoff)
     _check(window >= 1, "window", "1 frame or more", window)
-    scores = evaluate_point_files(given.truth, given.named(), cutoff, window, stretch.range)
+    scores = evaluate_point_files(given.truth, given.named(), cutoff, window, scored.range)
     given.report(value_table(scores, POINT_COLUMNS), scores)
 
 
