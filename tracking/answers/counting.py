@@ -35,11 +35,11 @@ class Answers:
       (name, where it is known).
     * ``flows``: start, end, line, direction, count: crossings by interval of time.
     * ``turns``: origin, destination, count: of people who crossed two lines or more, the first and the last of them.
-    * ``zones``: zone, entries and exits with low and high, people (mean at a time), most (at a time), stay (mean
-      seconds), longest (seconds), density (people a square metre, where metres are known).
+    * ``zones``: zone, entries and exits with low and high, people (mean at a time) with low and high, most (at a time),
+      stay (mean seconds) with low and high, longest (seconds), density (people a square metre, where metres are known).
     * ``stays``: zone, id, start, end, seconds, waited (seconds), entered and left (False where it began or ended
       unseen).
-    * ``occupancy``: time, zone, people (mean over the second), most, waiting (mean).
+    * ``occupancy``: time, zone, people (mean over the second), low, high, most, waiting (mean).
     * ``counts``: time, people (mean over the second) and most in view.
     * ``sides``: origin, destination, count: from which side of the picture to which everybody went.
     * ``people``: id, first, last, seconds, path (length), metres and speed (m/s) where metres are known, class.

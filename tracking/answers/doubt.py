@@ -1,8 +1,14 @@
 """How sure a count is: from the doubt in the tracks to an interval.
 
 A crossing is real with a probability that falls with what was filled in at the line and how short the path is. Where
-tracks break off near a line, a crossing may have been missed. The true count is the number found, less the false ones,
-plus the missed ones; both are taken to be Poisson, so that their difference has Skellam's distribution.
+tracks break off near a line, a crossing may have been missed. Who is seen in a share s of their frames has a track at
+all with probability p = 1 - (1 - s)^n, and stands for (1 - p) / p people without one (Horvitz and Thompson, A
+generalization of sampling without replacement, 1952, eq. 4). The true count is the number found, less the false ones,
+plus the missed ones. The false are Poisson; the mean of the missed is itself doubtful, gamma, which makes them negative
+binomial.
+
+People in a zone are counted likewise. Of their mean number and mean stay the intervals are normal: a stay errs by a
+share of what was filled in, and by its ends.
 """
 
 from __future__ import annotations
@@ -17,15 +23,20 @@ from tsuiseki.tracking.answers.polygons import inside
 from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Fitted on generated streets of seeds below 50 and 1100 to 1119, each with three simulated detectors: weights of a
-# constant and of `crossing_features`; the share of broken paths ahead of which a line was crossed; missed crossings for
-# each one found, as a factor and a power of the share of places that were filled in; and those of any line.
+# Fitted on generated streets of seeds from 1100 on, each with three simulated detectors: weights of a constant and of
+# `crossing_features`; the share of broken paths ahead of which a line was crossed; n above, the shape of the gamma, and
+# missed crossings of any line.
 CROSSING_WEIGHTS = np.array([5.6, -4.2, -1.9])
-BROKEN, FACTOR, POWER, ANY = 0.4, 1.6, 2.3, 0.04
+BROKEN, CHANCES, SHAPE, ANY = 0.1, 1.9, 0.9, 0.05
+# Likewise: of what is filled in, the share by which a stay errs and the share of people who are not there; seconds by
+# which it errs anyhow.
+FILLED, ABSENT, ENDS = 0.6, 0.25, 0.2
+# A share seen that is taken for the least.
+LEAST_SEEN = 0.02
 # Seconds that a broken path is thought on, and heights from the border of the picture within which it leaves.
 REACH, EDGE = 2.0, 0.3
-LEVEL = 0.9
-"""Of the intervals."""
+LEVEL, WIDTH = 0.9, 1.645
+"""Of the intervals; and of a normal one, to each side, in standard deviations."""
 
 
 def crossing_features(paths: Paths, found: Crossings, frame_rate: float) -> FloatArray:
@@ -57,12 +68,16 @@ class Doubt:
 
     Attributes:
         rate: frames a second.
+        without: ``(N,)`` how many people without a track the person of each row stands for.
     """
 
     def __init__(self, paths: Paths, scene: Scene, rate: float, length: int) -> None:
         self.paths, self.scene, self.rate = paths, scene, rate
         self._broken = broken_ends(paths, scene, rate, length)
-        self._filled = 1.0 - float(paths.observed.mean()) if len(paths) else 0.0
+        whose = np.unique(paths.ids, return_inverse=True)[1]
+        seen = np.bincount(whose, paths.observed) / np.maximum(np.bincount(whose), 1)
+        tracked = 1 - (1 - np.clip(seen, LEAST_SEEN, 1)) ** CHANCES
+        self.without: FloatArray = ((1 - tracked) / tracked)[whose]
 
     def real(self, found: Crossings) -> FloatArray:
         """``(C,)`` probability that each crossing is one."""
@@ -82,12 +97,33 @@ class Doubt:
         return self._missed(here != there, np.where(there, 1, -1), found)
 
     def _missed(self, meets: BoolArray, sides: FloatArray | IntArray, found: Crossings) -> dict[int, float]:
-        each = FACTOR * self._filled**POWER
-        sides = self._broken.turned * sides
+        sides, without = self._broken.turned * sides, self.without[found.rows]
         return {
-            side: BROKEN * float((meets & (sides == side)).sum()) + each * float((found.sides == side).sum()) + ANY
+            side: float(BROKEN * (meets & (sides == side)).sum() + without[found.sides == side].sum() + ANY)
             for side in (1, -1)
         }
+
+    def of_stays(self, first: IntArray, last: IntArray, length: int) -> tuple[FloatArray, FloatArray]:
+        """Ends of the intervals of the mean number of people in a zone and of their mean stay, seconds.
+
+        Args:
+            first: ``(S,)`` row of `Paths` at which each stay begins.
+            last: ``(S,)`` last row.
+            length: frames that were looked at.
+        """
+        filled = np.append(0, np.cumsum(~self.paths.observed))
+        seconds, without = (last - first + 1) / self.rate, self.without[first]
+        errors = FILLED * (filled[last + 1] - filled[first]) / self.rate
+        error = float((errors**2).sum() + len(first) * ENDS**2)
+        # People without a track: mean and variance of the seconds that they stayed, and of their number.
+        missed, more = float(without @ seconds), float(without.sum())
+        spread = float((without * (1 + without)) @ seconds**2) + missed**2 / SHAPE
+        total, number, duration = seconds.sum(), max(len(first), 1), max(length / self.rate, 1e-9)
+        mean = total / number
+        people = total - WIDTH * np.sqrt(error), total + missed + WIDTH * np.sqrt(error + spread)
+        others = (more + more**2 / SHAPE) * (mean / (number + more)) ** 2
+        width = WIDTH * np.sqrt(error / number**2 + others)
+        return np.maximum(people, 0) / duration, np.maximum([mean - width, mean + width], 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,19 +173,18 @@ def interval_of(count: int, false: float, missed: float) -> tuple[int, int]:
     Args:
         count: found.
         false: crossings of it that are none, on average.
-        missed: crossings beside it, on average.
+        missed: crossings beside it, on average; its gamma has the shape `SHAPE`.
 
     >>> interval_of(10, 0.0, 0.0)
     (10, 10)
     """
-    from scipy.stats import poisson
+    from scipy.stats import nbinom, poisson
 
-    def chances(mean: float) -> FloatArray:
-        return np.asarray(poisson.pmf(np.arange(int(mean + 10 * np.sqrt(mean) + 10)), mean))
-
-    less = chances(false)
+    less = poisson.pmf(np.arange(int(false + 10 * np.sqrt(false) + 10)), false)
+    far = int(missed + 10 * np.sqrt(missed + missed**2 / SHAPE) + 10)
+    more_chances = nbinom.pmf(np.arange(far), SHAPE, SHAPE / (SHAPE + missed))
     # Of values from `count` less the most false ones on; without room for more at the ends.
-    total = np.concatenate([[0.0], np.convolve(less[::-1], chances(missed)), [0.0]])
+    total = np.concatenate([[0.0], np.convolve(less[::-1], more_chances), [0.0]])
     low = high = int(total.argmax())
     held = total[low]
     while True:

@@ -177,7 +177,7 @@ class TrackedPage:
         sections = [
             section("Tracks", embedded_overlay(folder, label="tracks", note=note)),
             section("Crossings of lines", self._table("lines", INTERVAL, "crossings")),
-            section("Zones", self._table("zones", "", "occupancy")),
+            section("Zones", self._table("zones", INTERVAL, "occupancy")),
             section(several.capitalize(), self._everybody() or f"<p>No {several} were followed.</p>"),
             section("How many at a time", self._svg("counts")),
             section("All paths", self._image("paths", "All paths, each with its number at its end.")),
@@ -299,8 +299,12 @@ def summary(answers: Answers) -> Sequence[str]:
         f"{line} {way}: {number} ({low}-{high})" if low != high else f"{line} {way}: {number}"
         for line, way, number, low, high in zip(*table.values(), strict=True)
     ]
-    rows = zip(*(zones[name] for name in ("zone", "people", "most", "stay")), strict=True)
+    names = ("zone", "people", "people_low", "people_high", "most", "stay", "stay_low", "stay_high")
     return [
         *told,
-        *(f"{zone}: {people:g} people on average, {most} at most, {stay:g} s" for zone, people, most, stay in rows),
+        *(
+            f"{zone}: {people:g} people on average ({low:g}-{high:g}), {most} at most, "
+            f"{stay:g} s ({least:g}-{longest:g})"
+            for zone, people, low, high, most, stay, least, longest in zip(*(zones[n] for n in names), strict=True)
+        ),
     ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.answers.crossings import Crossings, border_crossings
-from tsuiseki.tracking.answers.doubt import Doubt, interval_of
+from tsuiseki.tracking.answers.doubt import ABSENT, Doubt, interval_of
 from tsuiseki.tracking.answers.gatherings import gatherings_of
 from tsuiseki.tracking.answers.line_tables import Columns, add, add_rows, empty
 from tsuiseki.tracking.answers.paths import Paths
@@ -76,8 +76,10 @@ def people_in(paths: Paths, which: BoolArray, length: int) -> IntArray:
     return np.bincount(paths.frames[which], minlength=length)[:length]
 
 
+MANY = 1_000_000
+"""More people than can be false."""
 ZONES = ("zone", "entries", "entries_low", "entries_high", "exits", "exits_low", "exits_high")
-MORE = ("people", "most", "stay", "longest", "density")
+MORE = ("people", "people_low", "people_high", "most", "stay", "stay_low", "stay_high", "longest", "density")
 
 
 def zone_tables(
@@ -88,7 +90,7 @@ def zone_tables(
     ``span`` are the first frame that was looked at and the number of frames up to the last.
     """
     first, length = span
-    zones, times = empty(*ZONES, *MORE), empty("time", "zone", "people", "most", "waiting")
+    zones, times = empty(*ZONES, *MORE), empty("time", "zone", "people", "low", "high", "most", "waiting")
     stays = empty("zone", "id", "start", "end", "seconds", "waited", "entered", "left")
     every = dict[str, IntArray]()
     waits = (
@@ -109,12 +111,22 @@ def zone_tables(
         seconds = (found.last - found.first + 1) / doubt.rate
         mean = round(float(here[first:].mean()), 3) if length > first else 0.0
         space = _square_metres(scene, zone)
-        cells += [mean, int(here.max(initial=0)), round(float(seconds.mean()), 2) if len(seconds) else 0.0]
+        people, stay = doubt.of_stays(found.first, found.last, length - first)
+        cells += [mean, *_ends(people, mean, 3), int(here.max(initial=0))]
+        stayed = round(float(seconds.mean()), 2) if len(seconds) else 0.0
+        cells += [stayed, *_ends(stay, stayed, 2)]
         cells += [round(float(seconds.max(initial=0)), 2), None if space is None else round(mean / space, 4)]
         add(zones, zone.name, *cells)
         _add_stays(stays, paths, zone, found, within & waits, doubt.rate)
-        _add_times(times, zone.name, here, waiting, doubt.rate, first)
+        without = np.bincount(paths.frames[within], doubt.without[within], minlength=length)[:length]
+        false = ABSENT * people_in(paths, within & ~paths.observed, length)
+        _add_times(times, zone.name, here, waiting, doubt.rate, first, np.array([false, without]))
     return {"zones": zones, "stays": stays, "occupancy": times}, every
+
+
+def _ends(interval: FloatArray, value: float, digits: int) -> list[float]:
+    """The ends of an interval that holds a value, rounded."""
+    return [round(min(float(interval[0]), value), digits), round(max(float(interval[1]), value), digits)]
 
 
 def _square_metres(scene: Scene, zone: SceneZone) -> float | None:
@@ -144,23 +156,33 @@ def _add_stays(table: Columns, paths: Paths, zone: SceneZone, found: Stays, wait
 
 def counts_table(paths: Paths, span: tuple[int, int], rate: float) -> Columns:
     """The table ``counts``: how many are in view in each second; ``span`` is as for `zone_tables`."""
-    table, here = empty("time", "zone", "people", "most", "waiting"), people_in(paths, paths.ids > 0, span[1])
-    _add_times(table, "", here, here, rate, span[0])
+    table = empty("time", "zone", "people", "low", "high", "most", "waiting")
+    here = people_in(paths, paths.ids > 0, span[1])
+    _add_times(table, "", here, here, rate, span[0], np.zeros((2, span[1])))
     return {name: table[name] for name in ("time", "people", "most")}
 
 
-def _add_times(table: Columns, zone: str, here: IntArray, waiting: IntArray, rate: float, first: int) -> None:
-    """Rows of a second each, from the ``first`` frame on."""
-    here, waiting = here[first:], waiting[first:]
+def _add_times(
+    table: Columns, zone: str, here: IntArray, waiting: IntArray, rate: float, first: int, doubts: FloatArray
+) -> None:
+    """Rows of a second each, from the ``first`` frame on; ``doubts`` ``(2, F)`` are false, and missed."""
+    here, waiting, doubts = here[first:], waiting[first:], doubts[:, first:]
     if not len(here):
         return
     edges = np.unique(np.floor(np.arange(0, len(here) / rate) * rate).astype(np.int64))
     sizes = np.diff(np.append(edges, len(here)))
+    people = np.add.reduceat(here, edges) / sizes
+    # To a twentieth many seconds are alike; the ends are as far from any number that has room for them.
+    pairs = np.rint(20 * (np.add.reduceat(doubts, edges, axis=1) / sizes).T) / 20
+    kinds, which = np.unique(pairs, axis=0, return_inverse=True)
+    apart = np.array([interval_of(MANY, *kind) for kind in kinds.tolist()]) - MANY
     add_rows(
         table,
         np.round((first + edges) / rate, 3),
         np.full(len(edges), zone),
-        np.round(np.add.reduceat(here, edges) / sizes, 3),
+        np.round(people, 3),
+        np.maximum(np.floor(people) + apart[which.ravel(), 0], 0).astype(np.int64),
+        np.ceil(people).astype(np.int64) + apart[which.ravel(), 1],
         np.maximum.reduceat(here, edges),
         np.round(np.add.reduceat(waiting, edges) / sizes, 3),
     )

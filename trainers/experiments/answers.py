@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -92,6 +92,8 @@ class Counted:
         errors: absolute, of each line and direction.
         true: crossings of each.
         covered: 1 where the interval of 90 % holds the true number, likewise; NaN without intervals.
+        seconds: likewise, of the people in the zone in each second.
+        means: likewise, of the mean number of people there, and of the mean stay.
         occupancy: mean absolute error over frames, people.
         people: mean true occupancy.
         dwell: absolute error of the mean stay, seconds.
@@ -100,6 +102,8 @@ class Counted:
     errors: tuple[float, ...]
     true: tuple[float, ...]
     covered: tuple[float, ...]
+    seconds: tuple[float, ...]
+    means: tuple[float, ...]
     occupancy: float
     people: float
     dwell: float
@@ -157,7 +161,10 @@ def _table(found: dict[str, list[Counted]], title: str) -> Table:
         Column("of its crossings, %", lambda one: [sum(one.errors), sum(one.true)], ".1f", show=study.share_of_all),
         Column("occupancy", "occupancy", ".3f"),
         Column("dwell, s", "dwell"),
-        Column("intervals that hold, %", lambda one: np.array(one.covered), ".0f", 100),
+        Column("intervals of crossings that hold, %", lambda one: np.array(one.covered), ".0f", 100),
+        Column("of people in a second", lambda one: np.array(one.seconds), ".0f", 100),
+        Column("of mean people", lambda one: np.array(one.means[0]), ".0f", 100),
+        Column("of the mean stay", lambda one: np.array(one.means[1]), ".0f", 100),
     ]
     return study.tabulated(found, columns, ("counted by",), title)
 
@@ -218,19 +225,32 @@ def measure(way: CountedBy, unit: StreetUnit | GivenSequence | int) -> Counted:
         found = count(Result(case.tracks, "", case.rate, scene.size, frames={"frame": range(length)}), scene)
         table = found.tables["lines"]
         numbers, occupancy, dwell = table["count"], found.occupancy[scene.zones[0].name], _mean_stay(found)
-        covered = [float(a <= n <= b) for a, n, b in zip(table["low"], true, table["high"], strict=True)]
+        covered = _held(table["low"], true, table["high"])
+        each, zone, n = found.tables["occupancy"], found.tables["zones"], np.array(truth.occupancy)
+        edges = np.rint(np.array(each["time"]) * case.rate).astype(np.int64)
+        seconds = _held(each["low"], np.add.reduceat(n, edges) / np.diff(np.append(edges, length)), each["high"])
+        both = {"people": float(n.mean()), "stay": truth.stay}
+        means = [_held(zone[f"{name}_low"], [value], zone[f"{name}_high"])[0] for name, value in both.items()]
     else:
         told = way.peer.answer(PROGRAM, _job(way, case))
         numbers = [n for both in told["crossings"] for n in both]
         occupancy, dwell, covered = np.array(told["occupancy"]), told["dwell"], [float("nan")] * len(true)
+        seconds, means = [float("nan")], [float("nan")] * 2
     return Counted(
         tuple(abs(a - b) for a, b in zip(numbers, true, strict=True)),
         tuple(true),
         tuple(covered),
+        tuple(seconds),
+        tuple(means),
         float(np.abs(np.asarray(occupancy) - truth.occupancy).mean()),
         float(np.mean(truth.occupancy)),
         abs(dwell - truth.dwell),
     )
+
+
+def _held(low: Sequence[float], true: Iterable[float], high: Sequence[float]) -> list[float]:
+    """1 for each interval that holds its true number to three digits, else 0."""
+    return [float(a - 5e-4 <= n <= b + 5e-4) for a, n, b in zip(low, true, high, strict=True)]
 
 
 def _mean_stay(found: Answers) -> float:
@@ -344,16 +364,18 @@ class TrueAnswers:
     Attributes:
         crossings: number by line and direction.
         occupancy: people in the zone in each frame.
-        dwell: mean seconds in the zone, over all who were in it; 0 where nobody was.
+        dwell: mean seconds in the zone, over all who stayed there, see `true_stays`; 0 where nobody did.
+        stay: mean seconds of a stay, likewise.
     """
 
     crossings: dict[str, dict[str, int]]
     occupancy: list[int]
     dwell: float
+    stay: float
 
 
 DITHER = 0.2
-"""Heights from a line within which going to and fro is no crossing."""
+"""Heights from a line or border within which going to and fro is no crossing."""
 
 
 def dithering_people(seed: int, size: tuple[int, int] = (640, 480), people: int = 20, frames: int = 600) -> list[Track]:
@@ -380,17 +402,47 @@ def dithering_people(seed: int, size: tuple[int, int] = (640, 480), people: int 
 def true_answers(tracks: list[Track], scene: Scene, length: int, frame_rate: float) -> TrueAnswers:
     """The answers by true boxes, one step after the other."""
     counts = {line.name: dict.fromkeys(line.directions, 0) for line in scene.lines}
-    occupancy, seconds = np.zeros(length, dtype=np.int64), []
+    occupancy, stays = np.zeros(length, dtype=np.int64), list[list[float]]()
     (x1, y1), (x2, y2) = scene.zones[0].corners.min(axis=0), scene.zones[0].corners.max(axis=0)
     for track in tracks:
         feet = np.column_stack([0.5 * (track.boxes[:, 0] + track.boxes[:, 2]), track.boxes[:, 3]])
         within = (feet[:, 0] > x1) & (feet[:, 0] < x2) & (feet[:, 1] > y1) & (feet[:, 1] < y2)
         occupancy[track.frames[within]] += 1
-        seconds += [float(within.sum()) / frame_rate] if within.any() else []
+        heights = track.boxes[:, 3] - track.boxes[:, 1]
+        own = true_stays(np.column_stack([feet - [x1, y1], [x2, y2] - feet]).min(axis=1), heights)
+        stays += [[(last - first + 1) / frame_rate for first, last in own]] if own else []
         for line in scene.lines:
-            for _, side in true_crossings(feet, track.boxes[:, 3] - track.boxes[:, 1], line.ends):
+            for _, side in true_crossings(feet, heights, line.ends):
                 counts[line.name][line.directions[0 if side > 0 else 1]] += 1
-    return TrueAnswers(counts, occupancy.tolist(), float(np.mean(seconds)) if seconds else 0.0)
+    dwell, stay = (
+        float(np.mean(some)) if stays else 0.0
+        for some in ([sum(own) for own in stays], [one for own in stays for one in own])
+    )
+    return TrueAnswers(counts, occupancy.tolist(), dwell, stay)
+
+
+def true_stays(depths: FloatArray, heights: FloatArray) -> list[tuple[int, int]]:
+    """First and last row of each stay of a way in a zone.
+
+    Somebody is in the zone, or has left it, once they are further than `DITHER` from its border; a visit that gets no
+    further is none, and where a way begins or ends its side counts at any distance. The definition of `tsuiseki.count`.
+
+    Args:
+        depths: ``(T,)`` from the border, above 0 inside.
+        heights: ``(T,)`` of the person.
+    """
+    stays, settled, begin, turned = list[tuple[int, int]](), False, 0, 0
+    for t in range(len(depths)):
+        here = bool(depths[t] > 0)
+        if t and here != (depths[t - 1] > 0):
+            turned = t
+        if abs(depths[t]) > DITHER * heights[t] or t in (0, len(depths) - 1):
+            if here and not settled:
+                begin = turned
+            elif settled and not here:
+                stays.append((begin, turned - 1))
+            settled = here
+    return [*stays, (begin, len(depths) - 1)] if settled else stays
 
 
 def true_crossings(feet: FloatArray, heights: FloatArray, ends: FloatArray) -> list[tuple[int, int]]:

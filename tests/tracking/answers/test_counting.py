@@ -99,6 +99,15 @@ def test_what_was_filled_in_at_a_line_widens_the_interval_and_a_path_that_breaks
     wide = unsure.count("entrance", "in")
     assert number == wide[0] == 20
     assert wide[1] < low <= 20 <= high
+    zones = [{name: values[0] for name, values in one.tables["zones"].items()} for one in (sure, unsure)]
+    for name in ("people", "stay"):
+        widths = [zone[f"{name}_high"] - zone[f"{name}_low"] for zone in zones]
+        assert 0 < widths[0] < widths[1]
+    seconds = [one.tables["occupancy"] for one in (sure, unsure)]
+    assert all(
+        low <= people <= high for low, people, high in zip(*map(seconds[0].get, ("low", "people", "high")), strict=True)
+    )
+    assert sum(seconds[1]["high"]) > sum(seconds[0]["high"])
     broken = answers(
         *(walker(down(50, ys[ys < 94]), k + 1, np.arange((ys < 94).sum()) + 5) for k in range(20)), length=90
     )

@@ -7,7 +7,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.types import Track
-from tsuiseki.trainers.experiments.answers import scene_in, true_answers, true_crossings
+from tsuiseki.trainers.experiments.answers import scene_in, true_answers, true_crossings, true_stays
 
 
 @pytest.mark.slow
@@ -33,4 +33,12 @@ def test_the_truth_in_closed_form():
     boxes = np.array([[58.0, 50, 62, 60]] * 5)
     found = true_answers([Track(1, np.arange(5), boxes, np.ones(5))], scene, 8, 5.0)
     assert found.occupancy == [1] * 5 + [0] * 3
-    assert found.dwell == pytest.approx(1.0)
+    assert (found.dwell, found.stay) == pytest.approx((1.0, 1.0))
+
+
+def test_a_visit_within_the_band_is_no_stay_and_a_brief_leave_ends_none():
+    """The band is two deep."""
+    depths = np.array([-9, 1, -9, 1, 5, -1, 5, -9, -9, 3.0])
+    assert true_stays(depths, np.full(10, 10.0)) == [(3, 6), (9, 9)]
+    assert true_stays(np.array([1.0, -9, 1]), np.full(3, 10.0)) == [(0, 0), (2, 2)]
+    assert true_stays(np.array([-9.0, 1, -9]), np.full(3, 10.0)) == []
