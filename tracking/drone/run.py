@@ -24,8 +24,9 @@ from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
 from tsuiseki.tracking.errors import RequestError, RunError, a_path
 from tsuiseki.tracking.features.action import averaged
+from tsuiseki.tracking.features.camera_path import line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
-from tsuiseki.tracking.features.view_choice import devices_of
+from tsuiseki.tracking.features.view_choice import devices_of, report_blank, report_models
 from tsuiseki.tracking.following import Video, count
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import detection_lines, write_tracks
@@ -296,9 +297,6 @@ def drone(
         seed: of random numbers; kept in run.json, for the methods here draw none.
         drone: settings of the flow and of what is reported.
     """
-    from tsuiseki.tracking.features.camera_path import line_on_camera
-    from tsuiseki.tracking.features.view_choice import report_blank, report_models
-
     if not 0 <= threshold <= 1:
         raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
     costs = link_costs(affinity, preset, method, finding.threads)
