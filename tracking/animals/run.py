@@ -140,6 +140,8 @@ def animal_result(
         points=placed,
     )
     scene = None if choice.scale is None else Scene(scale=choice.scale / 1000)
+    # A video file tells its size by its frames.
+    result = replace(result, size=result.size or (size if any(size) else None))
     return with_page(result, nouns=("animal", "animals"), scene=scene), lines
 
 
