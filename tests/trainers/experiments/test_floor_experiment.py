@@ -21,12 +21,12 @@ def short_folder(folder):
     frames, rate = (FRAMES, 2.0) if "wildtrack" in str(folder) else (60, known.cameras[0].frame_rate or 1.0)
     kept = known.truth.times < frames / rate
     truth = PlacedTruth(known.truth.times[kept], known.truth.ids[kept], known.truth.places[kept])
-    return replace(known, found=[each[:frames] for each in known.people], truth=truth)
+    return replace(known, people=[each[:frames] for each in known.people], truth=truth)
 
 
 def three_cameras(folder):
     known = short_folder(folder)
-    return replace(known, cameras=known.cameras[:3], found=known.people[:3])
+    return replace(known, cameras=known.cameras[:3], people=known.people[:3])
 
 
 @pytest.mark.slow
