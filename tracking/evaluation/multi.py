@@ -182,6 +182,8 @@ def _prepare(pair: SequencePair) -> LabelledSequence:
         raise RequestError(f"{pair.name}: expected tracks of different ids, got an id twice")
     if not labels.evaluated.any():
         raise RequestError(f"{pair.name}: expected a labelled box that counts, got none; is this the right file?")
+    if not len(result.frames):
+        warnings.warn(f"{pair.name}: the result has no box; every score is 0", InputWarning, stacklevel=3)
     last = max(int(labels.frames[-1]), int(result.frames[-1]) if len(result.frames) else -1)
     if pair.length is not None and last >= pair.length:
         raise RequestError(

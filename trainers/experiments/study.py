@@ -419,6 +419,9 @@ def command(name: str, experiment: Callable[..., Outcome]) -> Callable[..., int]
     """The command for an experiment: its own options, and those that every experiment has."""
 
     def reproduce(output: Reproduction, **options: Any) -> int:
+        for option in options.keys() & {"seed", "first_seed"}:
+            if options[option] < 0:
+                raise RequestError(f"`{option}`: expected a whole number from 0, got {options[option]}")
         with output.run() as run:
             try:
                 with run.times.measure("experiment"):

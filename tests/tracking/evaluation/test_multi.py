@@ -207,3 +207,8 @@ def test_results_long_after_the_labels_are_told() -> None:
     with pytest.warns(InputWarning, match="290 of 300 boxes lie outside frames 1-10, .* `frames` 1-10 leaves"):
         scores = evaluate_sequence(labels(walk(1, range(10), 0.0)), [walk(1, range(300), 0.0)])
     assert scores.false_positives == 290
+
+
+def test_a_result_without_boxes_is_told() -> None:
+    with pytest.warns(InputWarning, match="the result has no box; every score is 0"):
+        assert evaluate_sequence(labels(walk(1, range(10), 0.0)), [], 10).hota == 0

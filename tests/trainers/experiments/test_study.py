@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import (
     Bench,
@@ -121,3 +122,8 @@ def test_a_plot_has_a_panel_for_each_title() -> None:
     figure = curves({"first": lines, "second": lines}, ("x", "z"), "y")
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["first", "second"]
     assert [axes.get_xlabel() for axes in figure.axes] == ["x", "z"]
+
+
+def test_a_seed_below_zero_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["reproduce", "phd-unseen", "--seed", "-1", "--out", str(tmp_path / "o")]) == 2
+    assert "--seed: expected a whole number from 0, got -1" in capsys.readouterr().err
