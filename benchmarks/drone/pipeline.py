@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks.machine import machine
 from benchmarks.walkers import acting_look_alikes, walking_people
 from tsuiseki.tracking.drone.models import DroneMethod
-from tsuiseki.tracking.drone.run import METHODS, suited
+from tsuiseki.tracking.drone.run import suited
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.drone.tracker import DroneTracker
 from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser
@@ -86,9 +86,9 @@ def linking(people: int, frames: int, repeat: int) -> None:
         "jerked look-alikes": acting_look_alikes(frames, people, ACTIONS),
     }.items():
         given = [replace(found, actions=actions) for found, actions in zip(video, said, strict=True)]
-        best: dict[DroneMethod, float] = dict.fromkeys(METHODS, np.inf)
+        best: dict[DroneMethod, float] = dict.fromkeys(get_args(DroneMethod), np.inf)
         for _ in range(repeat):
-            for method in METHODS:
+            for method in best:
                 best[method] = min(best[method], cpu_seconds(partial(linked, given, method)))
         for method, seconds in best.items():
             ratio = seconds / best["flow"]
