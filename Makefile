@@ -10,7 +10,7 @@ help:
 	@echo "make demo         set up the base installation (no torch) and run the whole path on a generated clip"
 	@echo "make test         set up the train and dev extras and run the tests"
 	@echo "make test-browser the tests of pages in the system's Chromium"
-	@echo "make test-slow    the tests that take over 5 seconds, after make test"
+	@echo "make test-slow    the tests that take over 2 seconds, after make test"
 	@echo "make lint         ruff and mypy --strict"
 	@echo "make docs         build the manual into out/site"
 	@echo "make wheel        build the wheel and check what is in it"

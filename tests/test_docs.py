@@ -30,8 +30,6 @@ LONGEST = {"README.md": 600, "docs/what-did-not-help.md": 1500}
 LONGEST_METHOD, LONGEST_MANUAL, LONGEST_SENTENCE, LONGEST_CHANGELOG = 700, 35_000, 25, 40
 # Pages whose lines make what they need.
 TUTORIALS = [page for page in PAGES if page.parent.name in ("tutorials", "extending") and page.name != "index.md"]
-# They train, or follow many particles, for more than five seconds.
-SLOW = {"train-a-detector.md", "a-camera-over-a-floor.md", "animals.md"}
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
@@ -182,11 +180,8 @@ def test_options_that_pages_name_alone_exist() -> None:
 # ---- Lines that run
 
 
-@pytest.mark.parametrize(
-    "page",
-    [pytest.param(page, marks=pytest.mark.slow if page.name in SLOW else ()) for page in TUTORIALS],
-    ids=lambda page: page.stem,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
 def test_a_tutorial_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
@@ -259,6 +254,7 @@ def test_the_readme_shows_people_in_ten_lines() -> None:
 # ---- Equations
 
 
+@pytest.mark.slow
 def test_every_numbered_equation_has_its_file() -> None:
     spec = importlib.util.spec_from_file_location("equations", REPOSITORY / ".ci" / "equations.py")
     assert spec is not None

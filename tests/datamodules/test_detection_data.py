@@ -156,6 +156,7 @@ def test_steady_boxes_are_of_rendered_people(tmp_path: Path) -> None:
         DetectionData([source], [source], height=48, width=64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["varied", "drone"])
 def test_pictures_in_the_sun_are_other_pictures_of_the_same_people(tmp_path: Path, scene: Any) -> None:
     for name, share in (("without", 0.0), ("with", 1.0)):

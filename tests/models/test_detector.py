@@ -116,6 +116,7 @@ def test_fine_tuning_starts_from_the_logits_of_background_and_person() -> None:
     assert torch.allclose(one, many[..., :2], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_fixed_detectors_start_from_the_weights_of_a_trunk() -> None:
     trunk = build_trunk("mobilenet_v3_large")
     image = torch.randn(1, 3, 64, 64)

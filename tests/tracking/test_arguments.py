@@ -121,6 +121,7 @@ def tried(wrong: list[str], name: str, function: Callable[..., Any], known: dict
                 wrong.append(f"{name}({argument}={value!r}): {type(error).__name__}: {error}")
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_every_argument_of_every_public_name_works_or_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -42,6 +42,7 @@ def test_every_kind_of_model_runs_with_weights_apart(tmp_path, kind, name):
         np.testing.assert_array_equal(expected, got)
 
 
+@pytest.mark.slow
 def test_a_command_takes_models_with_weights_apart(street, tmp_path):
     parts = tmp_path / "models"
     for name, folder in {"whole": None, "parts": parts}.items():

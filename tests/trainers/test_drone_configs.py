@@ -119,6 +119,7 @@ def test_a_detector_starts_from_what_fits_of_another(tmp_path):
         take_over(second, tmp_path / "none.ckpt")
 
 
+@pytest.mark.slow
 def test_broken_labels_are_one_line_on_the_command_line(tmp_path, capsys):
     settings = DroneSceneSettings(width=160, height=90, frames=2, people=2, clutter=0, layout="okutama")
     folder = write_clip(tmp_path / "okutama", plan_drone(settings, 0))

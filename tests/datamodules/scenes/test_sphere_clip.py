@@ -69,6 +69,7 @@ def test_noise_has_the_stated_strength():
     assert difference.std() == pytest.approx(np.sqrt(2 * (9 + 1 / 12)), rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_board_hides_the_scene_from_one_camera_only(images):
     settings = CarriedBallSettings(frames=3, samples=2, noise=0.0, covers=((1, 1, 1),))
     covered = [images for images, _ in plan_sphere(settings, SEED).frames()]

@@ -64,6 +64,7 @@ def test_the_page_of_a_result_has_crops_paths_and_numbers_beside_it(tmp_path, vi
     assert json.loads((out / "run.json").read_text())["files"]
 
 
+@pytest.mark.slow
 def test_answers_bring_their_tables_and_text_stays_text(tmp_path, video):
     found = count(result_of(video), SCENE)
     page = TrackedPage(result_of(video), answers=found)

@@ -85,6 +85,7 @@ def test_a_killed_process_costs_its_stretch(videos: Path, networks: list[str], t
     assert sorted(looked) == [*range(len(looked))]
 
 
+@pytest.mark.slow
 def test_what_kills_every_process_is_one_failed_row(videos: Path, networks: list[str], tmp_path: Path) -> None:
     class Fatal(Processes):
         def submit(self, task: BatchTask) -> None:

@@ -74,6 +74,7 @@ def test_ids_go_on_over_gaps_and_overlaps(recorded: Path, tmp_path: Path, here: 
     assert tracks_of(second) == {1: (10, 24), 2: (12, 24)}
 
 
+@pytest.mark.slow
 def test_files_without_times_follow_each_other(recorded: Path, tmp_path: Path, here: Any) -> None:
     table = tmp_path / "list.csv"
     one = recorded / "cam_20260101-000000"

@@ -121,6 +121,7 @@ def server(videos: Path) -> Iterator[str]:
         served.shutdown()
 
 
+@pytest.mark.slow
 def test_an_address_is_fetched_again_where_the_network_is_cut(
     server: str, videos: Path, networks: list[str], tmp_path: Path, here: Any
 ) -> None:

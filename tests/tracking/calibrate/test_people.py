@@ -62,6 +62,7 @@ def test_projected_people_give_back_the_camera_to_one_percent(seed):
     assert np.exp(found.numbers[0, NUMBERS.index("log_height")]) == pytest.approx(camera.position[2], rel=0.01)
 
 
+@pytest.mark.slow
 def test_two_cameras_find_their_floor_and_clock():
     sources = [filmed(CAMERAS[0], WALKS, noise=0.01), filmed(CAMERAS[1], WALKS, noise=0.01, offset=3.3, seed=1)]
     found = tsuiseki.calibrate_people(sources, reach=6)
@@ -88,6 +89,7 @@ def test_a_given_camera_that_was_moved_is_named():
     assert [one.wrong for one in late] == [False, True, False]
 
 
+@pytest.mark.slow
 def test_clocks_that_run_apart_are_said():
     sources = [filmed(CAMERAS[0], WALKS), filmed(CAMERAS[1], WALKS, drift=0.01, seed=1)]
     with pytest.warns(InputWarning, match=r"runs apart .* by 0\.\d+ s over the video; frame_rate 4\.95"):
@@ -123,6 +125,7 @@ def test_what_says_too_little_is_refused():
         tsuiseki.calibrate_people([one, other], reach=0)
 
 
+@pytest.mark.slow
 def test_the_command_writes_cameras_and_a_plan_and_checks(tmp_path, capsys):
     for k, camera in enumerate(CAMERAS):
         tsuiseki.write_tracks(tmp_path / f"c{k}.txt", filmed(camera, WALKS, seed=k))

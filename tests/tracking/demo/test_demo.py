@@ -25,6 +25,7 @@ def small_models(inputs: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tsuiseki.tracking.weights.shipped", lambda name: getattr(inputs, name.split("_")[0]))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("small_models")
 def test_demo_leaves_a_result_for_each_method_and_a_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "demo"

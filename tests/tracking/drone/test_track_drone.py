@@ -137,6 +137,7 @@ def test_okutama_labels_are_given_tracks_and_their_own_truth(
     assert error.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_the_cache_saves_looking_and_survives_damage(
     clip: Path, action_streams: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -159,6 +160,7 @@ def test_the_cache_saves_looking_and_survives_damage(
     assert "made anew" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_tiles_are_looked_at_and_kept_apart(
     clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -179,6 +181,7 @@ def test_tiles_are_looked_at_and_kept_apart(
     assert "many" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_flow_without_actions_takes_what_is_kept_with_them(
     clip: Path, action_streams: list[Path], tmp_path: Path
 ) -> None:
@@ -249,6 +252,7 @@ def test_labels_with_other_actions_are_refused(
     assert "found none" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_camera_that_stands_still_changes_nothing(data_folder: Path, tmp_path: Path) -> None:
     pets = data_folder / "mot/PETS09-S2L1-first"
     given = ["--detections", str(pets / "det/det.txt"), "--appearance", "none", "--method", "flow"]

@@ -41,6 +41,7 @@ def given(room):
     return ["--detections", f"{room / 'camera1.txt'},{room / 'camera2.txt'}", "--cameras", str(room / "cameras.yaml")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["hungarian", "flow"])
 def test_given_boxes_become_places(room, tmp_path, method, capsys):
     out = tmp_path / "out"
@@ -56,6 +57,7 @@ def test_given_boxes_become_places(room, tmp_path, method, capsys):
     assert main(["evaluate", "people", str(room / "camera1"), str(out / "camera1")]) == 0
 
 
+@pytest.mark.slow
 def test_the_call_gives_and_saves_what_the_command_writes(room, tmp_path):
     out, tables = tmp_path / "out", tmp_path / "out-tables"
     assert track(room, out, *given(room), "--appearance", "none") == 0
@@ -132,6 +134,7 @@ def test_a_network_of_turned_boxes_keeps_their_angles(room, tmp_path):
     np.testing.assert_allclose(found[0]["bbox"], [150, 60, 16, 40, -70], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_scores_too_low_to_start_a_track_are_told(room, tmp_path, capsys):
     weak = rotated(room, tmp_path, lambda rows: [{**row, "score": 0.42} for row in rows])
     number = len((room / "camera1.txt").read_text().splitlines())
@@ -150,6 +153,7 @@ def test_scores_too_low_to_start_a_track_are_told(room, tmp_path, capsys):
     assert len((tmp_path / "lower" / "tracks.txt").read_text().splitlines()) == number
 
 
+@pytest.mark.slow
 def test_detections_are_written_as_they_are_read(room, tmp_path, capsys):
     given = rotated(room, tmp_path)
     rows = json.loads((tmp_path / "rotated.json").read_text())
@@ -252,6 +256,7 @@ def test_text_of_another_size_than_calibrated(room, tmp_path, capsys):
     one_line(capsys, "expected images of 320x240 as calibrated, got 640x480 in text")
 
 
+@pytest.mark.slow
 def test_videos_are_linked_by_the_flow_unless_asked_otherwise(room, tmp_path):
     words = only_text(room, tmp_path, (320, 240))
     for method in ([], ["--method", "hungarian"]):
@@ -372,6 +377,7 @@ def test_people_outside_the_floor_are_left_out_and_counted(room, tmp_path, capsy
     assert f"{left_out} detection" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_calibration_is_scaled_on_request(room, tmp_path):
     def twice(camera):
         camera.update(image_size=[640, 480], centre=[2 * v for v in camera["centre"]])
@@ -424,6 +430,7 @@ def test_a_pose_from_height_and_from_points(tmp_path, capsys):
     assert main([*words, "--person-height", "1.2"]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("when", ["tracking", "drawing"])
 def test_an_interrupt_in_the_second_camera_keeps_the_first(room, tmp_path, monkeypatch, capsys, when, number):

@@ -51,6 +51,7 @@ def test_what_is_answered_is_what_the_tracks_say_in_the_end(seed: int, delay: fl
         assert rows_of(answer) == rows_at(tracks, answer.frame)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_frames_beyond_the_delay_do_not_matter(seed: int) -> None:
     one, _ = crowd(np.random.default_rng(seed), 5, 60, miss=0.2, clutter=1.0, noise=2.0)
@@ -106,6 +107,7 @@ def test_the_state_does_not_grow() -> None:
     assert len(tracker.tracks()) > 0
 
 
+@pytest.mark.slow
 def test_the_camera_of_the_images_is_forgotten_too() -> None:
     whole, path = CameraPath(), CameraPath()
     trackers = [FlowTracker(frame_rate=10.0, delay=1.0, camera=camera) for camera in (whole, path)]

@@ -20,6 +20,7 @@ def crowd(count: int, frames: int, size: tuple[float, float]) -> list[Detections
     return [Detections(np.concatenate([low, low + size], axis=1), np.full(count, 0.9)) for low in corners]
 
 
+@pytest.mark.slow
 def test_a_dense_crowd_is_linked_with_what_is_near() -> None:
     tracker = FlowTracker(frame_rate=25.0, size=(1280, 720))
     for found in crowd(700, 6, (20.0, 50.0)):

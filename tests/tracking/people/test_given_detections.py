@@ -20,6 +20,7 @@ from tsuiseki.tracking.weights import shipped
 FIRST, LAST = 300, 399
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("decide_every", [None, 1.0])
 def test_default_costs_and_shipped_appearance_on_pets(data_folder: Path, decide_every: float | None) -> None:

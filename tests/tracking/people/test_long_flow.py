@@ -24,6 +24,7 @@ def walkers(frames: int, described: bool) -> list[Detections]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("described", [False, True])
 def test_tracks_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch, described: bool) -> None:
     found = walkers(2400, described)

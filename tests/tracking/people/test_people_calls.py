@@ -140,6 +140,7 @@ def test_images_in_a_list_or_as_they_come_are_a_video(street: Path, capsys: pyte
     assert [frame.index for frame, _ in followed] == list(range(16))
 
 
+@pytest.mark.slow
 def test_what_is_read_from_files_is_what_is_given_as_objects(street: Path) -> None:
     detector, affinity = Detector(shipped(PEOPLE_DETECTOR), threads=1), Affinity(shipped("affinity_people"), 1)
     tracks = track_people(street, detector=detector, affinity=affinity, threads=1)

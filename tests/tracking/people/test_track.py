@@ -213,7 +213,9 @@ def test_ctrl_c_keeps_the_finished_frames_and_marks_them(
     # Detection runs some frames ahead of linking.
     assert 5 <= last <= 9
     check_result(out, 0, last - 1)
-    assert sorted(p.name for p in out.iterdir()) == ["flow.npz", "report", "report.html", "run.json", "tracks.txt"]
+    # Who interrupts waits for no page or plot.
+    names = {path.name for path in out.iterdir()} - {"report", "report.html"}
+    assert names == {"flow.npz", "run.json", "tracks.txt"}
     lines = capsys.readouterr().err.splitlines()
     # A slow computer also says that it is writing.
     assert [line for line in lines if line.startswith("tsuiseki:")][-1:] == [
@@ -237,6 +239,7 @@ def python(code: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_tracking_never_imports_torch(inputs: Any, tmp_path: Path) -> None:
     words = [*inputs.words(), "--overlay", "--out", str(tmp_path / "o")]
     heavy = {"torch", "lightning", "torchvision", "sklearn", "onnx"}

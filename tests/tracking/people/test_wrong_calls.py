@@ -138,8 +138,8 @@ def test_tracks_are_written_as_text_only(tmp_path: Path) -> None:
     [
         (lambda: Sort(5), "`settings`: expected SortSettings or None, got 5"),  # type: ignore[arg-type]
         (lambda: FlowTracker(5), "`settings`: expected FlowSettings or None, got 5"),  # type: ignore[arg-type]
-        (lambda: PointTracker(PointSettings(), (NAN, 1)), "`extent`: expected 2 values"),
-        (lambda: track_animals(".", contrast="x"), "`contrast`: expected auto"),  # type: ignore[arg-type]
+        (lambda: PointTracker(PointSettings(), (NAN, 1)), "`extent`: expected 2 numbers"),
+        (lambda: track_animals(".", contrast="x"), "`contrast`: expected one of 'auto'"),  # type: ignore[arg-type]
         (lambda: read_tracks(5), "`path`: expected a path, got 5"),  # type: ignore[arg-type]
         (lambda: Detector(None), "`path`: expected a path, got None"),  # type: ignore[arg-type]
         (lambda: Detector(shipped("detector_street"), threads=-1), "`threads`: expected a whole number from 0"),

@@ -183,6 +183,7 @@ def test_answers_are_counted(client):
 # ---- The command
 
 
+@pytest.mark.slow
 def test_a_reviewer_at_a_time_and_an_end_within_a_second(reviewable, started, capsys):
     process, usual = started(reviewable)
     process.kill()

@@ -30,6 +30,7 @@ def said(folder, *corrections, size=SHAPE[::-1]):
     return ["--corrections", str(folder / "corrections.jsonl")]
 
 
+@pytest.mark.slow
 def test_a_box_is_followed_on_and_back(jumping):
     folder, boxes = jumping
     x1, y1, x2, y2 = boxes[0].tolist()

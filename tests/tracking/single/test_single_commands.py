@@ -180,6 +180,7 @@ def test_wrong_experiments_are_refused(tmp_path, capsys, options, said):
     assert not (tmp_path / "o").exists()
 
 
+@pytest.mark.slow
 def test_objectness_is_learnt_from_folders_and_needs_enough_boxes(labelled, tmp_path, capsys):
     pytest.importorskip("sklearn", reason="training needs the train extra")
     words = ["train", "objectness", "--out", str(tmp_path / "m.json"), "--interval", "1"]

@@ -52,6 +52,7 @@ def followed(left, out, *more):
     return iou_pairs(boxes, truth), json.loads((out / "run.json").read_text())["frames"]["status"], boxes
 
 
+@pytest.mark.slow
 def test_a_target_that_leaves_the_view_is_lost_and_one_that_comes_back_there_is_found(left, tmp_path):
     overlaps, statuses, boxes = followed(left, tmp_path / "out")
     visible = centres(left[2])[:, 0] < WIDE - TARGET[0] / 2

@@ -92,6 +92,7 @@ def test_a_covered_camera_stops_contributing_and_comes_back(film):
     assert found[-1].open[0] > 0.9
 
 
+@pytest.mark.slow
 def test_a_ball_of_seven_pixels_is_followed_where_a_fixed_level_loses_it():
     small = 0.044  # 3.5 pixels from 2.5 m at a focal length of 200
     rng = np.random.default_rng(1)
@@ -178,6 +179,7 @@ def test_videos_of_different_length_are_refused():
         check_lengths([np.arange(30) / 15, np.arange(60) / 15], ["a", "b"])
 
 
+@pytest.mark.slow
 def test_a_bouncing_ball_is_found_again_after_the_frames_of_its_bounce_are_lost():
     motion = Ballistic(RADIUS, floor=0.3, restitution=0.8, agitation=0.5)
     times = np.arange(16) / 30

@@ -105,6 +105,7 @@ def test_a_wrong_request_is_one_clear_line(track, words, options, reason):
     assert not result.exists()
 
 
+@pytest.mark.slow
 def test_videos_of_different_length_need_times(film, track, tmp_path):
     short = tmp_path / "short"
     short.mkdir()

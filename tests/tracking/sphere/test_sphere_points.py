@@ -50,6 +50,7 @@ def throw(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_thrown_ball_is_found_and_followed(throw: Path, tmp_path: Path) -> None:
     words = [
         "track",

@@ -63,6 +63,7 @@ def test_dropped_frames_leave_a_gap_in_time(videos: Path) -> None:
     assert [frame.time for frame in open_source(videos / "base.mp4").frames()] == [n / 25 for n in range(40)]
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("name", ["drop.avi", "base.mp4"])
 def test_the_record_says_where_times_come_from(

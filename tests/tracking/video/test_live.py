@@ -87,6 +87,7 @@ def source_of(server: MotionJpeg, wanted: FrameRange | None = None) -> LiveSourc
     return LiveSource(server.address, "camera", 25.0, wanted or FrameRange(), patience=QUICK)
 
 
+@pytest.mark.slow
 def test_a_stream_that_is_cut_and_one_that_stalls_come_back(servers: list[MotionJpeg]) -> None:
     servers.append(MotionJpeg([(30, False), (30, True), (300, False)]))
     source = source_of(servers[0], FrameRange(0, 69))
@@ -103,6 +104,7 @@ def test_a_stream_that_is_cut_and_one_that_stalls_come_back(servers: list[Motion
     assert source.gaps[0]["seconds"] < QUICK.picture < source.gaps[1]["seconds"] < 2
 
 
+@pytest.mark.slow
 def test_a_stream_that_stays_away_is_given_up(servers: list[MotionJpeg]) -> None:
     servers.append(MotionJpeg([(20, False)]))
     begin, frames = time.monotonic(), source_of(servers[0]).frames()
@@ -116,6 +118,7 @@ def test_a_stream_that_stays_away_is_given_up(servers: list[MotionJpeg]) -> None
         open_source(servers[0].address)
 
 
+@pytest.mark.slow
 def test_a_run_marks_the_gap_and_answers_an_interrupt_while_it_waits(
     servers: list[MotionJpeg], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -198,6 +198,7 @@ def test_another_request_starts_anew(tmp_path: Path) -> None:
     assert not (work / "round-0").exists()
 
 
+@pytest.mark.slow
 def test_two_cameras_are_refused(tmp_path: Path) -> None:
     sources = [str(street.write_video(tmp_path / f"street{seed}", seed=seed)) for seed in (0, 1)]
     with pytest.raises(RequestError, match="adapt to one camera at a time"):

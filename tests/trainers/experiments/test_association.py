@@ -181,6 +181,7 @@ def test_boxes_without_an_area_are_left_out(data: Path) -> None:
     assert (boxes[:, 2] > boxes[:, 0]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_sort_on_mot17_scores_as_known(data_folder: Path) -> None:
     """HOTA .510, MOTA .645, IDF1 .616 and 207 switches, as measured apart from this experiment."""

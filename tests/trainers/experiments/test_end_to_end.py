@@ -74,6 +74,7 @@ def test_each_group_is_tracked_by_what_the_others_taught(data: Path, tmp_path: P
     assert set(rows) == {"default", "short", "right links"}
 
 
+@pytest.mark.slow
 def test_streets_are_clips_with_detections(tmp_path: Path) -> None:
     for name in ("streets", "again"):
         write_streets(tmp_path / name, 2, 4)

@@ -58,6 +58,7 @@ def test_an_id_is_kept_where_it_is_that_of_before_in_another_view():
     assert kept_ids(truth, found, {1: np.stack([first, np.zeros(8, bool)], axis=1)}) == (0, 0)
 
 
+@pytest.mark.slow
 def test_simulated_errors_are_as_many_as_said(data_folder):
     known = short_folder(data_folder / "multicamera/wildtrack")
     boxes = sum(len(each) for found in known.people for each in found)

@@ -13,6 +13,7 @@ from tsuiseki.trainers.experiments import sphere
 from tsuiseki.trainers.experiments.sphere import thrown
 
 
+@pytest.mark.slow
 def test_the_experiment_prints_every_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["reproduce", "sphere-points", "--seeds", "1", "--cache", str(tmp_path / "cache")]
     assert main([*words, "--out", str(tmp_path / "out")]) == 0

@@ -52,6 +52,7 @@ class Constant(nn.Module):
         return images.mean(dim=(2, 3)) * 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("float16", [False, True])
 def test_the_file_carries_its_card_and_gives_what_torch_gives(tmp_path: Path, float16: bool) -> None:
     module = Tiny().eval()
@@ -101,6 +102,7 @@ def test_an_output_that_says_nothing_is_refused(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "tiny.onnx"
     path.write_text("mine")
@@ -109,6 +111,7 @@ def test_an_existing_file_is_kept(tmp_path: Path) -> None:
     assert path.read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -> None:
     torch.manual_seed(0)
     module = DetectorTraining(

@@ -63,6 +63,7 @@ def config(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_training_that_began_from_an_exported_file_goes_on_with_its_own_normalisations(
     config: Path, tmp_path: Path
 ) -> None:

@@ -132,6 +132,7 @@ def test_streams_that_do_not_belong_together_are_refused(exported: list[Path], t
         ActionRecogniser([tmp_path / "none.onnx"])
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:(?s).*deprecated in v4")
 @pytest.mark.parametrize(
     ("name", "trunk", "size"),

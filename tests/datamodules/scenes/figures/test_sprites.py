@@ -242,6 +242,7 @@ def test_things_are_refused_where_there_are_none(library: Path, tmp_path: Path) 
     assert not (tmp_path / "pictures").exists()
 
 
+@pytest.mark.slow
 def test_aerial_pictures_look_down_on_people(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training_images, "on_all_cores", lambda work, items, _: map(work, items))
     near, asked = SpriteLibrary.near, []
