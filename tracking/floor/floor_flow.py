@@ -65,7 +65,7 @@ class FloorFlow:
     hidden: tuple[float, float] = (-5.0, -1.0)
     beyond: int = 1
     short: int = 2
-    appearance: float = 8.0
+    appearance: float = 2.0
     neutral: float = 0.35
 
 

@@ -66,7 +66,8 @@ def reproduce(
         data: folder that holds multicamera/wildtrack and multicamera/shelf.
         seeds: draws of misses, false alarms and noise.
         seed: of the first. Settings were chosen with the seeds 100 and 101.
-        places: generated ones with pictures, of the seeds from ``seed`` on; 0 leaves them out.
+        places: generated ones with pictures, of the seeds from ``seed`` on; 0 leaves them out. Those of
+            201 and 204 chose the weight of appearance.
     """
     study.at_least_one(seeds=seeds)
     folder = data / "multicamera/wildtrack"
