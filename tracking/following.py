@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.options import BY_PLACE, Shared
-from tsuiseki.tracking.types.frame_range import parse_frames
+from tsuiseki.tracking.types.frame_range import check_frame_rate, parse_frames
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
@@ -72,8 +72,7 @@ class SourceOptions(Shared):
     def check(self) -> None:
         """See `Shared.check`."""
         parse_frames(self.frames)
-        if self.fps is not None and not 0 < self.fps <= 1000:
-            raise RequestError(f"`fps`: expected frames a second above 0 and up to 1000, got {self.fps:g}")
+        check_frame_rate(self.fps)
 
     def open(
         self, *, images: bool = False, replayable: bool = False, timed: bool = False, ends: str | None = None

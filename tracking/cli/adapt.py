@@ -17,7 +17,7 @@ from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.view_choice import report_models
 from tsuiseki.tracking.options import NO_OPTION, Shared
-from tsuiseki.tracking.types.frame_range import parse_frames
+from tsuiseki.tracking.types.frame_range import check_frame_rate, parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shipped, shipped_or_file
 
 if TYPE_CHECKING:
@@ -71,8 +71,7 @@ class AdaptSettings(Shared):
             )
         if not 0 < self.score_threshold < 1:
             raise RequestError(f"expected a `score_threshold` between 0 and 1, got {self.score_threshold:g}")
-        if self.fps is not None and not 0 < self.fps <= 1000:
-            raise RequestError(f"`fps`: expected frames a second above 0 and up to 1000, got {self.fps:g}")
+        check_frame_rate(self.fps)
 
 
 def adapt(

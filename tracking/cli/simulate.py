@@ -305,7 +305,7 @@ def _watched(doing: str, count: int) -> Callable[[Iterable[T]], Iterator[T]]:
 
 
 def _fill(output: SeededOutput, what: str, write: Callable[[Path], object]) -> int:
-    """Let ``write`` fill the output folder; ``what`` is summary when it is whole."""
+    """Let ``write`` fill the output folder; ``what`` is printed when it is whole."""
     with output.run() as run:
         with run.times.measure("draw"):
             run.fill(write)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.geometry import areas, intersections
+from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.review.corrections import CORRECTIONS_FILE, CorrectedVideo, Correction, read_corrections
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -40,8 +40,7 @@ class CertainBoxes:
     def on(self, frames: IntArray, boxes: FloatArray) -> IntArray:
         """Kinds of those that lie on a track, whose ``(T,)`` ``frames`` increase."""
         place = np.searchsorted(frames, self.frames).clip(max=len(frames) - 1)
-        shared = intersections(boxes[place], self.boxes)
-        alike = shared >= SAME * (areas(boxes[place]) + areas(self.boxes) - shared)
+        alike = iou_pairs(boxes[place], self.boxes) >= SAME
         return np.asarray(self.kinds[alike & (frames[place] == self.frames)])
 
 

@@ -96,8 +96,9 @@ def rounds(adaptation: Adaptation) -> Iterator[Round]:
 
 
 def default_round(adaptation: Adaptation) -> Round:
-    """What the default detector sees, which learns nothing."""
-    return _detect_and_track(adaptation, DEFAULT, adaptation.default)
+    """What the default detector sees, which learns nothing; where it is the start, round 0 is that already."""
+    started = adaptation.teacher is None and adaptation.default == adaptation.start
+    return _detect_and_track(adaptation, 0 if started else DEFAULT, adaptation.default)
 
 
 def against_default(learnt: Round, default: Round) -> tuple[bool, str]:
