@@ -17,8 +17,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
-import scipy
 
 from tsuiseki.tracking.association.nearby import sizes
 from tsuiseki.tracking.geometry import centres
@@ -112,12 +112,14 @@ def place_costs(
     cell = max(float((high - low).max()), height) / CELLS
     shape = np.maximum(np.ceil((high - low) / cell), 1).astype(np.int64)
     sigma = settings.width * height / cell
+    reach = 2 * round(4 * sigma) + 1
 
     def density(which: FloatArray) -> FloatArray:
         """How many of some boxes lie within the kernel, which is 1 in its middle, around each cell."""
         index = _cells(which, low, cell, shape)
         table = np.bincount(index, minlength=int(shape.prod())).reshape(shape[1], shape[0]).astype(np.float64)
-        return np.asarray(scipy.ndimage.gaussian_filter(table, sigma, mode="constant") * max(2 * np.pi * sigma**2, 1.0))
+        smooth = cv2.GaussianBlur(table, (reach, reach), sigma, borderType=cv2.BORDER_CONSTANT)
+        return np.asarray(smooth * max(2 * np.pi * sigma**2, 1.0))
 
     every, at = density(counts.boxes), _cells(boxes, low, cell, shape)
     changes = []

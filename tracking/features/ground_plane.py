@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from math import ceil, exp, inf, log, sqrt, tau
 from typing import Any
 
+import cv2
 import numpy as np
-import scipy
 
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
 
@@ -196,10 +196,10 @@ class GroundPlane:
 
     def _best(self) -> HeightLine:
         # Not by a product of matrices: its threads would wait, and take the cores, where networks work beside.
-        near = scipy.ndimage.correlate1d(self._votes, self._kernel, mode="constant")
+        near = _smoothed(self._votes, self._kernel)
         horizon, slope = np.unravel_index(int(near.argmax()), near.shape)
         explained = float(near[horizon, slope]) / self._weight
-        level = float(scipy.ndimage.correlate1d(self._level, self._kernel, mode="constant").max()) / self._weight
+        level = float(_smoothed(self._level[None], self._kernel).max()) / self._weight
         return HeightLine(float(_HORIZONS[horizon]), exp(_SLOPES[slope]), min(explained, 1.0), explained - level)
 
     def __str__(self) -> str:
@@ -229,6 +229,11 @@ def _kernel(deviation: float) -> FloatArray:
     """What a vote counts in its own bin, the middle, 1, and in those up to six deviations beside it."""
     reach = ceil(6 * deviation / _STEP)
     return np.asarray(np.exp(-0.5 * (_STEP * np.arange(-reach, reach + 1) / deviation) ** 2))
+
+
+def _smoothed(table: FloatArray, kernel: FloatArray) -> FloatArray:
+    """Each row of a ``(R, B)`` table under a kernel, zero outside."""
+    return np.asarray(cv2.sepFilter2D(table, -1, kernel, np.ones(1), borderType=cv2.BORDER_CONSTANT))
 
 
 def _add(table: FloatArray, values: FloatArray, weights: FloatArray, first: float) -> None:

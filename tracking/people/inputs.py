@@ -184,7 +184,7 @@ class PeopleInputs:
 
 def _load_parts() -> None:
     """Load the parts of SciPy that trackers use, which SciPy itself loads on first use."""
-    for part in ("linalg", "ndimage", "optimize", "sparse"):
+    for part in ("linalg", "optimize", "sparse"):
         import_module(f"scipy.{part}")
 
 
