@@ -83,7 +83,7 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
     Args:
         jobs: in order; all were looked at.
         sources: paths of their videos.
-        states: folders in which their plans and stretches lie.
+        states: folders in which their plans and segments lie.
 
     Raises:
         RequestError: their rates or sizes differ, or the camera moves.

@@ -48,7 +48,7 @@ class BatchOptions(Output):
         ray: do the tasks on Ray: host:port of a cluster, or auto for the one around this machine; by itself it starts a
             Ray here.
         gpus: on Ray, share of a GPU that a task takes, such as 0.25.
-        stretch: seconds of video that one task of track people looks at; no more is lost when a process dies.
+        segment: seconds of video that one task of track people looks at; no more is lost when a process dies.
         continuous: the files of track people follow each other, and who is in several keeps the id; by the times in
             their names, such as 20260131_235959, or the seconds in the column start of a manifest.
     """
@@ -56,7 +56,7 @@ class BatchOptions(Output):
     workers: int = 0
     ray: str | None = None
     gpus: float = 0.0
-    stretch: float = 60.0
+    segment: float = 60.0
     continuous: bool = False
 
     def check(self) -> None:
@@ -64,8 +64,8 @@ class BatchOptions(Output):
         if self.out.exists() and not self.out.is_dir():
             raise RequestError(f"`out`: expected the name of a folder, but {self.out} is a file")
         cores_of(self.workers, "workers")
-        if not self.stretch > 0:
-            raise RequestError(f"`stretch`: expected seconds above 0, got {self.stretch:g}")
+        if not self.segment > 0:
+            raise RequestError(f"`segment`: expected seconds above 0, got {self.segment:g}")
         if not self.gpus >= 0:
             raise RequestError(f"`gpus`: expected a share of a GPU from 0, got {self.gpus:g}")
         if self.gpus and self.ray is None:
@@ -104,7 +104,7 @@ def batch(
     workers: int = 0,
     ray: str | None = None,
     gpus: float = 0.0,
-    stretch: float = 60.0,
+    segment: float = 60.0,
     continuous: bool = False,
     overwrite: bool = False,
     **options: Any,
@@ -118,7 +118,7 @@ def batch(
         workers: tasks at a time on this machine; 0 takes a process a core.
         ray: see `BatchOptions`; ``"here"`` starts Ray on this machine.
         gpus: on Ray, share of a GPU that a task takes.
-        stretch: seconds of video that one task of ``track people`` looks at.
+        segment: seconds of video that one task of ``track people`` looks at.
         continuous: the files follow each other, see `BatchOptions`.
         overwrite: replace results of other settings.
         options: of the command, by their names with underscores.
@@ -131,7 +131,7 @@ def batch(
         RunError: the disk is full, or Ray has gone; the same call goes on from there.
     """
     how = BatchOptions(
-        out=Path(out), overwrite=overwrite, workers=workers, ray=ray, gpus=gpus, stretch=stretch, continuous=continuous
+        out=Path(out), overwrite=overwrite, workers=workers, ray=ray, gpus=gpus, segment=segment, continuous=continuous
     )
     how.check()
     given = [sources] if isinstance(sources, str | Path) else sources
@@ -169,7 +169,7 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callabl
         executor, alone = _executor(how)
         stack.callback(executor.close)
         files = tuple(jobs) if how.continuous else ()
-        schedule = Schedule(jobs, Doing(how.out.resolve(), token, how.overwrite, how.stretch, alone, files), journal)
+        schedule = Schedule(jobs, Doing(how.out.resolve(), token, how.overwrite, how.segment, alone, files), journal)
 
         def changed() -> None:
             write_pages(how.out, command, schedule.rows)

@@ -38,7 +38,7 @@ class Row:
         frames: of the result.
         tracks: likewise; None where there are none to count.
         seconds: that its tasks took together.
-        parts: stretches altogether and done.
+        parts: segments altogether and done.
     """
 
     name: str
@@ -133,7 +133,7 @@ class Schedule:
             self._know(row, outcome)
             self._fail(task, outcome.line)
         elif outcome.status == "unfit":
-            # Stretches of it that are still under way count no more.
+            # Segments of it that are still under way count no more.
             if row.parts[0] or task.kind == "begin":
                 self._add(task.order, "whole")
             row.line, row.parts = outcome.line, [0, 0]
@@ -168,7 +168,7 @@ class Schedule:
                 self._end(row, "kept", "the result was there")
             self._join()
         elif not parts and self._doing.files:
-            self._end(row, "failed", "this video cannot be looked at in stretches, as `continuous` needs")
+            self._end(row, "failed", "this video cannot be looked at in segments, as `continuous` needs")
             self._join()
         elif not parts:
             self._add(order, "whole")
@@ -179,7 +179,7 @@ class Schedule:
                 self._add(order, "look", part)
 
     def _looked(self, order: int) -> None:
-        """All stretches of a video are done."""
+        """All segments of a video are done."""
         if not self._doing.files:
             self._add(order, "finish")
         else:

@@ -1,8 +1,8 @@
-"""People looked for in stretches of a video, each by itself, with what one process finds in the whole of it.
+"""People looked for in segments of a video, each by itself, with what one process finds in the whole of it.
 
 What a detector chooses on its way is chosen once, before: in how many tiles it looks, and for networks of other
-projects the score from which on boxes count. A stretch begins where a batch of frames does. What only the frames before
-tell, as the ground and the flow, is left to the one who puts the stretches together.
+projects the score from which on boxes count. A segment begins where a batch of frames does. What only the frames before
+tell, as the ground and the flow, is left to the one who puts the segments together.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.seekable import SeekableVideo
 from tsuiseki.tracking.video.source import Source, VideoFile
 
-# Frames before a stretch that its camera is watched from: some that it is compared with in turn.
+# Frames before a segment that its camera is watched from: some that it is compared with in turn.
 WATCHED = 3
 # File of a plan.
 PLAN = "plan.npz"
@@ -120,7 +120,7 @@ class SegmentPlan:
     """How a video is cut, and what is chosen before.
 
     Attributes:
-        parts: first and last frame of each stretch, 0-based.
+        parts: first and last frame of each segment, 0-based.
         begins: first frame that is looked at with what is chosen; boxes of those before are ``beginning``.
         seen: frames that the looks at tiles count before it.
         views: from which frame of theirs on which tiles are looked at, as `ViewChoice`; by the size of the frames.
@@ -199,7 +199,7 @@ def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float
         source: the video.
         finding: the options.
         linking: likewise.
-        seconds: of a stretch.
+        seconds: of a segment.
 
     Raises:
         RequestError: see `open_people`.
@@ -207,10 +207,10 @@ def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float
     """
     opened = open_people(source, replace(finding, threads=1), linking, 0)
     inputs = opened.inputs
-    stretches = SeekableVideo.of(source) if inputs.needs_images else None
-    if stretches is None:
+    seekable = SeekableVideo.of(source) if inputs.needs_images else None
+    if seekable is None:
         return None
-    wanted, known = stretches.wanted, dict[int, Detections]()
+    wanted, known = seekable.wanted, dict[int, Detections]()
     assert wanted.last is not None
     if wanted.last < wanted.first:
         return None
@@ -220,7 +220,7 @@ def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float
     views = []
     if isinstance(inputs.detect, ViewedDetector):
         seen = max((looks.frames for looks in inputs.detect.histories.values()), default=0)
-        _choose_views(inputs.detect, stretches, begins, wanted.last, inputs.batch_size)
+        _choose_views(inputs.detect, seekable, begins, wanted.last, inputs.batch_size)
         for size, looks in inputs.detect.histories.items():
             views.append((list(size), [(frame, _values(choice)) for frame, choice in looks.changes]))
     batches = max(round(seconds * source.frame_rate / inputs.batch_size), 1)
@@ -230,7 +230,7 @@ def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float
     choice, network = inputs.choice, inner_detector(inputs.detect)
     floor, threshold = (None, None) if choice is None else (choice.floor, choice.threshold)
     gave = [*network.gave] if isinstance(network, ForeignDetector) else []
-    beside = told, stretches.stamps, stretches.times
+    beside = told, seekable.stamps, seekable.times
     return SegmentPlan(parts, begins, seen, views, floor, threshold, gave, *beside)
 
 
@@ -238,7 +238,7 @@ def _parts(first: int, last: int, length: int) -> list[tuple[int, int]]:
     return [(start, min(start + length - 1, last)) for start in range(first, last + 1, length)]
 
 
-def _choose_views(detect: ViewedDetector, stretches: SeekableVideo, first: int, last: int, batch: int) -> None:
+def _choose_views(detect: ViewedDetector, seekable: SeekableVideo, first: int, last: int, batch: int) -> None:
     """Let the detector choose its tiles as if it were shown all batches from frame ``first`` on."""
     looks = next(iter(detect.histories.values()), None)
     before = 0 if looks is None else looks.frames
@@ -250,7 +250,7 @@ def _choose_views(detect: ViewedDetector, stretches: SeekableVideo, first: int, 
                 return
             looks.frames = before + frame - first
         count = min(batch, last + 1 - frame)
-        images = [each.image for each in stretches.frames(frame, frame + (count - 1 if looks is None else 0))]
+        images = [each.image for each in seekable.frames(frame, frame + (count - 1 if looks is None else 0))]
         detect.prepare(images if looks is None else images * count)
         looks = next(iter(detect.histories.values()))
         frame += count
@@ -259,16 +259,16 @@ def _choose_views(detect: ViewedDetector, stretches: SeekableVideo, first: int, 
 def detect_segment(
     plan: SegmentPlan, part: int, source: Source, finding: PeopleFinding, linking: Linking
 ) -> Observations:
-    """What is to be seen in a stretch.
+    """What is to be seen in a segment.
 
     Raises:
         RunError: see `SeekableVideo.frames`.
     """
     opened = open_people(source, replace(finding, threads=1), linking, 0)
-    stretches, inputs = plan.seekable(source), opened.inputs
+    seekable, inputs = plan.seekable(source), opened.inputs
     first, last = plan.parts[part]
     plan.prepare(opened, first)
-    begins = stretches.wanted.first
+    begins = seekable.wanted.first
     camera = StandingCamera() if isinstance(inputs.camera, StandingCamera) else None
     watched_from = first
     if camera is not None and first > begins:
@@ -279,7 +279,7 @@ def detect_segment(
     size: list[int] = []
 
     def watched() -> Iterator[Frame]:
-        for frame in stretches.frames(watched_from, last):
+        for frame in seekable.frames(watched_from, last):
             size[:] = frame.image.shape[:2]
             if camera is not None:
                 with times.measure("camera"):
@@ -322,9 +322,9 @@ class Again:
 
     Args:
         plan: of the video.
-        files: of its stretches.
+        files: of its segments.
         opened: a fresh one; it is told what was chosen and compared.
-        times: gets the seconds that the stretches took.
+        times: gets the seconds that the segments took.
     """
 
     def __init__(self, plan: SegmentPlan, files: Sequence[Path], opened: OpenedPeople, times: StageTimes) -> None:
@@ -342,9 +342,9 @@ class Again:
 
     def frames(self) -> Iterator[Frame]:
         """See `Source.frames`."""
-        stretches = self.plan.seekable(self.source)
+        seekable = self.plan.seekable(self.source)
         first, last = self.plan.parts[0][0], self.plan.parts[-1][1]
-        images = stretches.frames(first, last) if self._images else None
+        images = seekable.frames(first, last) if self._images else None
         told = {*self.plan.gave}
         for (start, _), path in zip(self.plan.parts, self.files, strict=True):
             seen = Observations.read(path)
@@ -355,9 +355,9 @@ class Again:
                 self._seconds[stage] = self._seconds.get(stage, 0.0) + seconds
             blank = np.broadcast_to(np.zeros(1, dtype=np.uint8), (*seen.about["size"], 3))
             for number, self.detections in enumerate(seen.detections, start):
-                frame = Frame(number, stretches.time(number), blank) if images is None else next(images)
+                frame = Frame(number, seekable.time(number), blank) if images is None else next(images)
                 yield self.source.times.note(frame)
-        stretches.check_end(last)
+        seekable.check_end(last)
 
 
 def again(

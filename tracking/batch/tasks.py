@@ -1,6 +1,6 @@
 """The tasks of a batch, each a piece of work that any process on any machine can do, and do again.
 
-A video is begun (fetched, known by its content, cut), looked at in stretches, and finished by one solution of the
+A video is begun (fetched, known by its content, cut), looked at in segments, and finished by one solution of the
 whole; a command that cannot be cut is one task. A task leaves its result in a file, written beside and renamed; what it
 returns is small.
 """
@@ -42,7 +42,7 @@ class Doing:
         batch: folder of the batch.
         token: what tells that this folder is seen.
         overwrite: results of other settings.
-        stretch: seconds that one task looks at.
+        segment: seconds that one task looks at.
         alone: no other task runs beside it, so it may take all cores.
         files: all jobs of files that are tracked as one video; none where each is one by itself.
     """
@@ -50,7 +50,7 @@ class Doing:
     batch: Path
     token: str
     overwrite: bool = False
-    stretch: float = 60.0
+    segment: float = 60.0
     alone: bool = False
     files: tuple[Job, ...] = ()
 
@@ -62,7 +62,7 @@ class BatchTask:
     Attributes:
         order: of its video.
         turn: of the kind within it, the later the sooner done.
-        part: number of the stretch.
+        part: number of the segment.
         kind: what is to be done.
         job: the video.
         doing: how.
@@ -90,7 +90,7 @@ class BatchTask:
         return str(fetch(self.job.source, self.place.state)) if self.job.is_address else self.job.source
 
     def file(self, part: int) -> Path:
-        """Of what is seen in a stretch."""
+        """Of what is seen in a segment."""
         return self.place.state / f"{part:05}.npz"
 
     def plan(self) -> SegmentPlan:
@@ -106,7 +106,7 @@ class TaskOutcome:
         status: ``done``; ``failed``, which doing it again does not help; ``lost``, which it may, as of a network that
             is cut or a process that has died; ``full``, of a disk; ``unfit``, of a video that cannot be cut.
         line: what to tell people.
-        facts: ``there`` (nothing is to be done), ``parts`` (stretches, and which are done), ``frames``, ``tracks``.
+        facts: ``there`` (nothing is to be done), ``parts`` (segments, and which are done), ``frames``, ``tracks``.
         seconds: that it took.
     """
 
@@ -146,7 +146,7 @@ def _begin(task: BatchTask) -> TaskOutcome:
     """Find out whether the result is there, and cut the video where it can be."""
     place, given, doing = task.place, task.job.source, task.doing
     people = task.job.command == ("track", "people")
-    key = key_of(task.job, given, [doing.stretch if people else None, [(job.name, job.start) for job in doing.files]])
+    key = key_of(task.job, given, [doing.segment if people else None, [(job.name, job.start) for job in doing.files]])
     if not place.begin(key, settings_of(task.job, given), doing.overwrite, task.redo):
         return TaskOutcome("done", facts={"there": True, **_known(place)})
     source = task.source()
@@ -155,7 +155,7 @@ def _begin(task: BatchTask) -> TaskOutcome:
     if not (place.state / PLAN).exists():
         found = task.job.arguments(source, place.folder)
         with _silent():
-            plan = cut(found["video"].open(), found["finding"], found["linking"], doing.stretch)
+            plan = cut(found["video"].open(), found["finding"], found["linking"], doing.segment)
         if plan is None:
             return TaskOutcome("done", facts={"parts": 0})
         plan.write(place.state / PLAN)

@@ -31,12 +31,12 @@ def facts(folder: Path) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_stretches_of_five_videos_give_what_one_process_gives(
+def test_segments_of_five_videos_give_what_one_process_gives(
     videos: Path, networks: list[str], tmp_path: Path, here: Any
 ) -> None:
     words = [*networks, "--view", "1", "--score-threshold", "0.05", "--threads", "1"]
     assert (
-        main(["batch", "track", "people", str(videos), *words, "--stretch", "0.6", "--out", str(tmp_path / "all")]) == 0
+        main(["batch", "track", "people", str(videos), *words, "--segment", "0.6", "--out", str(tmp_path / "all")]) == 0
     )
     assert here.kinds().count("begin") == here.kinds().count("finish") == 5
     assert here.kinds().count("look") > 15
@@ -55,7 +55,7 @@ def test_stretches_of_five_videos_give_what_one_process_gives(
 def test_so_do_other_options(videos: Path, networks: list[str], tmp_path: Path, here: Any, more: list[str]) -> None:
     networks = networks if "sort" not in more else networks[:2]
     words = [str(videos / "coded.mp4"), *networks, "--score-threshold", "0.05", "--threads", "1", *more]
-    assert main(["batch", "track", "people", *words, "--stretch", "0.4", "--out", str(tmp_path / "all")]) == 0
+    assert main(["batch", "track", "people", *words, "--segment", "0.4", "--out", str(tmp_path / "all")]) == 0
     assert main(["track", "people", *words, "--out", str(tmp_path / "one")]) == 0
     assert here.kinds().count("look") >= 3
     for name in ("tracks.txt", *(["overlay.webm"] if "--overlay" in more else [])):
@@ -63,7 +63,7 @@ def test_so_do_other_options(videos: Path, networks: list[str], tmp_path: Path, 
 
 
 @pytest.mark.slow
-def test_a_killed_process_costs_its_stretch(videos: Path, networks: list[str], tmp_path: Path) -> None:
+def test_a_killed_process_costs_its_segment(videos: Path, networks: list[str], tmp_path: Path) -> None:
     class Deadly(Processes):
         killed = 0
 
@@ -77,7 +77,7 @@ def test_a_killed_process_costs_its_stretch(videos: Path, networks: list[str], t
     executor = Deadly(1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run, "_executor", lambda _: (executor, False))
-        found = run_batch([str(videos / "still.avi")], people(networks), BatchOptions(out=tmp_path / "o", stretch=1.0))
+        found = run_batch([str(videos / "still.avi")], people(networks), BatchOptions(out=tmp_path / "o", segment=1.0))
     assert (found[0].status, executor.killed) == ("done", 2)
     events = journal(tmp_path / "o")
     assert [event["kind"] for event in events if event["event"] == "lost"] == ["look", "look"]
@@ -124,7 +124,7 @@ def test_the_same_command_goes_on_after_a_kill(
         *networks,
         "--view",
         "1",
-        "--stretch",
+        "--segment",
         "0.16",
         "--workers",
         "1",
@@ -200,7 +200,7 @@ def test_a_broken_video_fails_alone(
     (folder / "fine.avi").write_bytes(whole)
     out = tmp_path / "o"
     assert (
-        main(["batch", "track", "people", str(folder), *networks, "--view", "1", "--stretch", "1", "--out", str(out)])
+        main(["batch", "track", "people", str(folder), *networks, "--view", "1", "--segment", "1", "--out", str(out)])
         == 1
     )
     rows = [line.split(",", 2)[:2] for line in (out / "summary.csv").read_text().splitlines()[1:]]
@@ -231,7 +231,7 @@ def test_a_full_disk_stops_and_the_same_goes_on(
                 raise OSError(28, "No space left on device")
             self.write(*values, **more)
 
-    how = BatchOptions(out=tmp_path / "o", stretch=1.0)
+    how = BatchOptions(out=tmp_path / "o", segment=1.0)
     with monkeypatch.context() as patch:
         patch.setattr(segments.np, "savez", Full(segments.np.savez))
         with pytest.raises(RunError, match=r"no space is left .* it goes on"):

@@ -58,7 +58,7 @@ def tracks_of(folder: Path) -> dict[int, tuple[int, int]]:
 @pytest.mark.slow
 def test_ids_go_on_over_gaps_and_overlaps(recorded: Path, tmp_path: Path, here: Any) -> None:
     words = [*CONTINUOUS, str(recorded), "--continuous", "--detections", str(recorded / "{name}.txt")]
-    words += ["--stretch", "1", "--out", str(tmp_path / "o")]
+    words += ["--segment", "1", "--out", str(tmp_path / "o")]
     assert main(words) == 0
     assert here.kinds().count("join") == 1
     first, second, third = (tmp_path / "o" / path.stem for path in sorted(recorded.glob("*.avi")))

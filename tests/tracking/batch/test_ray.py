@@ -1,4 +1,4 @@
-"""The same on Ray, on this machine: what dies costs its stretch, and Ray keeps its lines to itself."""
+"""The same on Ray, on this machine: what dies costs its segment, and Ray keeps its lines to itself."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.ray, pytest.mark.slow]
 
 def command(videos: Path, networks: list[str], out: Path) -> list[str]:
     words = ["batch", "track", "people", str(videos / "pictures"), str(videos / "still.avi"), *networks, "--view", "1"]
-    return [*words, "--stretch", "0.4", "--workers", "2", "--ray", "--out", str(out)]
+    return [*words, "--segment", "0.4", "--workers", "2", "--ray", "--out", str(out)]
 
 
 def started(words: list[str], **more: Any) -> subprocess.Popen[str]:
@@ -36,7 +36,7 @@ def children(driver: subprocess.Popen[str], name: str) -> list[psutil.Process]:
     return [each for each in psutil.Process(driver.pid).children(recursive=True) if name in " ".join(each.cmdline())]
 
 
-def test_ray_gives_the_same_and_a_killed_worker_costs_a_stretch(
+def test_ray_gives_the_same_and_a_killed_worker_costs_a_segment(
     videos: Path, networks: list[str], tmp_path: Path
 ) -> None:
     driver = started(command(videos, networks, tmp_path / "o"))
@@ -45,7 +45,7 @@ def test_ray_gives_the_same_and_a_killed_worker_costs_a_stretch(
         worker.kill()
     _, said = driver.communicate(timeout=240)
     assert (driver.returncode, said) == (0, "")
-    how = BatchOptions(out=tmp_path / "here", stretch=0.4, workers=1)
+    how = BatchOptions(out=tmp_path / "here", segment=0.4, workers=1)
     run_batch([str(videos / "pictures"), str(videos / "still.avi")], people(networks), how)
     for name in ("pictures", "still"):
         assert (tmp_path / "o" / name / "tracks.txt").read_bytes() == (
@@ -68,7 +68,7 @@ def test_a_killed_raylet_ends_the_batch_in_a_line_and_the_same_goes_on(
     before = count(tmp_path / "o", "look")
     driver = started([word for word in words if word != "--ray"])
     assert driver.wait(120) == 0
-    # 8 and 15 stretches; two under way and two that waited on Ray are done again.
+    # 8 and 15 segments; two under way and two that waited on Ray are done again.
     assert before < 23 <= count(tmp_path / "o", "look") <= 27
 
 
