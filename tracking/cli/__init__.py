@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import atexit
 import difflib
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 
 from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group, Tree
-from tsuiseki.tracking.cli.ending import DEADLINE, DONE, WRONG_REQUEST, ended
+from tsuiseki.tracking.cli.ending import DEADLINE, DONE, SIGNALLED, WRONG_REQUEST, ended
 from tsuiseki.tracking.errors import RequestError
 
 PROGRAM = "tsuiseki"
@@ -18,7 +20,14 @@ PROGRAM = "tsuiseki"
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``tsuiseki`` with ``argv`` (by default the process's words); returns the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    return ended(partial(_dispatch, words, [], COMMANDS))
+    status = ended(partial(_dispatch, words, [], COMMANDS))
+    if argv is None and status > SIGNALLED:
+        # Python would take more than a second to take apart what torch is made of.
+        atexit._run_exitfuncs()
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
+        os._exit(status)
+    return status
 
 
 def _dispatch(words: list[str], typed: list[str], tree: Tree) -> int:

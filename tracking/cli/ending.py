@@ -25,7 +25,7 @@ from typing import Any
 from tsuiseki.tracking.errors import InputWarning, Interrupted, RequestError, RunError, explained, signal_of
 from tsuiseki.tracking.output import WORKING
 
-DONE, FAILED, WRONG_REQUEST = 0, 1, 2
+DONE, FAILED, WRONG_REQUEST, SIGNALLED = 0, 1, 2, 128
 # Ways to ask a run to end, as far as the system knows them.
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 # What may end a run late; what was finished before is kept.
@@ -125,7 +125,7 @@ def _leave(number: int) -> None:
     for folder in [*WORKING]:
         shutil.rmtree(folder, ignore_errors=True)
     _say("interrupted in the middle of a long step; nothing was written")
-    os._exit(128 + number)
+    os._exit(SIGNALLED + number)
 
 
 def _say(line: str) -> None:
@@ -156,7 +156,7 @@ def ended(command: Callable[[], int | None]) -> int:
         return complain(message_of(error) + place, WRONG_REQUEST if isinstance(error, RequestError) else FAILED)
     except KeyboardInterrupt as error:
         kept = error.kept if isinstance(error, Interrupted) else Interrupted().kept
-        return complain(f"interrupted; {kept}", 128 + signal_of(error))
+        return complain(f"interrupted; {kept}", SIGNALLED + signal_of(error))
 
 
 def message_of(error: BaseException) -> str:

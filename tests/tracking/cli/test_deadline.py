@@ -81,6 +81,28 @@ def test_a_signal_ends_a_native_call_without_end(where: str, number: signal.Sign
     assert list((tmp_path / "out").glob(".*")) == []
 
 
+# An object that takes its time to be taken apart, as the modules of torch do; and what is to run at the end.
+INTERRUPTED = """
+import atexit, time
+from tsuiseki.tracking import cli
+
+class Slow:
+    def __del__(self, sleep=time.sleep):
+        sleep(60)
+
+SLOW = Slow()
+atexit.register(print, "cleared away")
+cli.ended = lambda command: 143
+print("said")
+cli.main()
+"""
+
+
+def test_who_interrupts_does_not_wait_for_python_to_take_itself_apart() -> None:
+    run = subprocess.run([sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=30, check=False)
+    assert (run.returncode, run.stdout) == (143, "said\ncleared away\n")
+
+
 def make_endless(path: Path, brightness: float) -> None:
     """The detector at ``path`` adds 0 without end where a batch is brighter than ``brightness``, of 255."""
     model = onnx.load(path)
