@@ -91,7 +91,7 @@ def crops_from_folder(folder: Path, frames: tuple[int, int] | None, least_visibl
     if is_mars(folder):
         return _from_mars(training_crops(folder))
     parts: dict[str, list[tuple[LabelledFrame, BoolArray]]] = {}
-    for sample in labelled_images(folder, frames):
+    for sample in labelled_images(folder, frames, single=False):
         usable = ~sample.ignored & (np.minimum(sample.visibility, uncovered(sample.boxes)) >= least_visible)
         parts.setdefault(sample.sequence, []).append((sample, usable))
     crops = join_crops([_cut_sequence(samples) for samples in parts.values()])

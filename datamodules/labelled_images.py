@@ -42,7 +42,7 @@ class LabelledFrame:
 
 
 def labelled_images(
-    folder: str | Path, frames: tuple[int, int] | None = None, part: Part = (0.0, 1.0)
+    folder: str | Path, frames: tuple[int, int] | None = None, part: Part = (0.0, 1.0), single: bool = True
 ) -> list[LabelledFrame]:
     """The labelled images of every video in ``folder``.
 
@@ -50,21 +50,24 @@ def labelled_images(
         folder: see `open_labelled`.
         frames: first and last frame of each video, 1-based and both included as the files count; by default all.
         part: of each video, in shares of its length.
+        single: boxes need no ids, as in pictures that were labelled one by one.
 
     Raises:
         RequestError: there is no video, one has no images or no usable label, or no frame is left.
     """
-    samples = [sample for video in open_labelled(Path(folder)) for sample in _images_of(video, frames, part)]
+    samples = [sample for video in open_labelled(Path(folder)) for sample in _images_of(video, frames, part, single)]
     if not samples:
         within = f"{part[0]:.0%} to {part[1]:.0%} of a video" if frames is None else f"{frames}; frames count from 1"
         raise RequestError(f"{folder}: no frame lies within {within}")
     return samples
 
 
-def _images_of(video: LabelledVideo, frames: tuple[int, int] | None, part: Part) -> Iterator[LabelledFrame]:
+def _images_of(
+    video: LabelledVideo, frames: tuple[int, int] | None, part: Part, single: bool
+) -> Iterator[LabelledFrame]:
     if video.length is None or len(video.files) != video.length:
-        raise RequestError(f"{video.name}: expected images in img1/, found none; training needs them")
-    truth = video.people()
+        raise RequestError(f"{video.name}: expected images in img1/ or images/, found none; training needs them")
+    truth = video.people(single=single)
     truth = truth.select(truth.evaluated | truth.ignored)
     first, last = frames or (1, video.length)
     start, end = (round(share * video.length) for share in part)

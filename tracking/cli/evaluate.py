@@ -180,8 +180,7 @@ def detection(
     Where labels say how much of each person is visible, they are also scored by that, all others being ignored.
 
     Args:
-        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
-            folder of Okutama-Action, VisDrone-MOT or KITTI tracking; the folder of Drone-Action; or rotated boxes: the
+        truth: whatever evaluate people takes, also labels of single pictures; or rotated boxes: the
             JSON of CEPDOF or MW-R, or a folder of HABBOF's text files.
         results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
             NAME/detections.txt for each sequence NAME; for rotated boxes a JSON list of image_id, bbox (cx, cy, w, h,
@@ -203,7 +202,7 @@ def detection(
             raise RequestError("`frames`: rotated boxes are scored by image, all of them; leave it out")
         scores = {name: evaluate_rotated_file(given.truth, result, iou) for name, result in shown}
     else:
-        truths = read_truths(given.truth, labels.range, labels.protocol, labels.size)
+        truths = read_truths(given.truth, labels.range, labels.protocol, labels.size, single=True)
         scores = {name: evaluate_detection_files(truths, result, iou, score_range) for name, result in shown}
     given.report(detection_table(scores, iou), evaluation_values(scores))
 

@@ -7,13 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.formats.label_checks import NothingLabelledError, wanted_numbers
+from tsuiseki.tracking.formats.label_checks import NothingLabelledError
 from tsuiseki.tracking.formats.labelled import Size, open_labelled
 from tsuiseki.tracking.formats.okutama import Protocol
-from tsuiseki.tracking.formats.rotated import about_bodies, is_rotated, read_rotated_labels
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -47,54 +44,36 @@ def read_truths(
     protocol: Protocol = "lenient",
     size: Size = None,
     wanted: int | str | None = None,
+    single: bool = False,
 ) -> list[Truth]:
     """The labels at ``path``.
 
     Args:
-        path: see `open_labelled`; or the JSON of CEPDOF, see `tsuiseki.tracking.formats.rotated`.
+        path: see `open_labelled`.
         frames: the stretch to keep; frames keep their numbers.
         protocol: by which Okutama-Action's labels count, see `okutama_truth`.
         size: width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
             frames that lie with them, or else of those that come with the data.
         wanted: number or name of a class; by default people. Videos in which none of it is labelled are left out.
+        single: boxes without ids count, too.
 
     Raises:
         RequestError: there are none, they are broken, or nothing in the stretch counts.
     """
-    if path.is_file() and is_rotated(path):
-        wanted_numbers(wanted, {}, (), path)
-        truths = [_of_rotated(path)]
-    else:
-        videos = open_labelled(path)
-        truths, without = [], list[NothingLabelledError]()
-        for video in videos:
-            try:
-                labels = video.people(protocol, size, wanted)
-            except NothingLabelledError as error:
-                without.append(error)
-                continue
-            more = video.size, wanted, video.classes
-            truths.append(Truth(video.name, labels, video.length, video.counted(protocol), *more))
-        if without and (wanted is None or not truths):
-            raise without[0]
-        for each in without:
-            warnings.warn(f"{each}; left out", InputWarning, stacklevel=2)
+    truths, without = [], list[NothingLabelledError]()
+    for video in open_labelled(path):
+        try:
+            labels = video.people(protocol, size, wanted, single)
+        except NothingLabelledError as error:
+            without.append(error)
+            continue
+        more = video.size, wanted, video.classes
+        truths.append(Truth(video.name, labels, video.length, video.counted(protocol), *more))
+    if without and (wanted is None or not truths):
+        raise without[0]
+    for each in without:
+        warnings.warn(f"{each}; left out", InputWarning, stacklevel=2)
     return [_restricted(truth, frames) for truth in truths] if frames != EVERY_FRAME else truths
-
-
-def _of_rotated(path: Path) -> Truth:
-    """Upright boxes about the rotated ones of those who have an id; an image is a frame."""
-    images = list(read_rotated_labels(path).values())
-    counts = [int((each.ids >= 0).sum()) for each in images]
-    if not sum(counts):
-        raise RequestError(f"{path}: expected a person_id in some annotation, found none; score boxes as detections")
-    labels = GroundTruth.of_boxes(
-        np.repeat(np.arange(len(images)), counts),
-        # Ids of tracks count from 1; these may be 0.
-        np.concatenate([each.ids[each.ids >= 0] for each in images]) + 1,
-        about_bodies(np.concatenate([each.boxes[each.ids >= 0] for each in images])),
-    )
-    return Truth(path.stem, labels, len(images))
 
 
 def _restricted(truth: Truth, frames: FrameRange) -> Truth:

@@ -1,18 +1,26 @@
 """COCO's JSON with tracks: ``videos``, ``images`` with ``frame_id`` from 0, and ``annotations`` with ``track_id``.
 
 A ``bbox`` is x, y, width, height in pixels from 0. ``instance_id``, as other tools call it, is read like ``track_id``.
+Where annotations have neither, as in COCO itself, they are labels of single pictures; crowds are ignored there.
 ``detection`` is the row of the box in what the detector or the user gave for the frame, where that is known.
 """
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import read_json
-from tsuiseki.tracking.formats.tracked_video import TrackedVideo, inside, tracks_of_rows
+from tsuiseki.tracking.formats.tracked_video import (
+    BoxOfPicture,
+    TrackedVideo,
+    inside,
+    tracks_of_rows,
+    tracks_without_ids,
+)
 from tsuiseki.tracking.geometry import xywh_from_corners
 
 WHAT = "COCO's JSON"
@@ -50,10 +58,10 @@ def write_coco(path: Path, video: TrackedVideo) -> None:
 
 
 def read_coco(path: Path) -> TrackedVideo:
-    """The tracks of the only video in a file.
+    """The tracks of the only video in a file, or the boxes of its pictures where any has no id.
 
     Raises:
-        RequestError: it is something else or broken, has several videos, or boxes without ids.
+        RequestError: it is something else or broken, or has several videos.
     """
     content = read_json(path, WHAT)
     try:
@@ -64,15 +72,19 @@ def read_coco(path: Path) -> TrackedVideo:
         order = sorted(range(len(images)), key=lambda k: images[k].get("frame_id", k))
         counted = all("frame_id" in image for image in images)
         frames = {images[k]["id"]: int(images[k]["frame_id"]) if counted else n for n, k in enumerate(order)}
-        rows, classes = [], {}
+        rows, single, classes = [], list[BoxOfPicture](), dict[int, tuple[int, str]]()
         for entry in content["annotations"]:
-            number = _number(path, entry)
+            number = _number(entry)
             x, y, width, height = map(float, entry["bbox"])
             box = (x, y, x + width, y + height)
             observed = not entry.get("filled", False)
             score, row = float(entry.get("score", 1)), int(entry.get("detection", -1))
-            rows.append((frames[entry["image_id"]], number, box, score, observed, row))
-            classes[number] = int(entry["category_id"]), categories[entry["category_id"]]
+            frame, kind = frames[entry["image_id"]], (int(entry["category_id"]), categories[entry["category_id"]])
+            rows.append((frame, number, box, score, observed, row))
+            if number is not None:
+                classes[number] = kind
+            single.append((frame, kind, box, bool(entry.get("iscrowd"))))
+        identified = all(number is not None for _, number, *_ in rows)
         names = tuple(inside(images[k].get("file_name", "")) or "" for k in order)
         sizes = {(int(image["width"]), int(image["height"])) for image in images if image.get("width")}
     except RequestError:
@@ -81,12 +93,12 @@ def read_coco(path: Path) -> TrackedVideo:
         raise RequestError(
             f"{path}: expected {WHAT} with images, categories and annotations of boxes, got {error!r}"
         ) from error
-    tracks = tracks_of_rows(path, rows, classes)
+    known = TrackedVideo(tracks_of_rows(path, rows, classes)) if identified else tracks_without_ids(path, single)
     info = content.get("info") if isinstance(content.get("info"), dict) else {}
     rate = info.get("frame_rate", 0.0)
     videos = content.get("videos") or [{}]
-    return TrackedVideo(
-        tracks,
+    return replace(
+        known,
         name=str(videos[0].get("name") or path.stem),
         frame_rate=float(rate) if isinstance(rate, int | float) else 0.0,
         size=sizes.pop() if len(sizes) == 1 else None,
@@ -95,10 +107,10 @@ def read_coco(path: Path) -> TrackedVideo:
     )
 
 
-def _number(path: Path, entry: Any) -> int:
+def _number(entry: Any) -> int | None:
     for name in ("track_id", "instance_id"):
         if name in entry:
             return int(entry[name])
         if name in (entry.get("attributes") or {}):
             return int(entry["attributes"][name])
-    raise RequestError(f"{path}: expected a track_id in each annotation, found none in that of id {entry.get('id')}")
+    return None

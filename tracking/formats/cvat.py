@@ -2,12 +2,14 @@
 
 A box holds on a straight line to the next one; one with ``outside="1"`` ends the track, or begins a gap. What is filled
 in is ``occluded``. Scores stand in the attribute ``score``, the row of the detection among those of the frame in
-``detection``; CVAT leaves out what the task does not have.
+``detection``; CVAT leaves out what the task does not have. Tasks of single images,
+an ``image`` with boxes each, are read, too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -16,7 +18,14 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import read_text
-from tsuiseki.tracking.formats.tracked_video import TrackedVideo, between_keys, runs_of, tracks_of_rows
+from tsuiseki.tracking.formats.tracked_video import (
+    BoxOfPicture,
+    TrackedVideo,
+    between_keys,
+    runs_of,
+    tracks_of_rows,
+    tracks_without_ids,
+)
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
@@ -76,10 +85,10 @@ def _write_box(parent: ElementTree.Element, track: Track, row: int, frame: int, 
 
 
 def read_cvat(path: Path) -> TrackedVideo:
-    """The tracks of boxes in a file.
+    """The tracks of boxes in a file, or the boxes of a task of single images.
 
     Raises:
-        RequestError: it is something else or broken, or a task of single images.
+        RequestError: it is something else or broken.
     """
     text = read_text(path, "CVAT's XML")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
@@ -88,10 +97,14 @@ def read_cvat(path: Path) -> TrackedVideo:
         root = ElementTree.fromstring(text.encode())
     except ElementTree.ParseError as error:
         raise RequestError(f"{path}: expected CVAT's XML, got a broken one: {error}") from error
-    found = root.findall("track")
-    if root.tag != "annotations" or (not found and root.find("image") is not None):
+    found, images = root.findall("track"), sorted(root.findall("image"), key=lambda image: int(image.get("id", 0)))
+    if root.tag == "annotations" and images and not found:
+        rows = (row for frame, image in enumerate(images) for row in _boxes(path, frame, image))
+        names = tuple(image.get("name", "") for image in images)
+        return replace(tracks_without_ids(path, rows), name=path.stem, length=len(images), images=names)
+    if root.tag != "annotations":
         there = ", ".join(sorted({child.tag for child in root})[:5]) or "nothing"
-        raise RequestError(f"{path}: expected `track` of CVAT for video 1.1, got {root.tag} with {there}")
+        raise RequestError(f"{path}: expected tracks or images of CVAT 1.1, got {root.tag} with {there}")
     size = [_whole(root, f".//original_size/{side}") for side in ("width", "height")]
     classes = {int(track.get("id", -1)): (-1, track.get("label", "")) for track in found}
     tracks = tracks_of_rows(path, (row for track in found for row in _rows(path, track)), classes)
@@ -106,6 +119,15 @@ def read_cvat(path: Path) -> TrackedVideo:
 def _whole(root: ElementTree.Element, place: str) -> int:
     text = (root.findtext(place) or "0").strip()
     return min(int(text), LAST_FRAME) if text.isdecimal() and len(text) < 10 else 0
+
+
+def _boxes(path: Path, frame: int, image: ElementTree.Element) -> Iterator[BoxOfPicture]:
+    for box in image.findall("box"):
+        try:
+            yield frame, (-1, box.get("label", "")), [float(box.attrib[name]) for name in CORNERS], False
+        except (KeyError, ValueError) as error:
+            wanted = f"{', '.join(CORNERS)} of each box in numbers"
+            raise RequestError(f"{path}: expected {wanted}, got {error} in {dict(box.attrib)}") from error
 
 
 def _rows(path: Path, track: ElementTree.Element) -> Iterator[tuple[Any, ...]]:

@@ -104,6 +104,9 @@ FORMATS = {
     "via": ExportFormat(".csv", write_via_tracks),
     "geff": ExportFormat(FOLDER, write_geff, holds="points"),
 }
+# Where labels lie in a folder of others.
+LABEL_FILES = ("annotations.xml", "annotations.json", "_annotations.coco.json",
+               *(f"annotations/{part}*.json" for part in ("instances_", "train", "val", "test")))  # fmt: skip
 SUFFIXES: dict[str, str] = {}
 """By suffix the format that is meant where none is named: the first above."""
 for _name, _one in FORMATS.items():
@@ -137,22 +140,34 @@ def format_at(path: Path) -> str | None:
 
 
 def exported_in(folder: Path) -> list[Path]:
-    """What can be read in a folder, or else in those in it: ``annotations.xml`` or ``.json``, or the folder itself."""
-    for places in ([folder], sorted(path for path in folder.iterdir() if path.is_dir())):
-        wanted = [at for place in places for at in (place, place / "annotations.xml", place / "annotations.json")]
-        if found := [at for at in wanted if at.exists() and format_at(at)]:
+    """What can be read in a folder, or else in those in it: a file of `LABEL_FILES`, or the folder itself.
+
+    Folders in ``labels`` come last.
+    """
+    inner = sorted(path for path in folder.iterdir() if path.is_dir())
+    for places in ([folder], inner, sorted((folder / "labels").glob("*/"))):
+        files = [[file for one in LABEL_FILES for file in sorted(place.glob(one))] for place in places]
+        wanted = [at for place, some in zip(places, files, strict=True) for at in (place, *some)]
+        if found := [at for at in wanted if format_at(at)]:
             return found
     return []
 
 
-def read_exported(path: Path) -> TrackedVideo:
+def read_exported(path: Path, single: bool = False) -> TrackedVideo:
     """What is at a path of `format_at`.
 
+    Args:
+        path: of the file or folder.
+        single: boxes without ids will do, as in pictures that were labelled one by one.
+
     Raises:
-        RequestError: it is broken, or of another kind.
+        RequestError: it is broken, or of another kind, or has no ids.
     """
     name = format_at(path)
     read = FORMATS[name].read if name else None
     if read is None:
         raise RequestError(f"expected a file of {', '.join(n for n, one in FORMATS.items() if one.read)}, got {path}")
-    return read(path)
+    known = read(path)
+    if not (known.identified or single):
+        raise RequestError(f"{path}: expected an id of each box, found none: labels of single pictures")
+    return known

@@ -6,11 +6,12 @@
 | the folder, or a label file in it | Okutama-Action |
 | the folder, or a label file in it | VisDrone-MOT, KITTI tracking, BDD100K |
 | the folder | Drone-Action |
-| the file, or a folder with it as ``annotations.xml`` or ``annotations.json`` | CVAT for video; COCO, Label Studio |
-| the folder with ``labels`` | YOLO's rows with ids |
+| the file, or a folder with it as ``annotations.xml`` or ``annotations.json`` | CVAT; COCO, Label Studio |
+| the folder, or each that it holds, with ``labels`` | YOLO's rows |
+| the JSON, a folder of such as ``annotations``, a folder of text files | rotated boxes of CEPDOF, MW-R, HABBOF |
 | the folder with ``corrections.jsonl`` | a result that was reviewed: its tracks, in the frames that were tracked |
 
-Which boxes count is said where each format is read.
+Which boxes count is said where each format is read. Pictures that were labelled one by one have boxes without ids.
 """
 
 from __future__ import annotations
@@ -50,7 +51,9 @@ from tsuiseki.tracking.formats.okutama import (
     read_okutama_video,
 )
 from tsuiseki.tracking.formats.result_folder import read_folder
+from tsuiseki.tracking.formats.rotated import about_bodies, is_rotated, read_rotated_labels
 from tsuiseki.tracking.formats.tracked_video import inside
+from tsuiseki.tracking.formats.yolo import picture_places
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
@@ -84,21 +87,30 @@ class LabelledVideo:
     size: Size = None
     classes: Mapping[int, str] = field(default_factory=dict)
 
-    def people(self, protocol: Protocol = "lenient", size: Size = None, wanted: Wanted = None) -> GroundTruth:
+    def people(
+        self, protocol: Protocol = "lenient", size: Size = None, wanted: Wanted = None, single: bool = False
+    ) -> GroundTruth:
         """Who is where.
 
         Args:
             protocol: by which Okutama-Action's labels count, see `okutama_truth`.
             size: for Okutama-Action's labels, and those in shares of a picture.
             wanted: the class that counts, by number or name; by default people.
+            single: keep boxes without an id, whose ids are -1.
 
         Raises:
-            RequestError: labels are missing or broken, nobody counts, or there is no such class.
+            RequestError: labels are missing or broken, nobody counts, no box has an id, or there is no such class.
         """
         if self.read_people is not None:
             truth = self.read_people(size, wanted)
             compare_with_picture(self.name, truth.boxes, self.size)
-            return truth
+            kept = truth if single else truth.select((truth.ids >= 0) | ~truth.evaluated)
+            if truth.evaluated.any() and not kept.evaluated.any():
+                raise RequestError(
+                    f"{self.name}: expected an id of each box (COCO: track_id, CEPDOF: person_id), found none; labels "
+                    "of single pictures teach and score detections"
+                )
+            return kept
         wanted_numbers(wanted, {}, (), self.name)
         truth, _ = okutama_truth(self.actions(size), protocol)
         if not truth.evaluated.any():
@@ -134,6 +146,8 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
         return _in_folder(path, multiple_actions)
     if boxes := [_of_boxes(layout, one) for layout in BOX_LAYOUTS for one in layout.at(path)]:
         return boxes
+    if is_rotated(path):
+        return [_rotated(path)]
     if not path.is_file():
         raise RequestError(f"expected a ground truth, a sequence folder or a folder of sequences, found no {path}")
     if format_at(path):
@@ -156,7 +170,12 @@ def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
             return [_of_boxes(layout, one) for one in found]
     if is_drone_action(folder):
         return [_drone_action(clip) for clip in find_drone_action(folder)]
-    return [_exported(path) for path in exported_in(folder)] or [_sequence(one) for one in find_sequences(folder)]
+    exported = exported_in(folder)
+    if rotated := [path for path in exported or sorted(folder.glob("annotations/*.json")) if is_rotated(path)]:
+        return [_rotated(path) for path in rotated]
+    if list_images(folder) and is_rotated(folder):
+        return [_rotated(folder)]
+    return [_exported(path) for path in exported] or [_sequence(one) for one in find_sequences(folder)]
 
 
 def _reviewed(folder: Path) -> LabelledVideo:
@@ -235,16 +254,35 @@ def _drone_action(clip: DroneActionClip) -> LabelledVideo:
     )
 
 
+def _rotated(path: Path) -> LabelledVideo:
+    """Upright boxes about the people in rotated ones; an image is a frame, in the order of the names."""
+    labels = read_rotated_labels(path)
+    places = (path,) if path.is_dir() else tuple(place / path.stem for place in (path.parent, path.parent.parent))
+    places += (path.parent, *(place / "images" for place in (path.parent, path.parent.parent)))
+    found = [{name: image for image in list_images(place) for name in (image.stem, image.name)} for place in places]
+    files = next((tuple(map(some.__getitem__, labels)) for some in found if labels.keys() <= some.keys()), ())
+
+    def read(_: Size, wanted: Wanted) -> GroundTruth:
+        wanted_numbers(wanted, {}, (), path)
+        frames = np.repeat(np.arange(len(labels)), [len(one.boxes) for one in labels.values()])
+        boxes, ids = (np.concatenate([getattr(one, name) for one in labels.values()]) for name in ("boxes", "ids"))
+        # Ids of tracks count from 1; these may be 0.
+        return GroundTruth.of_boxes(frames, np.where(ids < 0, -1, ids + 1), about_bodies(boxes))
+
+    return LabelledVideo(path.stem, files, len(labels), read)
+
+
 def _exported(path: Path) -> LabelledVideo:
     """Labels of another program, with the images in ``images``, or those or the video that they name beside them."""
-    known, folder = read_exported(path), path if path.is_dir() else path.parent
-    named = [[place / name for name in known.images] for place in (folder, folder / "images", folder.parent / "images")]
+    known, folder = read_exported(path, single=True), path if path.is_dir() else path.parent
+    places = (folder, folder / "images", folder.parent / "images", folder.parent / path.stem.removeprefix("instances_"))
+    named = [[place / name for name in known.images] for place in places]
     images = next((tuple(some) for some in named if some and all(one.is_file() for one in some)), ())
-    images = images or list_images(folder / "images")
+    images = images or list_images(picture_places(folder)[1])
     video = folder / (inside(known.name) or "")
     length = known.length or len(images) or None
     files = images or ((video,) if video.is_file() else ())
-    name = known.stem if known.name else path.stem
+    name = known.stem if known.name and not known.stem.endswith("annotations") else folder.name
 
     def read(size: Size, wanted: Wanted) -> GroundTruth:
         return known.in_pixels(path, size).labels(path, wanted)

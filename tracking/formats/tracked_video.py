@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -22,6 +23,8 @@ from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import PointTable
 
 Size: TypeAlias = tuple[int, int] | None
+BoxOfPicture: TypeAlias = tuple[int, tuple[int, str], Sequence[float], bool]
+"""0-based frame, number and name of the class, box, and whether it is a crowd."""
 PERSON = "person"
 
 
@@ -65,6 +68,8 @@ class TrackedVideo:
         images: names of the images by frame; empty for a video file.
         points: of animals, where they have any.
         shares: boxes are shares of a picture whose size the file does not say.
+        identified: one id is one object; otherwise an id says nothing, as in pictures labelled one by one.
+        crowds: ids of regions on which a detection is neither right nor wrong.
         table: all tracks, of whatever kind, see `formats.track_tables`.
         known: what a table keeps beside the tracks.
     """
@@ -77,6 +82,8 @@ class TrackedVideo:
     images: tuple[str, ...] = ()
     points: PointTable | None = None
     shares: bool = False
+    identified: bool = True
+    crowds: Collection[int] = ()
     table: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     known: Mapping[str, Any] = field(default_factory=dict)
 
@@ -182,8 +189,11 @@ class TrackedVideo:
         compare_with_picture(path, rows.boxes, self.size)
         people = [number for number, kind in names.items() if kind.lower() in PERSON_NAMES] or list(names)
         counted = {names[number] for number in wanted_numbers(wanted, names, people, path)}
-        evaluated = np.isin(rows.ids, [track.id for track in self.tracks if self.kind[track.id] in counted])
-        return replace(GroundTruth.of_boxes(rows.frames, rows.ids, rows.boxes), evaluated=evaluated)
+        of_class = [track.id for track in self.tracks if self.kind[track.id] in counted]
+        ids = rows.ids if self.identified else np.full(len(rows.ids), -1)
+        truth = GroundTruth.of_boxes(rows.frames, ids, rows.boxes)
+        ignored = np.isin(rows.ids, [*self.crowds])
+        return replace(truth, evaluated=np.isin(rows.ids, of_class) & ~ignored, ignored=ignored)
 
 
 def runs_of(frames: IntArray) -> list[IntArray]:
@@ -271,6 +281,27 @@ def tracks_of_rows(
         number = int(ids[p[0]]) + shift
         found.append(Track(number, frames[p], boxes[p], scores[p], observed[p], origin, {kind: name} if name else {}))
     return found
+
+
+def tracks_without_ids(path: Path, rows: Iterable[BoxOfPicture]) -> TrackedVideo:
+    """Boxes of pictures that were labelled one by one: an id is the place of a box among those of its class there.
+
+    Args:
+        path: of the file, for messages.
+        rows: the boxes.
+
+    Raises:
+        RequestError: see `tracks_of_rows`.
+    """
+    ids: dict[tuple[tuple[int, str], bool, int], int] = {}
+    seen = Counter[tuple[int, tuple[int, str], bool]]()
+    named: list[tuple[Any, ...]] = []
+    for frame, kind, box, crowd in rows:
+        seen[frame, kind, crowd] += 1
+        place = kind, crowd, seen[frame, kind, crowd]
+        named.append((frame, ids.setdefault(place, len(ids) + 1), box, 1.0, True))
+    tracks = tracks_of_rows(path, named, {number: kind for (kind, _, _), number in ids.items()})
+    return TrackedVideo(tracks, identified=False, crowds=[n for (_, crowd, _), n in ids.items() if crowd])
 
 
 def inside(name: object) -> str | None:

@@ -1,15 +1,17 @@
-"""YOLO's rows with ids: ``labels/NAME_1.txt …``, one file a frame that has boxes, and ``data.yaml``.
+"""YOLO's rows: ``labels/NAME_1.txt …``, one file a frame that has boxes, and ``data.yaml``.
 
 A row is ``class x y width height score id``: the centre and the size as shares of the picture, as ultralytics writes
-them with ``save_txt`` and ``save_conf``. Without a score the id stands last, too. A frame is the number at the end of a
-file's name, from 1, or the place of the image of that name in ``images/``. ``data.yaml`` names the classes; width,
-height, frames and frame_rate in it are ours.
+them with ``save_txt`` and ``save_conf``. Without a score the id stands last, too. Five numbers a row are labels of
+single pictures, which may lie in ``labels/train`` and ``images/train``. A frame is the number at the end of a file's
+name, from 1, or the place of the image of that name in ``images/``. ``data.yaml``, here or beside the folder, names
+the classes; width, height, frames and frame_rate in it are ours.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -19,16 +21,25 @@ import yaml
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.rows import read_rows, read_text, whole
-from tsuiseki.tracking.formats.tracked_video import Size, TrackedVideo, tracks_of_rows
+from tsuiseki.tracking.formats.tracked_video import Size, TrackedVideo, tracks_of_rows, tracks_without_ids
 from tsuiseki.tracking.geometry import centres
 
 LABELS, ABOUT, IMAGES = "labels", "data.yaml", "images"
-EXPECTED = "class x y width height [score] id"
+EXPECTED = "class x y width height [score] [id]"
 
 
 def is_yolo(folder: Path) -> bool:
-    """Whether a folder has ``labels`` of this kind."""
-    return (folder / LABELS).is_dir() and ((folder / ABOUT).is_file() or any((folder / LABELS).glob("*.txt")))
+    """Whether a folder has ``labels`` of this kind, or is a part of them, such as ``labels/train``."""
+    labels, _ = picture_places(folder)
+    empty = (folder / ABOUT).is_file() and labels.is_dir() and not any(labels.iterdir())
+    return any(labels.glob("*.txt")) or empty
+
+
+def picture_places(folder: Path) -> tuple[Path, Path]:
+    """The folders of label files and of images."""
+    if folder.parent.name == LABELS:
+        return folder, folder.parent.parent / IMAGES / folder.name
+    return folder / LABELS, folder / IMAGES
 
 
 def write_yolo(folder: Path, video: TrackedVideo) -> None:
@@ -54,28 +65,38 @@ def write_yolo(folder: Path, video: TrackedVideo) -> None:
 
 
 def read_yolo(folder: Path) -> TrackedVideo:
-    """The tracks in a folder.
+    """The tracks in a folder, or the boxes of its pictures where a row has no id.
 
     Raises:
-        RequestError: a row is broken or without an id.
+        RequestError: a row is broken.
     """
-    files = sorted((folder / LABELS).glob("*.txt"))
-    about = _about(folder)
-    images = list_images(folder / IMAGES)
-    size = _size(about) or (_size_of(images[0]) if images else None)
+    labels, pictures = picture_places(folder)
+    files = sorted(labels.glob("*.txt"))
+    about = next((told for place in (folder, folder.parent, folder.parent.parent) if (told := _about(place))), {})
+    images = list_images(pictures)
+    size = _size(about) or (image_size(images[0]) if images else None)
     names = about.get("names") or {}
     named = dict(enumerate(names)) if isinstance(names, list) else names if isinstance(names, dict) else {}
     places = {image.stem: frame for frame, image in enumerate(images)}
-    found = [(_frame(path, places), row) for path in files for row in _rows(path, size or (1, 1))]
-    classes = {number: (kind, str(named.get(kind, kind))) for _, (kind, number, _, _) in found}
-    rows = ((frame, number, box, score, True) for frame, (_, number, box, score) in found)
-    tracks = tracks_of_rows(folder, rows, classes)
-    return TrackedVideo(
-        tracks,
-        (re.sub(r"_?\d+$", "", files[0].stem) if files else "") or folder.resolve().name,
-        float(about.get("frame_rate") or 0),
-        size,
-        int(about.get("frames") or len(images)),
+    found: list[tuple[int, tuple[int, int | None, tuple[float, ...], float]]] = []
+    for path in files:
+        frame = _frame(path, places)
+        own = size if about.get("width") or not places else image_size(images[frame])
+        found += [(frame, row) for row in _rows(path, own or (1, 1))]
+    kinds = {kind: (kind, str(named.get(kind, kind))) for _, (kind, *_) in found}
+    classes = {number: kinds[kind] for _, (kind, number, _, _) in found if number is not None}
+    if any(number is None for _, (_, number, _, _) in found):
+        known = tracks_without_ids(folder, ((frame, kinds[kind], box, False) for frame, (kind, _, box, _) in found))
+    else:
+        rows = ((frame, number, box, score, True) for frame, (_, number, box, score) in found)
+        known = TrackedVideo(tracks_of_rows(folder, rows, classes))
+    stem = re.sub(r"_?\d+$", "", files[0].stem) if files and known.identified else ""
+    return replace(
+        known,
+        name=stem or folder.resolve().name,
+        frame_rate=float(about.get("frame_rate") or 0),
+        size=size,
+        length=int(about.get("frames") or len(images)),
         images=tuple(image.name for image in images),
         shares=size is None,
     )
@@ -101,7 +122,12 @@ def _size(about: Mapping[str, Any]) -> Size:
     return (width, height) if min(width, height) > 0 else None
 
 
-def _size_of(image: Path) -> Size:
+def image_size(image: Path) -> tuple[int, int]:
+    """Width and height of an image, of which no more than that is read.
+
+    Raises:
+        RequestError: it is no image.
+    """
     try:
         from PIL import Image  # Here, since few runs need it.
 
@@ -122,15 +148,16 @@ def _frame(path: Path, places: Mapping[str, int]) -> int:
     return int(number[0]) - 1
 
 
-def _rows(path: Path, size: tuple[int, int]) -> Iterator[tuple[int, int, tuple[float, ...], float]]:
+def _rows(path: Path, size: tuple[int, int]) -> Iterator[tuple[int, int | None, tuple[float, ...], float]]:
     given = read_rows(path, "YOLO's rows")
     for k, cells in enumerate(given.cells):
-        number, kind = whole(cells[-1]), whole(cells[0])
+        single = len(cells) == EXPECTED.split().index("height") + 1
+        number, kind = None if single else whole(cells[-1]), whole(cells[0])
         try:
-            x, y, width, height, *score = [float(cell) for cell in cells[1:-1]]
+            x, y, width, height, *score = [float(cell) for cell in (cells[1:] if single else cells[1:-1])]
         except ValueError:
             raise given.error(k, EXPECTED) from None
-        if number is None or kind is None or len(score) > 1:
+        if kind is None or len(score) > 1 or (number is None and not single):
             raise given.error(k, f"{EXPECTED}, with a whole number as id")
         corners = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
         box = tuple(share * side for share, side in zip(corners, (*size, *size), strict=True))

@@ -21,6 +21,7 @@ from tsuiseki.models.anchors import propose_anchors, size_iou
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Detect, Detector
+from tsuiseki.tracking.formats.yolo import image_size
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.video.image_folder import read_image
@@ -151,12 +152,10 @@ def anchor_choice(
 
 def _sizes_in_input(labels: Sequence[LabelledFrame], size: tuple[int, int], resize: Resize) -> FloatArray:
     """``(N, 2)`` widths and heights of the labelled people in input pixels."""
-    firsts = {label.sequence: label.path for label in reversed(labels)}
-    image_sizes = {name: read_image(path).shape[:2] for name, path in firsts.items()}
     sizes = [np.empty((0, 2))]
     for label in labels:
         boxes = label.boxes[~label.ignored]
-        factors = np.array([size[1], size[0]]) / image_sizes[label.sequence][::-1]
+        factors = np.array([size[1], size[0]]) / image_size(label.path)
         if resize == "letterbox":
             factors = np.full(2, factors.min())
         sizes.append((boxes[:, 2:] - boxes[:, :2]) * factors)

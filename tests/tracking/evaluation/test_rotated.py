@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import evaluate_rotated
 from tsuiseki.tracking.evaluation.truths import read_truths
+from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.rotated import (
     RotatedBoxes,
     about_bodies,
@@ -134,3 +137,21 @@ def test_the_real_labels_are_read(data_folder):
     truth = read_truths(folder / "cepdof-sample" / "annotations.json")[0]
     # Seven people; in two frames one of their ids comes a second time, which makes two more.
     assert (truth.length, len(set(truth.labels.ids.tolist()))) == (10, 9)
+
+
+def test_people_in_rotated_boxes_teach_by_upright_ones(tmp_path):
+    for folder in ("Lunch", "Meeting"):
+        (tmp_path / folder).mkdir()
+        for name in ("b", "a"):
+            cv2.imwrite(str(tmp_path / folder / f"{name}.jpg"), np.zeros((90, 90, 3), np.uint8))
+    (tmp_path / "annotations").mkdir()
+    rows = [("b", [30, 40, 10, 20, 90], 0), ("a", [20, 20, 8, 8, 0], None)]
+    path = annotations(tmp_path / "annotations" / "Lunch.json", rows)
+    (tmp_path / "Meeting" / "a.txt").write_text("person 20 20 8 8 0\n")
+    (tmp_path / "Meeting" / "b.txt").write_text("person 30 40 20 10 0\n")
+    (video,) = open_labelled(tmp_path)
+    assert video.files == (tmp_path / "Lunch" / "a.jpg", tmp_path / "Lunch" / "b.jpg")
+    assert video.people().boxes.round(6).tolist() == [[20, 35, 40, 45]]
+    upright = [[[16, 16, 24, 24]], [[20, 35, 40, 45]]]
+    for place in (path, tmp_path / "Meeting"):
+        assert [one.boxes.round(6).tolist() for one in labelled_images(place)] == upright

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -224,7 +225,7 @@ BOX = '{"id": 4, "image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4]'
         (
             "a.xml",
             "<annotations><image/></annotations>",
-            "expected `track` of CVAT for video 1.1, got annotations with",
+            "expected labelled boxes, found none",
         ),
         ("a.xml", "<annotations>", "expected CVAT's XML, got a broken one"),
         ("a.xml", '<!DOCTYPE a [<!ENTITY b "c">]><annotations/>', "which defines no entities"),
@@ -232,7 +233,7 @@ BOX = '{"id": 4, "image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4]'
         ("a.xml", '<annotations><track id="3"/></annotations>', "expected a box in each track, got none in track 3"),
         ("a.xml", LONG.format(1), "expected finite corners of each box, got others in track 1"),
         ("a.xml", LONG.format(5_000_000).replace("nan", "9"), "a track of at most 1000000 frames, got one of 5000001"),
-        ("a.json", COCO.format(BOX + "}"), "expected a track_id in each annotation, found none in that of id 4"),
+        ("a.json", COCO.format(BOX + "}"), "expected an id of each box .COCO: track_id"),
         ("a.json", COCO.format(f'{BOX}, "track_id": 1}}, {BOX}, "track_id": 1}}'), "id 1 stands twice in frame 0"),
         ("a.json", COCO.format(BOX.replace("4]", '0], "track_id": 1') + "}"), "expected boxes with an area"),
         ("a.json", COCO.format(BOX.replace("[1, 2", "[1") + ', "track_id": 1}'), "with images, categories"),
@@ -240,7 +241,7 @@ BOX = '{"id": 4, "image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4]'
         ("a.json", "{", "expected COCO's JSON, got no JSON"),
         ("a.json", "[]", "expected one task of Label Studio's JSON of video, got 0"),
         ("a.json", '[{"data": {}}]', "expected `videorectangle` in Label Studio's JSON of video, found none"),
-        ("labels/a_1.txt", "0 0.5 0.5 0.1 0.1\n", "expected class x y width height"),
+        ("labels/a_1.txt", "0 0.5 0.5 0.1\n", "expected class x y width height"),
         ("labels/a_1.txt", "0 0.5 0.5 0.1 0.1 0.93\n", "with a whole number as id"),
         ("labels/a.txt", "0 0.5 0.5 0.1 0.1 0.9 1\n", "expected the number of a frame at the end of its name"),
     ],
@@ -252,3 +253,58 @@ def test_what_is_broken_is_refused_in_a_line(name: str, text: str, message: str,
     with pytest.raises(RequestError, match=message) as error:
         evaluate_people(tmp_path if name.startswith("labels") else path, tracks())
     assert "\n" not in str(error.value)
+
+
+def pictures(folder: Path, count: int = 4) -> None:
+    """Black pictures of two sizes."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for n in range(count):
+        cv2.imwrite(str(folder / f"{n:03d}.png"), np.zeros((100, 200 if n % 2 else 100, 3), np.uint8))
+
+
+def single_coco(folder: Path) -> Path:
+    """As COCO itself: pictures of other sizes, no tracks, a crowd."""
+    pictures(folder / "val2017")
+    images = [{"id": 7 + n, "file_name": f"{n:03d}.png", "width": 1, "height": 1} for n in range(4)]
+    boxes = [(7, 1, [10, 20, 30, 40], 0), (8, 1, [20, 20, 60, 40], 0), (7, 3, [5, 5, 5, 5], 0), (8, 1, [0, 0, 9, 9], 1)]
+    rows = [{"image_id": i, "category_id": c, "bbox": box, "iscrowd": crowd} for i, c, box, crowd in boxes]
+    kinds = [{"id": 1, "name": "person"}, {"id": 3, "name": "car"}]
+    (folder / "annotations").mkdir()
+    content = {"images": images, "categories": kinds, "annotations": rows}
+    (folder / "annotations" / "instances_val2017.json").write_text(json.dumps(content))
+    return folder
+
+
+def single_yolo(folder: Path) -> Path:
+    """As ultralytics and Roboflow keep them: five numbers a row, parts in folders."""
+    pictures(folder / "images" / "train")
+    (folder / "labels" / "train").mkdir(parents=True)
+    (folder / "labels" / "train" / "000.txt").write_text("0 0.25 0.4 0.3 0.4\n2 0.075 0.075 0.05 0.05\n")
+    (folder / "labels" / "train" / "001.txt").write_text("0 0.25 0.4 0.3 0.4\n")
+    (folder / "data.yaml").write_text("train: images/train\nnames: {0: person, 2: car}\n")
+    return folder
+
+
+def single_cvat(folder: Path) -> Path:
+    """CVAT for images."""
+    pictures(folder / "images")
+    box = '<box label="{}" xtl="{}" ytl="{}" xbr="{}" ybr="{}"/>'
+    first = box.format("person", 10, 20, 40, 60) + box.format("car", 5, 5, 10, 10)
+    second = box.format("person", 20, 20, 80, 60)
+    images = "".join(f'<image id="{n}" name="{n:03d}.png">{b}</image>' for n, b in enumerate((first, second, "", "")))
+    (folder / "annotations.xml").write_text(f"<annotations><version>1.1</version>{images}</annotations>")
+    return folder
+
+
+@pytest.mark.parametrize("make", [single_coco, single_yolo, single_cvat])
+def test_pictures_labelled_one_by_one_have_boxes_and_no_ids(make: Callable[[Path], Path], tmp_path: Path) -> None:
+    (video,) = open_labelled(make(tmp_path / "set"))
+    assert [path.name for path in video.files] == ["000.png", "001.png", "002.png", "003.png"]
+    truth = video.people(single=True)
+    people, cars = truth.select(truth.evaluated), video.people(wanted="car", single=True)
+    assert people.frames.tolist() == [0, 1]
+    np.testing.assert_allclose(people.boxes, [[10, 20, 40, 60], [20, 20, 80, 60]])
+    np.testing.assert_allclose(cars.boxes[cars.evaluated], [[5, 5, 10, 10]])
+    assert int(truth.ignored.sum()) == (make is single_coco)
+    with pytest.raises(RequestError, match="expected an id of each box"):
+        video.people()
