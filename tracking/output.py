@@ -286,6 +286,7 @@ def _publish(work: Path, folder: Path) -> None:
     (folder / RUN_FILE).unlink(missing_ok=True)
     for name in stale:
         (folder / name).unlink(missing_ok=True)
+        _remove_if_empty((folder / name).parent)
     for path in sorted(work.iterdir(), key=lambda path: path.name == RUN_FILE):
         target = folder / path.name
         if target.is_dir() and not target.is_symlink():

@@ -58,9 +58,10 @@ def test_a_result_is_not_replaced_unasked(tmp_path: Path) -> None:
 
 def test_overwriting_removes_the_old_result_and_nothing_else(tmp_path: Path) -> None:
     folder = tmp_path / "r"
-    write_result(folder, {"tracks.txt": "old", "overlay.webm": "old", "img1/1.jpg": "old", "img1/2.jpg": "old"})
+    write_result(folder, {"tracks.txt": "old", "report/a.csv": "old", "img1/1.jpg": "old", "img1/2.jpg": "old"})
     (folder / "my notes.txt").write_text("keep me")
     write_result(folder, {"tracks.txt": "new", "img1/1.jpg": "new"}, overwrite=True)
+    assert not (folder / "report").exists()
     assert names(folder) == {"tracks.txt", "img1/1.jpg", "run.json", "my notes.txt"}
     assert (folder / "tracks.txt").read_text() == "new"
     assert json.loads((folder / "run.json").read_text())["files"] == ["img1/1.jpg", "tracks.txt"]

@@ -246,12 +246,14 @@ class Run:
         part.parent.mkdir(parents=True, exist_ok=True)
         try:
             write(part, *more)
+            whole.parent.mkdir(parents=True, exist_ok=True)
+            self._written, self._kept = True, None
+            return part.replace(whole)
         except BaseException:
             part.unlink(missing_ok=True)
+            with suppress(OSError):
+                whole.parent.rmdir()
             raise
-        whole.parent.mkdir(parents=True, exist_ok=True)
-        self._written, self._kept = True, None
-        return part.replace(whole)
 
     def fill(self, write: Callable[[Path], object]) -> None:
         """Make all files of a result that ``write`` puts into a folder; they are kept from then on."""

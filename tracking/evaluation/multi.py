@@ -29,6 +29,7 @@ from tsuiseki.tracking.evaluation.identity_metrics import (
     hota,
     identity,
 )
+from tsuiseki.tracking.formats.label_checks import compare_with_labels
 from tsuiseki.tracking.formats.tracked_video import TrackedBoxes, boxes_of_tracks
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
@@ -154,7 +155,10 @@ def people_sums(pair: SequencePair) -> PeopleSums:
         RequestError: as `evaluate_sequence`.
     """
     sequence = _prepare(pair)
-    return PeopleSums(hota(sequence), clear(sequence, MATCH_OVERLAP), identity(sequence, MATCH_OVERLAP))
+    counts = clear(sequence, MATCH_OVERLAP)
+    if counts.false:
+        compare_with_labels(pair.name, counts.hits, boxes_of_tracks(pair.tracks).boxes, pair.truth.boxes)
+    return PeopleSums(hota(sequence), counts, identity(sequence, MATCH_OVERLAP))
 
 
 def _summary(sums: PeopleSums) -> PeopleScores:

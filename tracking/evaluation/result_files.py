@@ -20,7 +20,7 @@ from tsuiseki.tracking.evaluation.detection import (
 from tsuiseki.tracking.evaluation.multi import MANY, SequencePair, restrict, where_labelled
 from tsuiseki.tracking.evaluation.truths import Truth
 from tsuiseki.tracking.formats.exports import format_at, read_exported
-from tsuiseki.tracking.formats.label_checks import PEOPLE, compare_with_picture, same_class
+from tsuiseki.tracking.formats.label_checks import PEOPLE, compare_with_labels, compare_with_picture, same_class
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
 from tsuiseki.tracking.output import RUN_FILE, is_partial
 from tsuiseki.tracking.types import Detections, IntArray, Track
@@ -197,7 +197,11 @@ def evaluate_detection_files(
         if ((shares >= low) & (shares < high)).any():
             name = f"visible {100 * low:.0f}-{100 * min(high, 1):.0f} %"
             visible[name] = scored((_visible(labels, low, high), n, d) for labels, n, d in every.values())
-    return DetectionEvaluation({name: scored([one]) for name, one in every.items()}, scored(every.values()), visible)
+    sequences = {name: scored([one]) for name, one in every.items()}
+    for name, (labels, _, images) in every.items():
+        right = round(float(sequences[name].recall.max(initial=0)) * sequences[name].boxes)
+        compare_with_labels(name, right, np.concatenate([image.boxes for image in images]), labels.boxes)
+    return DetectionEvaluation(sequences, scored(every.values()), visible)
 
 
 def _warn_of_a_segment(file: Path, labels: GroundTruth, frames: IntArray) -> None:

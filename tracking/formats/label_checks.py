@@ -111,11 +111,38 @@ def compare_with_picture(where: str | Path, boxes: FloatArray, size: tuple[int, 
         )
 
 
-def _like_corners(boxes: FloatArray, size: tuple[int, int]) -> bool:
+def _like_corners(boxes: FloatArray, size: tuple[float, float]) -> bool:
     """Whether what was read as x, y, width, height is corners in the picture, whose borders may be passed a bit."""
     second = boxes[:, 2:] - boxes[:, :2]
     fits = (second > boxes[:, :2]).all(axis=1) & (second <= 1.05 * np.array(size)).all(axis=1)
     return bool(fits.mean() > 0.99)
+
+
+# Right boxes, as a share of the fewer of boxes and labels, below which a result is told apart from a poor one.
+RARE = 0.02
+
+
+def compare_with_labels(where: str | Path, right: int, boxes: FloatArray, labels: FloatArray) -> None:
+    """Warn of boxes that lie elsewhere than the labels do, as where neither states the size of the picture.
+
+    Args:
+        where: they were read, for the message.
+        right: number of those that are on a label.
+        boxes: ``(N, 4)`` corners, 0-based pixels, of those that count.
+        labels: ``(M, 4)`` likewise.
+    """
+    if right >= RARE * min(len(boxes), len(labels)):
+        return
+    size = labels[:, 2:].max(axis=0)
+    hint = "are they those of another video, or of a picture of another size?"
+    if _like_corners(boxes, (size[0], size[1])):
+        hint = "they fit as corners x1, y1, x2, y2, where x, y, width, height are expected"
+    there, here = (
+        "{:.0f},{:.0f} to {:.0f},{:.0f}".format(*some[:, :2].min(axis=0), *some[:, 2:].max(axis=0))
+        for some in (boxes, labels)
+    )
+    told = f"{right} of {len(boxes)} boxes are on labelled ones; they lie in {there}, the labels in {here}; {hint}"
+    warnings.warn(f"{where}: {told}", InputWarning, stacklevel=3)
 
 
 # Boxes that tell.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,19 @@ DEFAULT_FRAME_RATE = 25.0
 PAGED = ("TIFF", "WEBP", "PNG")
 ORIENTATION_TAG = 0x0112
 TURNED_ORIENTATIONS = (5, 6, 7, 8)
+# What kinds of files that are no images here begin with, whatever their names.
+MARKS = {
+    b"ftyphe": "HEIC",
+    b"ftypmif1": "HEIC",
+    b"ftypavif": "AVIF",
+    b"ftypjxl": "JPEG XL",
+    b"JXL ": "JPEG XL",
+    b"8BPS": "a picture of Photoshop",
+    b"%PDF": "PDF",
+    b"<svg": "SVG",
+    b"ftyp": "a video",
+    b"\x1aE\xdf\xa3": "a video",
+}
 # Leftovers of file managers that may lie among images.
 HARMLESS_NAMES = ("thumbs.db", "desktop.ini")
 # Of videos, which a message tells to give by themselves; more than any data set here holds.
@@ -101,10 +115,20 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> ImageArray:
     except (OSError, cv2.error):
         decoded = None
     if decoded is None:
-        raise RunError(f"{path}: expected an image, got something that cannot be decoded")
+        raise RunError(not_an_image(path))
     if size is not None and decoded.shape[1::-1] != size:
         raise RunError(f"{path}: expected {size[0]}x{size[1]} pixels, got {decoded.shape[1]}x{decoded.shape[0]}")
     return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def not_an_image(path: Path) -> str:
+    """What to say of a file that cannot be read as an image."""
+    with suppress(OSError), path.open("rb") as file:
+        head = file.read(32)
+        for mark, kind in MARKS.items():
+            if mark in head:
+                return f"{path}: expected an image, got {kind}, which is not read; write it as PNG or JPEG"
+    return f"{path}: expected an image, got something that cannot be decoded"
 
 
 def _of_one_target(folder: Path) -> tuple[Path, ...]:
@@ -154,7 +178,7 @@ def one_image(path: Path) -> tuple[int, int]:
             turned = "exif" in image.info and image.getexif().get(ORIENTATION_TAG) in TURNED_ORIENTATIONS
             return (image.height, image.width) if turned else (image.width, image.height)
     except (UnidentifiedImageError, OSError, Image.DecompressionBombError, SyntaxError) as error:
-        raise RequestError(f"{path}: expected an image, got something that cannot be decoded") from error
+        raise RequestError(not_an_image(path)) from error
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,9 @@ from tsuiseki.tracking.evaluation.multi import (
     evaluate_sequences,
     restrict,
 )
-from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
+from tsuiseki.tracking.evaluation.result_files import evaluate_detection_files
+from tsuiseki.tracking.evaluation.truths import Truth
+from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks, write_tracks
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -212,3 +216,36 @@ def test_results_long_after_the_labels_are_told() -> None:
 def test_a_result_without_boxes_is_told() -> None:
     with pytest.warns(InputWarning, match="the result has no box; every score is 0"):
         assert evaluate_sequence(labels(walk(1, range(10), 0.0)), [], 10).hota == 0
+
+
+def as_corners(boxes: np.ndarray) -> np.ndarray:
+    """What corners become where width and height are expected."""
+    return np.column_stack([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]])
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (as_corners, r"0 of 20 boxes .* lie in 30,40 to 108,100, the labels in 30,40 to 59,60; they fit as corners"),
+        (lambda boxes: boxes + 500, r"in 530,540 to 559,560, .* of another video, or of a picture of another size\?"),
+        (lambda boxes: boxes / 2, r"0 of 20 boxes are on labelled ones; they lie in 15,20 to 30,30, .* another size"),
+    ],
+)
+def test_boxes_that_lie_elsewhere_are_told(
+    change: Callable[[np.ndarray], np.ndarray], told: str, tmp_path: Path
+) -> None:
+    person = walk(1, range(20), 30, 40)
+    other = replace(person, boxes=change(person.boxes))
+    with pytest.warns(InputWarning, match=told):
+        assert evaluate_sequence(labels(person), [other], 20).mota <= 0
+    write_tracks(tmp_path / "det.txt", [other])
+    truth = Truth("walk", labels(person), 20)
+    with pytest.warns(InputWarning, match=told):
+        assert evaluate_detection_files([truth], tmp_path / "det.txt").combined.average_precision == 0
+
+
+def test_poor_results_are_not_taken_for_others(recwarn: pytest.WarningsRecorder) -> None:
+    person, crowd = walk(1, range(20), 30, 40), [walk(n, range(20), 300) for n in range(2, 90)]
+    evaluate_sequence(labels(person), [person, *crowd], 20)
+    evaluate_sequence(labels(person, *crowd), [person], 20)
+    assert not recwarn.list

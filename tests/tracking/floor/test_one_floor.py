@@ -253,6 +253,15 @@ def turned_up(placed: Placed) -> Placed:
     return replace(placed, camera=replace(camera, rotation=np.diag([1.0, 1.0, 1.0])))
 
 
+def test_boxes_outside_a_cameras_picture_are_refused(tmp_path):
+    write_cameras(tmp_path / "cameras.yaml", cameras())
+    files = [tmp_path / f"{placed.name}.csv" for placed in cameras()]
+    for path in files:
+        path.write_text("frame,x1,y1,x2,y2,score\n1,9000,10,9040,90,1\n")
+    with pytest.raises(RequestError, match=rf"{files[0].name}: .* in the picture of .*, got all 1 outside of it"):
+        track_floor(cameras=tmp_path / "cameras.yaml", detections=files)
+
+
 def test_a_result_is_saved_and_loaded(world, tmp_path):
     names = []
     for feed in world.feeds:

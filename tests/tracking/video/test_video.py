@@ -189,3 +189,16 @@ def test_several_images_in_one_file_are_refused_with_their_number(name: str, alo
         open_source(tmp_path / name if alone else tmp_path)
     pages[0].save(tmp_path / name)
     assert len(list(open_source(tmp_path / name if alone else tmp_path).frames())) == 1
+
+
+@pytest.mark.parametrize(
+    ("head", "kind"),
+    [(b"\0\0\0\x18ftypheic", "HEIC"), (b"\0\0\0\x1cftypmif1", "HEIC"), (b"\0\0\0\x18ftypisom", "a video"),
+     (b"8BPS\0\1", "a picture of Photoshop"), (b"text", "something that cannot be decoded")],
+)  # fmt: skip
+def test_what_a_file_is_that_is_no_image_is_told_whatever_its_name(head: bytes, kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "1.jpg"
+    path.write_bytes(head + bytes(200))
+    for source in (path, tmp_path):
+        with pytest.raises(RequestError, match=f"1.jpg: expected an image, got {kind}"):
+            open_source(source)
