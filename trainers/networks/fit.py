@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import logging
+import re
 import signal
 import sys
 import time
@@ -24,7 +25,7 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from tsuiseki.tracking.cli.parser import named_config
-from tsuiseki.tracking.errors import Interrupted, RequestError
+from tsuiseki.tracking.errors import Interrupted, RequestError, RunError
 from tsuiseki.tracking.output import RunRecord
 
 
@@ -74,6 +75,8 @@ ASSOCIATION = Task(
     "trainers.association.windows:AssociationData",
     "val/agreement",
 )
+# Packages of Lightning's loggers whose own errors end a training.
+LOGGING = ("wandb", "mlflow", "comet_ml", "neptune")
 PROPOSE, CONFIG = "--propose-anchors", ("--config", "-c")
 
 
@@ -172,6 +175,7 @@ def _fit(task: Task, cli: TaskCLI) -> None:
 
     Raises:
         Interrupted: the user ended the training.
+        RunError: a logger of another project failed, as without an account.
     """
     checkpoint, start = cli.config.ckpt_path, time.perf_counter()
     settings = json.loads(json.dumps(cli.config.as_dict(), default=str))
@@ -187,6 +191,11 @@ def _fit(task: Task, cli: TaskCLI) -> None:
         last = cli.out / "checkpoints" / "last.ckpt"
         kept = f"go on with --ckpt_path {last}" if last.is_file() else "no epoch was finished"
         raise Interrupted(getattr(interrupt, "number", signal.SIGINT), kept) from error
+    except Exception as error:
+        record.partial, record.reason = True, one_line(error)
+        if type(error).__module__.partition(".")[0] in LOGGING:
+            raise RunError(f"the logger could not go on: {record.reason}") from error
+        raise
     finally:
         if cli.trainer.is_global_zero and cli.out.is_dir():
             record.seconds = {"training": time.perf_counter() - start}
@@ -318,10 +327,13 @@ def _class(place: str) -> Any:
 def _parse(task: Task, arguments: Sequence[str]) -> TaskCLI:
     try:
         return TaskCLI(task, arguments)
-    except (ArgumentError, MisconfigurationException, ModuleNotFoundError) as error:
+    except (ArgumentError, MisconfigurationException, ModuleNotFoundError, ValueError) as error:
+        if isinstance(error, RequestError):
+            raise
         raise RequestError(one_line(error)) from error
 
 
 def one_line(error: Exception) -> str:
-    """The message of a parser's ``error`` without its line breaks."""
-    return " ".join(str(error).split())
+    """The message of a parser's ``error`` without its line breaks, and without the types that were not meant."""
+    reason = re.search(r"^  - (.+)$", str(error), re.MULTILINE)
+    return " ".join((str(error) if reason is None else reason[1]).split())

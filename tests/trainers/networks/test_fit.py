@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from lightning.pytorch.loggers import CSVLogger
 
 from tsuiseki.datamodules.detection_data import DetectionData
 from tsuiseki.datamodules.training_images import TrainingSource
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.detector_network import detector_card
@@ -145,6 +146,7 @@ def test_a_training_that_is_interrupted_says_how_to_go_on(
         (["--model.height", "60"], "divide by 32"),
         (["--trainer.logger", "NeptuneLogger", "--trainer.logger.project", "x"], "eptune"),
         (["--trainer.accelerator", "tpu"], "torch_xla"),
+        (["--trainer.callbacks", "ModelCheckpoint", "--trainer.callbacks.every_n_epochs", "-1"], "every_n_epochs"),
     ],
 )
 def test_a_wrong_request_is_one_line(config: Path, change: list[str], message: str) -> None:
@@ -152,6 +154,19 @@ def test_a_wrong_request_is_one_line(config: Path, change: list[str], message: s
         fit_detector(["--config", str(config), *change])
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_logger_that_fails_is_one_line(config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class UsageError(Exception):
+        __module__ = "wandb.errors"
+
+    def log(*_: object) -> None:
+        raise UsageError("No key.\nLog in.")
+
+    monkeypatch.setattr(CSVLogger, "log_hyperparams", log)
+    with pytest.raises(RunError, match=r"the logger could not go on: No key\. Log in\."):
+        fit_detector(["--config", str(config)])
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["reason"] == "No key. Log in."
 
 
 def test_loggers_of_lightning_are_taken_as_given(config: Path, tmp_path: Path) -> None:
