@@ -221,14 +221,14 @@ def clips_to_cut(clips: Sequence[ActionSequence], settings: CropSettings, purpos
         purpose: of the clips, for the error.
 
     Raises:
-        RequestError: nobody can be cut out of any of them.
+        RequestError: no person can be cut out of any of them.
     """
     people = [len(rows_to_cut(clip.labels, settings)) for clip in clips]
     if not any(people):
         raise RequestError(f"expected labelled people with a frame before in the {purpose} clips, got none")
     if not all(people):
         empty = ", ".join(clip.name for clip, count in zip(clips, people, strict=True) if not count)
-        print(f"tsuiseki: warning: left out, since nobody is labelled there: {empty}", file=sys.stderr)
+        print(f"tsuiseki: warning: left out, since no person is labelled there:  {empty}", file=sys.stderr)
     return [clip for clip, count in zip(clips, people, strict=True) if count]
 
 

@@ -1,7 +1,7 @@
 """Batches of P identities with K views each, for learning appearance, and how their crops are changed at random.
 
 A batch is seen through one camera: its colours, contrast, sharpness and resolution are drawn once for all, so that
-people are told apart by what differs between them and not by the light. What changes from frame to frame (box,
+people are distinguished by what differs between them and not by the light. What changes from frame to frame (box,
 direction, small changes of light, things in front) is drawn for every crop.
 """
 

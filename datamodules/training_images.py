@@ -216,7 +216,7 @@ def write_pictures(source: TrainingSource, size: tuple[int, int]) -> None:
 
 
 def _drawn(source: TrainingSource, size: tuple[int, int], folder: Path, numbers: range) -> list[FrameTruth]:
-    """Draw the pictures of these numbers into ``folder``, and say what they show; nobody has an id yet."""
+    """Draw the pictures of these numbers into ``folder``, and return their labels, without ids."""
     truths = []
     for number in numbers:
         image, boxes, visibility = _picture(source, size, number)

@@ -20,7 +20,7 @@ from tsuiseki.models.backbones import TrunkName, build_trunk
 class AppearanceNetwork(nn.Module):
     """Crops of people in, unit-length features out: two crops of one person lie close, those of two people apart.
 
-    Every stage of the trunk is averaged over horizontal stripes, so that the colour of a jacket is told from that of
+    Every stage of the trunk is averaged over horizontal stripes, so that the colour of a jacket differs from that of
     the trousers, then projected and normalised. The early stages carry the colours, the last one the shapes.
 
     Args:

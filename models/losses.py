@@ -167,7 +167,7 @@ def complete_iou(offsets: Tensor, anchors: Tensor, boxes: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class QualityFocal:
-    """A score that is to be the IoU of its own box, 0 where there is nobody.
+    """A score that is to be the IoU of its own box, 0 for background.
 
     No negatives are chosen: the focal factor leaves the easy ones without weight.
 

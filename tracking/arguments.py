@@ -29,7 +29,7 @@ LISTS = {int: "whole numbers", float: "numbers"}
 NAMES = {"NoneType": "None", "ndarray": "array", "Callable": "a function"}
 SEVERAL = (tuple, list, Sequence, Collection, Iterable)
 # What types say badly, by the name of the argument and whether it may be a text.
-TOLD = {
+SPELT_OUT = {
     ("frames", True): "FIRST-LAST as a text, such as 301-400",
     ("source", True): "a video file, a folder of images, a camera's number or a list of images (H, W, 3) uint8",
 }
@@ -175,7 +175,7 @@ def check_sensible(name: str, value: Any, default: Any) -> None:
 
     Args:
         name: of the argument, with those above it before dots; empty where it is given by place.
-        value: a number or a text; settings are looked into, and lists.
+        value: a number or a text; settings and lists are checked inside.
         default: likewise.
 
     Raises:
@@ -213,20 +213,20 @@ def check_regular(name: str, path: Path) -> None:
 
 
 def check_argument(name: str, value: Any, kind: Any, default: Any, bounded: bool = True) -> None:
-    """Refuse a value that is not of its type, is NaN, or runs without end; settings are looked into.
+    """Refuse a value that is not of its type, is NaN, or runs without end; settings are checked inside.
 
     Args:
         name: of the argument, with those above it before dots.
         value: what came.
         kind: its type, resolved.
         default: of the argument; empty where there is none, and its numbers are of any size.
-        bounded: look at the size of numbers, and into settings.
+        bounded: check the size of numbers, and settings inside.
 
     Raises:
         RequestError: it cannot be used.
     """
     if not fits(value, kind):
-        wanted = TOLD.get((name, str in get_args(kind))) or shown(kind)
+        wanted = SPELT_OUT.get((name, str in get_args(kind))) or shown(kind)
         raise RequestError(f"`{name}`: expected {wanted}, got {_short(value)}")
     if name.rpartition(".")[2] in ("seed", "threads") and isinstance(value, Real) and value < 0:
         raise RequestError(f"`{name}`: expected a whole number from 0, got {value!r}")
@@ -246,7 +246,7 @@ def is_settings(value: Any) -> bool:
 
 
 def fits(value: Any, kind: Any) -> bool:
-    """Whether ``value`` is of the type ``kind``, as far as can be told without looking into arrays and iterators."""
+    """Whether ``value`` is of the type ``kind``, without reading arrays and iterators."""
     origin, inner = get_origin(kind), get_args(kind)
     base = origin or kind
     if base in (Union, UnionType):

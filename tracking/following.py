@@ -1,4 +1,4 @@
-"""What the runs share that follow something through a video: the options of its source, and what is drawn and told."""
+"""What the runs share that follow something through a video: the options of its source, drawing and messages."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ class Drawing(Shared):
 
 @dataclass(frozen=True, kw_only=True)
 class SourceOptions(Shared):
-    """What to look at.
+    """The source and its frames.
 
     Attributes:
         source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
             webcam (0, 1, …) or the address of a stream.
-        frames: look at this stretch only, counted from 1 with both ends, such as 301-400.
+        frames: this segment only, counted from 1 with both ends, such as 301-400.
         fps: frames a second, where the source does not say or is wrong; by default what it says, or 25.
     """
 
@@ -98,7 +98,7 @@ class SourceOptions(Shared):
                 stacklevel=2,
             )
         if images and not opened.has_images:
-            raise RequestError(f"{opened.name} has no images to look at; expected them in its folder img1/")
+            raise RequestError(f"{opened.name} has no images; expected them in its folder img1/")
         if replayable and opened.live:
             raise RequestError(
                 "expected a video that can be played again, got a live source; record it, or give a list of images"
@@ -110,7 +110,7 @@ class SourceOptions(Shared):
 
 @dataclass(frozen=True, kw_only=True)
 class Video(SourceOptions, Drawing):
-    """What to look at, and whether to draw."""
+    """The source, its frames, and whether to draw."""
 
     def open(self, **checks: Any) -> Source:
         """See `SourceOptions.open`; raises RequestError, too, where there is nothing to draw the overlay on."""

@@ -166,7 +166,7 @@ def _checked(
             counted.given += len(bad)
         return Detections(boxes, scores, classes=classes, names=names)
     row, alone, counted = int(bad.argmax()), counted is None, counted or BadBoxes()
-    told, fewest = counted.bad > 0, 1 if alone else FEWEST_BAD
+    doubtful, fewest = counted.bad > 0, 1 if alone else FEWEST_BAD
     counted.given, counted.bad = counted.given + len(bad), counted.bad + int(bad.sum())
     if counted.bad >= fewest and 2 * counted.bad > counted.given:
         shown = ", ".join(f"{value:g}" for value in boxes[row])
@@ -174,7 +174,7 @@ def _checked(
             f"expected finite boxes x1, y1, x2, y2 with x1 < x2 and y1 < y2, got {shown} in row {row}; "
             "are they x, y, width, height?"
         )
-    if not told:
+    if not doubtful:
         shown = ", ".join(f"{value:g}" for value in (*boxes[row], scores[row]))
         warnings.warn(
             f"a box without an area, or not finite, is left out: {shown}; so are more of them. Expected x1, y1, x2, "

@@ -282,7 +282,7 @@ def _umask() -> int:
 def _publish(work: Path, folder: Path) -> None:
     written = {path.relative_to(work).as_posix() for path in work.rglob("*") if path.is_file()}
     stale = _listed_files(folder) - written - {RUN_FILE}
-    # run.json goes first and comes last: while it is missing, nobody takes a mixture for a result.
+    # run.json goes first and comes last: while it is missing, a mixture is not taken for a result.
     (folder / RUN_FILE).unlink(missing_ok=True)
     for name in stale:
         (folder / name).unlink(missing_ok=True)

@@ -140,11 +140,11 @@ class Result(Sequence[T_co]):
                 raise RequestError(f"expected detections with tracker_id, got none in frame {frame}; track them first")
             if len(found):
                 scores = np.ones(len(found)) if found.confidence is None else found.confidence
-                told = as_detections(found)
-                if len(told) < len(found):
+                usable = as_detections(found)
+                if len(usable) < len(found):
                     raise RequestError(f"expected boxes that have an area, got others in frame {frame}")
-                names |= told.names
-                columns = np.full(len(found), frame), found.tracker_id, found.xyxy, scores, told.origin[:, 1]
+                names |= usable.names
+                columns = np.full(len(found), frame), found.tracker_id, found.xyxy, scores, usable.origin[:, 1]
                 parts.append(np.column_stack(columns))
         rows = np.concatenate(parts) if parts else np.empty((0, 8))
         # supervision counts ids from 0 or from 1, as its tracker does.
@@ -254,7 +254,7 @@ class Result(Sequence[T_co]):
         last = max([*self.frames.get("frame", ()), *table["frame"][-1:].tolist()], default=-1)
         edges = np.searchsorted(table["frame"], np.arange(last + 2))
         corners = np.column_stack([table[name] for name in ("x1", "y1", "x2", "y2")])
-        told = {"class_id": table["class_id"]} if "class_id" in table else {}
+        given = {"class_id": table["class_id"]} if "class_id" in table else {}
         names = {"class_name": table["class_name"]} if "class_name" in table else {}
         return [
             make(
@@ -262,7 +262,7 @@ class Result(Sequence[T_co]):
                 confidence=table["score"][a:b],
                 tracker_id=table["id"][a:b],
                 data={name: column[a:b] for name, column in names.items()},
-                **{name: column[a:b] for name, column in told.items()},
+                **{name: column[a:b] for name, column in given.items()},
             )
             for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
         ]

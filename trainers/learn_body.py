@@ -314,7 +314,7 @@ def train_body(
     modes: int = 1,
     points: int = 48,
 ) -> None:
-    """Learn a body from silhouettes: its mean outline and how it bends, drawn by nobody.
+    """Learn a body from silhouettes: its mean outline and how it bends.
 
     tsuiseki track deformable --body FILE.json takes the result.
 

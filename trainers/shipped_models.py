@@ -88,7 +88,7 @@ def make_models(folder: Path, assets: Path | None = None) -> dict[str, Path]:
     from tsuiseki.tracking.cli import main
 
     if assets is not None:
-        # What is missing is told before hours of training.
+        # What is missing is reported before hours of training.
         Assets(assets)
         if _photographs(assets):
             Photographs(assets / "photographs")

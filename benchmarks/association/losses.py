@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.evaluation.coverage import NOBODY, matched_labels
+from tsuiseki.tracking.evaluation.coverage import UNMATCHED, matched_labels
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence, restrict
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
@@ -35,7 +35,7 @@ class Rows:
         frames: ``(N,)``.
         ids: ``(N,)``.
         boxes: ``(N, 4)``.
-        person: ``(N,)`` row of the labels that each is matched to, or `NOBODY`.
+        person: ``(N,)`` row of the labels that each is matched to, or `UNMATCHED`.
     """
 
     frames: IntArray
@@ -91,10 +91,10 @@ def matched(truth: GroundTruth, tracks: list[Track]) -> Rows:
 def false_kinds(truth: GroundTruth, rows: Rows) -> dict[str, int]:
     """How many false boxes lie where."""
     free = np.ones(len(truth.frames), dtype=np.bool_)
-    free[rows.person[rows.person != NOBODY]] = False
+    free[rows.person[rows.person != UNMATCHED]] = False
     moving = {number for number in np.unique(rows.ids).tolist() if _moves(rows.boxes[rows.ids == number])}
     counts = dict.fromkeys(("beside a missed person", "doubled", "on nobody, still", "on nobody, moving"), 0)
-    for row in np.flatnonzero(rows.person == NOBODY).tolist():
+    for row in np.flatnonzero(rows.person == UNMATCHED).tolist():
         here, box = truth.frames == rows.frames[row], rows.boxes[row]
         overlaps = iou_matrix(box[None], truth.boxes[here])[0]
         on_one = intersections(box[None, None], truth.boxes[here][None])[0, 0] / areas(box)
@@ -114,7 +114,7 @@ def missed_kinds(truth: GroundTruth, rows: Rows) -> dict[str, int]:
     missed = np.setdiff1d(np.arange(len(truth.frames)), rows.person)
     counts = dict.fromkeys(("boxed badly", "half hidden or more", "others"), 0)
     for row in missed.tolist():
-        wrong = rows.boxes[(rows.frames == truth.frames[row]) & (rows.person == NOBODY)]
+        wrong = rows.boxes[(rows.frames == truth.frames[row]) & (rows.person == UNMATCHED)]
         if (iou_matrix(truth.boxes[row][None], wrong) >= BESIDE).any():
             counts["boxed badly"] += 1
         else:
@@ -130,7 +130,7 @@ def _moves(boxes: FloatArray) -> bool:
 
 def put_right(truth: GroundTruth, rows: Rows) -> dict[str, Rows]:
     """The result as it is, and with one kind of error taken away at a time."""
-    right = rows.person != NOBODY
+    right = rows.person != UNMATCHED
     placed, named = rows.boxes.copy(), rows.ids + int(truth.ids.max()) + 1
     placed[right] = truth.boxes[rows.person[right]]
     named[right] = truth.ids[rows.person[right]]
@@ -157,7 +157,7 @@ def put_right(truth: GroundTruth, rows: Rows) -> dict[str, Rows]:
 
 
 def _usual(truth: GroundTruth, rows: Rows, missed: int) -> int:
-    of_them = rows.ids[(rows.person != NOBODY) & (truth.ids[rows.person] == truth.ids[missed])]
+    of_them = rows.ids[(rows.person != UNMATCHED) & (truth.ids[rows.person] == truth.ids[missed])]
     return int(np.bincount(of_them).argmax()) if len(of_them) else int(rows.ids.max()) + 1 + int(truth.ids[missed])
 
 

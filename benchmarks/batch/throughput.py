@@ -22,7 +22,7 @@ from pathlib import Path
 
 from tsuiseki.tracking.cli import main
 
-HOURS, RATE, STRETCH = 1000, 25.0, 60.0
+HOURS, RATE, SEGMENT = 1000, 25.0, 60.0
 
 
 def clips(folder: Path, videos: int, frames: int) -> list[str]:
@@ -69,21 +69,21 @@ def seconds_of_tasks(out: Path) -> dict[str, tuple[float, float]]:
 
 def played(tasks: dict[str, tuple[float, float]], workers: int) -> tuple[float, float, float]:
     """Hours until all is done, hours of work in it, and of the longest task, where whoever is free takes the next."""
-    look, finish = tasks["look"][1] * STRETCH * RATE, tasks["finish"][1] * 3600 * RATE
+    detect, finish = tasks["detect"][1] * SEGMENT * RATE, tasks["finish"][1] * 3600 * RATE
     free, work = [0.0] * workers, 0.0
     for _ in range(HOURS):
         begun = heapq.heappop(free) + tasks["begin"][0]
         heapq.heappush(free, begun)
         last = begun
-        for _ in range(round(3600 / STRETCH)):
-            end = max(heapq.heappop(free), begun) + look
+        for _ in range(round(3600 / SEGMENT)):
+            end = max(heapq.heappop(free), begun) + detect
             heapq.heappush(free, end)
             last = max(last, end)
         free.remove(last)
         free.append(last + finish)
         heapq.heapify(free)
-        work += tasks["begin"][0] + round(3600 / STRETCH) * look + finish
-    return max(free) / 3600, work / 3600, max(look, finish, tasks["begin"][0]) / 3600
+        work += tasks["begin"][0] + round(3600 / SEGMENT) * detect + finish
+    return max(free) / 3600, work / 3600, max(detect, finish, tasks["begin"][0]) / 3600
 
 
 def measure() -> None:

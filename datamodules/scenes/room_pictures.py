@@ -1,6 +1,6 @@
 """Pictures of people in rooms in the views that a ceiling camera's picture is unrolled into, to train detectors.
 
-People stand, walk and sit, at tables and elsewhere, among furniture that is nobody; the camera hangs anywhere.
+People stand, walk and sit, at tables and elsewhere, among furniture; the camera hangs anywhere.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class _Room:
         size: ``(3,)`` metres.
         camera: on the ceiling.
         people: dressed solids so far.
-        things: that are nobody so far.
+        things: drawn so far.
         taken: x, y and radius of what is occupied so far, metres.
     """
 

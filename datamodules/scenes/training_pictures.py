@@ -74,7 +74,7 @@ class TrainingSettings:
         height: pixels.
         people: (fewest, most) people that are tried.
         person_height: (least, greatest) height of a person, pixels.
-        clutter: (fewest, most) things that are nobody.
+        clutter: (fewest, most) things besides people.
         camera_height: (lowest, highest), metres.
         degradation: strength of blur, noise and the like; 0 for none.
         samples: rays along each side of a pixel.
@@ -85,9 +85,9 @@ class TrainingSettings:
         photographs: chance that a photograph lies on the ground, and 0.3 times as large one that a whole view is one,
             where there are photographs.
         facades: chance of walls that photographs cover, likewise.
-        town: (fewest, most) things of a town that are nobody: traffic lights, signs, bicycles and the like; where
+        town: (fewest, most) things of a town: traffic lights, signs, bicycles and the like; where
             there may be any, walls with doors and shop windows too.
-        things: (fewest, most) photographed things that are nobody; where there may be any, there must be photographs.
+        things: (fewest, most) photographed things; above 0 it needs photographs.
         overhead: a fisheye camera looks straight down from ``camera_height``; nothing then goes by ``person_height``.
         boxes: ``silhouettes`` go round everybody, and swing with the legs; ``steady`` boxes of rendered people are as
             wide, and lie where, those of their whole walk are and do on average, as people label videos.
@@ -130,7 +130,7 @@ class TrainingSettings:
 STREET = TrainingSettings()
 SCENES: Mapping[str, TrainingSettings] = {
     "street": STREET,
-    # Few people among many things: what scores are calibrated on, as most of a real view shows nobody.
+    # Few people among many things: what scores are calibrated on, as most of a real view is empty.
     "sparse": replace(
         STREET, people=(0, 2), clutter=(6, 26), person_height=(20.0, 200.0), night=0.1, facades=0.8
     ),
@@ -153,7 +153,7 @@ VARIED: tuple[tuple[float, dict[str, Any]], ...] = (
     (0.2, {"people": (8, 40), "person_height": (14.0, 80.0), "camera_height": (4.0, 15.0), "beside": 0.4}),
     (0.15, {"people": (0, 0), "clutter": (8, 30)}),
 )
-"""Shares and settings of a varied set: an ordinary street, a crowd, a view from afar, or nobody at all."""
+"""Shares and settings of a varied set: an ordinary street, a crowd, a view from afar, or no person at all."""
 
 
 def settings_of_scene(scene: str, rng: np.random.Generator, width: int, height: int) -> TrainingSettings:

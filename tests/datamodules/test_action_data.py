@@ -64,7 +64,7 @@ def test_clips_without_people_are_left_out_by_name(
     data = ActionData([tmp_path], [acting_clips / "validation"], tmp_path / "cut", cutting=SETTINGS)
     data.prepare_data()
     data.setup("fit")
-    assert "left out, since nobody is labelled there: empty" in capsys.readouterr().err
+    assert "left out, since no person is labelled there:  empty" in capsys.readouterr().err
     assert len(data.train_crops.images["rgb_local"]) == 1
     nobody = ActionData([tmp_path / "empty"], [acting_clips / "validation"], tmp_path / "cut", cutting=SETTINGS)
     with pytest.raises(RequestError, match="expected labelled people with a frame before in the train clips"):

@@ -44,7 +44,7 @@ def test_contrastive_closed_form() -> None:
 @pytest.mark.parametrize("loss", [triplet_loss, contrastive_loss])
 def test_separated_people_cost_nothing(loss) -> None:  # type: ignore[no-untyped-def]
     features = torch.tensor([[1.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [-1.0, 0.0]])
-    # Equal views are told apart by the root of 1e-12.
+    # Equal views are distinguished by the root of 1e-12.
     assert float(loss(features, IDS, 1.0)) == pytest.approx(0, abs=1e-5)
 
 

@@ -31,7 +31,7 @@ FEWEST = 5
 WINDOW = 100
 FARTHEST = 5.0
 NEAR = 1.0
-"""Two animals are in contact where their pixels were told apart and they are nearer than this many lengths."""
+"""Two animals are in contact where their pixels were separated and they are nearer than this many lengths."""
 
 
 def exchanged_after_contacts(

@@ -67,10 +67,10 @@ class AnimalPose:
         spread: ``(2,)`` deviations of the pixels of the core along the axis and across, pixels.
         brightness: mean contrast, grey levels.
         asymmetry: ``(2,)`` where the contrast lies along the axis, and where it is drawn out; of the length.
-        contact: another animal touches it, so that its pixels were told apart by a fit.
+        contact: another animal touches it, so that its pixels were separated by a fit.
         headed: the axis points to the head.
         ends: ``(2, 2)`` at each of `EDGES` the rear and front end along the axis, from the core, pixels; None where
-            nobody looked.
+            no detector ran.
         points: ``(K, 2)`` of a skeleton, pixels; None where there is none.
         point_scores: ``(K,)`` in [0, 1].
     """

@@ -97,7 +97,7 @@ def animal_result(
         frames: of it.
         skeleton: what is known of the points.
         table: those of its file.
-        choice: how animals are told from what lies behind them, and followed.
+        choice: how animals are distinguished from the background, and followed.
         times: of the run.
         made: settings of the run.
     """
@@ -142,7 +142,7 @@ def animal_result(
 def _followed(
     frames: Iterable[Frame], tracker: AnimalTracker | None, times: StageTimes
 ) -> tuple[tuple[int, int], list[int]]:
-    """Width and height of the frames, and their numbers; the ``tracker`` has looked at each."""
+    """Width and height of the frames, and their numbers; the ``tracker`` has processed each."""
     size, numbers = (0, 0), []
     for frame in frames:
         size = (frame.image.shape[1], frame.image.shape[0])

@@ -47,7 +47,7 @@ class AnimalSettings:
 
 @dataclass(frozen=True)
 class AnimalChoice(Shared):
-    """How animals are told from what lies behind them, and followed.
+    """How animals are distinguished from the background, and followed.
 
     Attributes:
         contrast: how animals differ from what lies behind them: bright, dark or any; auto finds out.

@@ -20,8 +20,8 @@ from tsuiseki.tracking.animals.settings import AnimalSettings
 from tsuiseki.tracking.features.background_difference import Background, Shape, shape_of
 from tsuiseki.tracking.types import FloatArray, Frame, IntArray
 
-# A region of this many usual areas that nobody was expected in holds more than one animal, unless its shape is that of
-# one.
+# A region of this many usual areas in which no animal was expected holds more than one animal, unless its shape is that
+# of one.
 SEVERAL = 1.6
 # Least fill, least and greatest aspect of such a shape, over the usual ones: two animals side by side fill an ellipse,
 # too, but a rounder one, and in line a longer one.
@@ -102,7 +102,7 @@ def _like_one(core: FloatArray, usual: Shape | None) -> bool:
 
 
 def _apart(points: FloatArray, count: int) -> list[ExpectedAnimal]:
-    """``count`` animals of equal size in a region that nobody was expected in."""
+    """``count`` animals of equal size in a region in which none was expected."""
     cv2.setRNGSeed(0)
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.1)
     _, label, _ = cv2.kmeans(
@@ -223,7 +223,7 @@ def _remembered(
             continue
         old = seen[before[j]]
         axis, shift = pose.pointing(old.expected.axis)
-        # What was told apart by a fit to what is remembered teaches nothing.
+        # What was separated by a fit to what is remembered teaches nothing.
         share = 0.0 if pose.contact else REMEMBERED
         kept = old.expected
         known = ExpectedAnimal(

@@ -115,7 +115,7 @@ def _joined(
 
 
 def _company(tracks: Sequence[Track], hiding: dict[int, float], number: int, end: bool, rate: float) -> list[Track]:
-    """The way of the person who hides an end of a track, from there on; nothing where nobody goes along with it."""
+    """The way of the person who hides an end of a track, from there on; nothing where no track goes along with it."""
     own = tracks[number]
     for person in sorted(hiding, key=lambda one: -hiding[one]):
         other = tracks[person]

@@ -117,7 +117,7 @@ def count(
     frames = getattr(result, "frames", {}).get("frame", ())
     first, length = min(frames, default=0), max([-1, *frames, *(int(track.frames[-1]) for track in tracks)]) + 1
     known = scene.size or getattr(result, "size", None)
-    # Animals are seen from above: nobody stands before them.
+    # Animals are filmed from above: none hides another.
     every = paths if bodies else paths_of(with_hidden(tracks, known, length, rate), scene, settings)
     size = np.asarray(known or scene.pixels(paths.points).max(axis=0, initial=1.0), dtype=np.float64)
     span, doubt = (first, length), Doubt(every, scene, rate, length)

@@ -109,7 +109,7 @@ class Doubt:
         Args:
             first: ``(S,)`` row of `Paths` at which each stay begins.
             last: ``(S,)`` last row.
-            length: frames that were looked at.
+            length: frames that were processed.
         """
         filled = np.append(0, np.cumsum(~self.paths.observed))
         seconds, without = (last - first + 1) / self.rate, self.without[first]

@@ -36,7 +36,7 @@ class SocialGroup:
 
 
 def gatherings_of(paths: Paths, reach: float, frame_rate: float) -> list[SocialGroup]:
-    """The gatherings, looked for once a second.
+    """The gatherings, searched once a second.
 
     Args:
         paths: of everybody.

@@ -54,8 +54,8 @@ class _Known:
 class Counter:
     """Counts people as they come, by the rules of `count`.
 
-    A crossing is told once its new side is settled. A path that ends within the band of a line is not yet settled, so
-    that the last crossings of a video may be missing here.
+    A crossing is reported once its new side is settled. A path that ends within the band of a line is not yet settled,
+    so that the last crossings of a video may be missing here.
 
         counter = tsuiseki.Counter("scene.yaml")
         for frame, people in tsuiseki.follow_people(0, method="sort"):

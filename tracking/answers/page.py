@@ -276,7 +276,7 @@ def class_of(track: Track, noun: str = "person") -> str:
 
 
 def counted(tracks: Sequence[Track], nouns: tuple[str, str] = PERSON) -> str:
-    """How many there are, by class where classes are told apart, such as ``4 x person, 2 x car``."""
+    """How many there are, by class where classes are distinguished, such as ``4 x person, 2 x car``."""
     classes = Counter(class_of(track, nouns[0]) for track in tracks)
     if classes.keys() <= {nouns[0]}:
         return f"{len(tracks)} {nouns[len(tracks) != 1]}"
@@ -295,13 +295,13 @@ def followed(track: Track, noun: str = "person") -> tuple[str, list[Bar]]:
 def summary(answers: Answers) -> Sequence[str]:
     """A line for each line and zone."""
     table, zones = answers.tables["lines"], answers.tables["zones"]
-    told = [
+    head = [
         f"{line} {way}: {number} ({low}-{high})" if low != high else f"{line} {way}: {number}"
         for line, way, number, low, high in zip(*table.values(), strict=True)
     ]
     names = ("zone", "people", "people_low", "people_high", "most", "stay", "stay_low", "stay_high")
     return [
-        *told,
+        *head,
         *(
             f"{zone}: {people:g} people on average ({low:g}-{high:g}), {most} at most, "
             f"{stay:g} s ({least:g}-{longest:g})"

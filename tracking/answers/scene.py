@@ -13,8 +13,8 @@
     zones:
     - name: shop
       corners: [[400, 100], [800, 100], [800, 500], [400, 500]]
-    region: [[0, 200], [1920, 200], [1920, 1080], [0, 1080]]   # optional: nobody counts outside of it
-    ignored: []                # optional: polygons in which nobody counts
+    region: [[0, 200], [1920, 200], [1920, 1080], [0, 1080]]   # optional: people outside are not counted
+    ignored: []                # optional: polygons in which people are not counted
 
 Zones may lie inside each other. Their borders may not cross.
 """
@@ -83,8 +83,8 @@ class Scene:
         unit: of all places.
         scale: metres a pixel; None where it is not known.
         camera: over the floor; None where there is none.
-        region: ``(N, 2)`` corners outside of which nobody counts; None for the whole picture.
-        ignored: ``(N, 2)`` corners each, inside of which nobody counts.
+        region: ``(N, 2)`` corners outside of which people are not counted; None for the whole picture.
+        ignored: ``(N, 2)`` corners each, inside of which people are not counted.
     """
 
     lines: Sequence[SceneLine] = ()
@@ -160,16 +160,16 @@ class Scene:
         """
         if size is None:
             return
-        told = f"the video has {size[0]}x{size[1]}; draw the scene on this video"
+        advice = f"the video has {size[0]}x{size[1]}; draw the scene on this video"
         if self.size is not None and self.size != size:
             raise RequestError(
-                f"{where}: expected the size of the video, got {self.size[0]}x{self.size[1]}, and {told}"
+                f"{where}: expected the size of the video, got {self.size[0]}x{self.size[1]}, and {advice}"
             )
         if self.unit == "pixels":
             for name, points in self.places():
                 if (points < 0).any() or (points > np.array(size)).any():
                     raise RequestError(
-                        f"{where}: {name}: expected places in the picture, got {points.tolist()}; {told}"
+                        f"{where}: {name}: expected places in the picture, got {points.tolist()}; {advice}"
                     )
 
     def places(self) -> list[tuple[str, FloatArray]]:

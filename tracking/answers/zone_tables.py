@@ -87,7 +87,7 @@ def zone_tables(
 ) -> tuple[dict[str, Columns], dict[str, IntArray]]:
     """The tables ``zones``, ``stays`` and ``occupancy`` of `Answers`, and people by zone and frame.
 
-    ``span`` are the first frame that was looked at and the number of frames up to the last.
+    ``span`` are the first processed frame and the number of frames up to the last.
     """
     first, length = span
     zones, times = empty(*ZONES, *MORE), empty("time", "zone", "people", "low", "high", "most", "waiting")

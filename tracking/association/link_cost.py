@@ -36,7 +36,7 @@ COVERING = 0.7
 MOST_ALIKE = 3.0
 # Learnt costs count for no more than this, either way.
 MOST_LEARNT = 5.0
-# Deviation of the camera's motion, in heights, above which it makes links no dearer: where nobody knows how far the
+# Deviation of the camera's motion, in heights, above which it makes links no dearer: where it is unknown how far the
 # camera jumped, all links over the jump are equally far. And its standard deviations by which links reach further.
 LOST, DOUBT = 0.5, 2.0
 # Cost of a sudden change of motion; see `LinkCost.mismatch_along`.
@@ -294,7 +294,7 @@ class LinkCost:
     def mismatch_alone(self, seen: Measurements, one_frame: float) -> SingleMismatch:
         """`mismatch` of detections of which each is all that is known of its chain: with P = diag(r², v²).
 
-        Of two detections alone nobody knows the velocity, and ½ log |Σ| says how much room that leaves. A chain has one
+        Of two detections alone the velocity is unknown, and ½ log |Σ| says how much room that leaves. A chain has one
         velocity, so it should pay for this once, but here every link of it does: the faster the targets and the fewer
         the frames, the more. What it costs over ``one_frame`` is therefore taken off in part, ``velocity_confidence``
         of it: with 0 chains of fast targets never form, with 1 whatever lies in reach is linked.

@@ -107,7 +107,7 @@ def marginals(flow: ResidualFlow, limit: float = 8.0, which: BoolArray | None = 
     Args:
         flow: the cheapest flow.
         limit: above 0; the higher, the longer it takes.
-        which: ``(3 N + P,)`` arcs of which ways are looked for that do not lead through G; by default all.
+        which: ``(3 N + P,)`` arcs whose ways around G are searched; by default all.
     """
     weights, ground = flow.weights(), 2 * flow.count
     search = scipy.sparse.csgraph.dijkstra
@@ -181,7 +181,7 @@ def _distances(flow: ResidualFlow, potential: FloatArray, limit: float, first: I
 
 
 def _slice_end(sources: IntArray, edges: IntArray, start: int, low: int) -> int:
-    """Up to which row sources are looked at together: whole parts while they are small, some sources of a large one."""
+    """Up to which row sources are processed together: whole parts while they are small, some sources of a large one."""
     ends = edges[np.searchsorted(edges, sources[start:], side="right")]
     rows = np.arange(1, len(ends) + 1)
     fits = rows * (ends - low) <= AT_ONCE

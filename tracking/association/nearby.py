@@ -1,4 +1,4 @@
-"""Pairs of boxes that lie near each other, found without looking at all pairs, and how much of a box is hidden.
+"""Pairs of boxes that lie near each other, found without comparing all pairs, and how much of a box is hidden.
 
 A box is hidden by boxes nearer to the camera, or outside the image. Of two people on the ground the one whose feet are
 lower in the image is nearer. Parts that several boxes hide count once for each, up to the whole box.
@@ -82,7 +82,7 @@ class Strips:
             frames: ``(N,)``.
             x: ``(N,)``.
             which: ``(H,)`` indices.
-            others: of the boxes near whose places those are looked up; by default the same.
+            others: of the boxes near whose places those are searched; by default the same.
             furthest: the largest reach.
         """
         if len(which) == 0:
@@ -176,7 +176,7 @@ def joined(pairs: list[Pairs]) -> Pairs:
     return np.concatenate([none, *(i for i, _ in pairs)]), np.concatenate([none, *(j for _, j in pairs)])
 
 
-# Boxes of a frame beyond which it is dense; of each as many others of a frame are looked at there, and so many kept.
+# Boxes of a frame beyond which it is dense; of each as many others of a frame are compared there, and so many kept.
 DENSE, AROUND, NEAREST = 400, 64, 8
 
 

@@ -1,4 +1,4 @@
-"""Two detections on one track, or on two, with frames between them: more than a flow can be told.
+"""Two detections on one track, or on two, with frames between them: constraints that a flow cannot express.
 
 What breaks such a wish is first mended by hand: the cheapest way between the two is forced, or the weakest link between
 them is cut. That bounds the cost, so that only arcs of small reduced cost can still differ; over these a mixed integer

@@ -6,9 +6,9 @@ place z is
 
     ρ(z) = (Σ_s K(z − z_s) + κ ρ̄) / (Σ_d K(z − z_d) + κ),        ρ̄ = |s| / |d|,
 
-and the entry cost there becomes c_entr − w log(ρ(z) / ρ̄), within bounds: the negative logarithm of the probability of a
-start, as far as it differs from the average over the video. Ends likewise. Who is there when the video begins, or still
-there at its end, tells nothing.
+and the entry cost there becomes c_entr − w log(ρ(z) / ρ̄), within bounds: the negative logarithm of the probability of
+a start, as far as it differs from the average over the video. Ends likewise. Who is there when the video begins, or
+still there at its end, tells nothing.
 
 Places are those in the image, since its border moves with the camera.
 """
@@ -84,12 +84,12 @@ def starts_and_ends(
     """
     used = np.flatnonzero(labels >= 0)
     order = used[np.argsort(labels[used], kind="stable")]
-    told = order[np.bincount(labels[order], minlength=1)[labels[order]] >= shortest]
+    long = order[np.bincount(labels[order], minlength=1)[labels[order]] >= shortest]
     starts, ends = np.zeros(len(labels), dtype=np.bool_), np.zeros(len(labels), dtype=np.bool_)
-    if len(told):
-        change = np.diff(labels[told]) != 0
-        starts[told[np.append(True, change)]] = True
-        ends[told[np.append(change, True)]] = True
+    if len(long):
+        change = np.diff(labels[long]) != 0
+        starts[long[np.append(True, change)]] = True
+        ends[long[np.append(change, True)]] = True
     return starts & (frames >= known[0]), ends & (frames <= known[1])
 
 
@@ -123,9 +123,9 @@ def place_costs(
 
     every, at = density(counts.boxes), _cells(boxes, low, cell, shape)
     changes = []
-    for told in (counts.starts, counts.ends):
-        mean = max(float(told.mean()), 1 / len(told))
-        found, around = density(counts.boxes[told]).ravel()[at], every.ravel()[at]
+    for chosen in (counts.starts, counts.ends):
+        mean = max(float(chosen.mean()), 1 / len(chosen))
+        found, around = density(counts.boxes[chosen]).ravel()[at], every.ravel()[at]
         ratio = (found / mean + settings.prior) / (around + settings.prior)
         changes.append(np.clip(-settings.weight * np.log(ratio), -settings.most, settings.most))
     return changes[0], changes[1]

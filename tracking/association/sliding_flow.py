@@ -16,7 +16,7 @@ the video; people who stay inseparable for long can make it grow.
 **Settling.** Where answers may not wait, detections that were answered are settled as the window has them. What follows
 the last one of a track stays open, for as long as a transition can reach the frames to come.
 
-**Safety.** Which detections no future frame can change is told by dual solutions of the residual network. Merge source
+**Safety.** Dual solutions of the residual network show which detections no future frame can change. Merge source
 and sink into a hub. Let ``y`` be the length of the shortest path from the hub to each node of the residual network.
 This is an optimal dual solution.
 

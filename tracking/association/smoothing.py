@@ -103,7 +103,7 @@ def _smoothed(times: IntArray, values: FloatArray, observed: BoolArray, strength
 
 # Strengths that are tried, for centres and for sizes by themselves.
 STRENGTHS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
-# Length of the runs that are left out, seconds; and boxes that are looked at, those of the longest tracks.
+# Length of the runs that are left out, seconds; and boxes that are compared, those of the longest tracks.
 LEFT_OUT, MOST_BOXES = 0.4, 4000
 # Factor on the best strength, for errors that persist longer than the runs; a box further from the curve than this
 # counts as this far, longer sides.

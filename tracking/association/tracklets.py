@@ -345,7 +345,7 @@ def straddling_tracks(tracks: Sequence[Track], share: float = EXPLAINED) -> Bool
         share: of a box that must be covered, in (0, 1].
     """
     straddles = np.zeros(len(tracks), dtype=np.bool_)
-    # Who is dropped explains nobody. Only surer tracks explain others, so this ends after as many rounds at most.
+    # A dropped track explains none. Only surer tracks explain others, so this ends after as many rounds at most.
     for _ in tracks:
         explained = explained_boxes(tracks, (~straddles).tolist(), share)
         now = np.array([is_straddling(*each) for each in zip(tracks, explained, strict=True)], dtype=np.bool_)

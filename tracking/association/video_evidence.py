@@ -138,7 +138,7 @@ class RateOfRight:
 class Stride:
     """Every how many frames there are detections: the greatest common divisor of the gaps between frames that have any.
 
-    A detector that runs on every third frame repeats nobody a frame later, however right it is.
+    A detector that runs on every third frame repeats no box a frame later, however right it is.
     Where times between detections have no common divisor of up to a second, there is no rhythm.
     """
 

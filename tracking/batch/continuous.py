@@ -81,7 +81,7 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
     """Track files as one video, and leave the tracks of each with what is kept of it.
 
     Args:
-        jobs: in order; all were looked at.
+        jobs: in order; all are detected.
         sources: paths of their videos.
         states: folders in which their plans and segments lie.
 

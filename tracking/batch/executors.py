@@ -256,7 +256,7 @@ def _quiet() -> Iterator[None]:
 
 
 def _check_answer(address: str) -> None:
-    """Refuse an address where nobody listens."""
+    """Refuse an address without a listener."""
     place = re.fullmatch(r"(?:ray://)?([^:/]+|\[[^\]]+\]):(\d+)", address)
     if place is None and address != "auto":
         raise RequestError(f"`ray`: expected an address host:port, or auto, got {address}")

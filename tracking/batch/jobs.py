@@ -41,7 +41,7 @@ class Job:
         source: what it is given: a path or an address.
         name: of the folder of its result.
         options: values by name, as words or as YAML has them; ``{name}`` in a text stands for the name.
-        start: when the video began, seconds; None where nobody says.
+        start: when the video began, seconds; None where unknown.
     """
 
     command: tuple[str, ...]
@@ -220,7 +220,7 @@ class Place:
         made = self.made
         if made.get("key") == key and self.there and not redo:
             return False
-        # What was left behind in part, of whatever settings, is nobody's result.
+        # What was left behind in part, of whatever settings, is no result.
         if self.there and not overwrite and made.get("key") != key:
             self._refuse(settings)
         (self.folder / RUN_FILE).unlink(missing_ok=True)

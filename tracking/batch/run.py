@@ -48,7 +48,7 @@ class BatchOptions(Output):
         ray: do the tasks on Ray: host:port of a cluster, or auto for the one around this machine; by itself it starts a
             Ray here.
         gpus: on Ray, share of a GPU that a task takes, such as 0.25.
-        segment: seconds of video that one task of track people looks at; no more is lost when a process dies.
+        segment: seconds of video in one task of track people; no more is lost when a process dies.
         continuous: the files of track people follow each other, and who is in several keeps the id; by the times in
             their names, such as 20260131_235959, or the seconds in the column start of a manifest.
     """
@@ -118,7 +118,7 @@ def batch(
         workers: tasks at a time on this machine; 0 takes a process a core.
         ray: see `BatchOptions`; ``"here"`` starts Ray on this machine.
         gpus: on Ray, share of a GPU that a task takes.
-        segment: seconds of video that one task of ``track people`` looks at.
+        segment: seconds of video in one task of ``track people``.
         continuous: the files follow each other, see `BatchOptions`.
         overwrite: replace results of other settings.
         options: of the command, by their names with underscores.
@@ -143,7 +143,7 @@ def batch(
 
 
 def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callable[[str], object] = str) -> BatchResult:
-    """`batch` with what was checked; ``said`` is told in a line what is finished."""
+    """`batch` with what was checked; ``said`` gets a line for what is finished."""
     jobs = jobs_of(sources, job)
     if how.continuous and job.command != ("track", "people"):
         raise RequestError(f"expected `continuous` with track people, got it with {' '.join(job.command)}")
@@ -220,11 +220,11 @@ def write_pages(batch: Path, command: str, rows: Sequence[Row]) -> None:
 def summary_of(rows: Sequence[Row]) -> str:
     """How many videos are done, failed and so on, and frames and tracks of all."""
     counts = Counter(row.status for row in rows)
-    told = [f"{counts[name]} {name}" for name in ("done", "kept", "failed", "running", "waiting") if counts[name]]
-    told.append(f"{sum(row.frames for row in rows)} frames")
+    parts = [f"{counts[name]} {name}" for name in ("done", "kept", "failed", "running", "waiting") if counts[name]]
+    parts.append(f"{sum(row.frames for row in rows)} frames")
     if any(row.tracks is not None for row in rows):
-        told.append(f"{sum(row.tracks or 0 for row in rows)} tracks")
-    return ", ".join(told)
+        parts.append(f"{sum(row.tracks or 0 for row in rows)} tracks")
+    return ", ".join(parts)
 
 
 def _crossings(batch: Path, rows: Sequence[Row]) -> dict[str, str]:

@@ -20,7 +20,7 @@ from tsuiseki.tracking.output import held
 
 # Attempts at a task whose process died or whose network failed.
 ATTEMPTS = 3
-TURNS: dict[Kind, int] = {"finish": 0, "join": 0, "look": 1, "begin": 2, "whole": 1}
+TURNS: dict[Kind, int] = {"finish": 0, "join": 0, "detect": 1, "begin": 2, "whole": 1}
 JOURNAL = "journal.jsonl"
 # Seconds of the past that tell the speed.
 LATELY = 600.0
@@ -73,7 +73,7 @@ class Schedule:
     Args:
         jobs: of the batch.
         doing: how they are done; where it has files, these are finished together.
-        journal: is told.
+        journal: gets a line for each task.
 
     Attributes:
         rows: what became of each so far.
@@ -117,8 +117,8 @@ class Schedule:
     def _take(self, task: BatchTask, outcome: TaskOutcome) -> None:
         row, facts = self.rows[task.order], outcome.facts
         row.seconds += outcome.seconds
-        told = {"name": row.name, "kind": task.kind, "part": task.part, "seconds": round(outcome.seconds, 3)}
-        self._journal.note(outcome.status, **told, line=outcome.line, frames=facts.get("frames", 0))
+        entry = {"name": row.name, "kind": task.kind, "part": task.part, "seconds": round(outcome.seconds, 3)}
+        self._journal.note(outcome.status, **entry, line=outcome.line, frames=facts.get("frames", 0))
         if outcome.status == "full":
             raise RunError(f"{outcome.line}; free some and give the same command again: it goes on")
         if row.status == "failed":
@@ -139,10 +139,10 @@ class Schedule:
             row.line, row.parts = outcome.line, [0, 0]
         elif task.kind == "begin":
             self._begun(task, outcome)
-        elif task.kind == "look":
+        elif task.kind == "detect":
             row.parts[1] += 1
             if row.parts[1] == row.parts[0]:
-                self._looked(task.order)
+                self._detected(task.order)
         elif task.kind == "join":
             for order in sorted(self._joining):
                 self._add(order, "finish")
@@ -154,7 +154,7 @@ class Schedule:
         """Give up a video; where its files were to be joined, all of them."""
         for order in sorted(self._joining) if task.kind == "join" else [task.order]:
             self._end(self.rows[order], "failed", line)
-        if task.kind in ("begin", "look"):
+        if task.kind in ("begin", "detect"):
             self._join()
 
     def _begun(self, task: BatchTask, outcome: TaskOutcome) -> None:
@@ -168,17 +168,17 @@ class Schedule:
                 self._end(row, "kept", "the result was there")
             self._join()
         elif not parts and self._doing.files:
-            self._end(row, "failed", "this video cannot be looked at in segments, as `continuous` needs")
+            self._end(row, "failed", "this video cannot be read in segments, as `continuous` needs")
             self._join()
         elif not parts:
             self._add(order, "whole")
         elif parts == len(done):
-            self._looked(order)
+            self._detected(order)
         for part in range(parts):
             if part not in done:
-                self._add(order, "look", part)
+                self._add(order, "detect", part)
 
-    def _looked(self, order: int) -> None:
+    def _detected(self, order: int) -> None:
         """All segments of a video are done."""
         if not self._doing.files:
             self._add(order, "finish")
@@ -187,7 +187,7 @@ class Schedule:
             self._join()
 
     def _join(self) -> None:
-        """Of files that follow each other: go on where all are looked at; look again where only some were there."""
+        """Of files that follow each other: go on where all are detected; detect again where only some were there."""
         failed = {order for order, row in enumerate(self.rows) if row.status == "failed"}
         if not self._doing.files or len(self._there | self._joining | failed) < len(self.rows):
             return
@@ -256,8 +256,8 @@ def lines_of(events: list[dict[str, Any]], runs: bool) -> Iterator[str]:
     others = f"{len(begun)} begun, {waiting} waiting, {len(failed)} failed"
     yield f"{'' if runs else 'not '}running: {len(ends) - len(failed)} of {len(sizes)} videos done, {others}"
     now, start = time.time() if runs else events[-1]["time"], events[0]["time"]
-    looked = [event for event in events if event["event"] == "done" and event["kind"] in ("look", "whole")]
-    lately = [event for event in looked if event["time"] > now - LATELY]
+    detected = [event for event in events if event["event"] == "done" and event["kind"] in ("detect", "whole")]
+    lately = [event for event in detected if event["time"] > now - LATELY]
     if lately:
         seconds = max(now - max(start, now - LATELY), 1e-3)
         yield f"{sum(event['frames'] for event in lately) / seconds:.1f} frames a second"

@@ -1,6 +1,6 @@
-"""People looked for in segments of a video, each by itself, with what one process finds in the whole of it.
+"""People detected in segments of a video, each by itself, with the same result as one process for the whole.
 
-What a detector chooses on its way is chosen once, before: in how many tiles it looks, and for networks of other
+What a detector chooses on its way is chosen once, before: its number of tiles, and for networks of other
 projects the score from which on boxes count. A segment begins where a batch of frames does. What only the frames before
 tell, as the ground and the flow, is left to the one who puts the segments together.
 """
@@ -66,8 +66,8 @@ class Observations:
         arrays["counts"] = np.array([len(each) for each in self.detections], dtype=np.int64)
         for name in COLUMNS:
             parts = [getattr(each, name) for each in self.detections]
-            arrays[f"told_{name}"] = told = np.array([part is not None for part in parts], dtype=np.bool_)
-            if told.any():
+            arrays[f"known_{name}"] = known = np.array([part is not None for part in parts], dtype=np.bool_)
+            if known.any():
                 width = max((np.shape(part)[1:] for part in parts if part is not None), default=())
                 values = np.concatenate([part for part in parts if part is not None and len(part)] or [np.empty(0)])
                 arrays[name] = _packed(values.reshape(-1, *width))
@@ -85,13 +85,13 @@ class Observations:
         names = {int(number): name for number, name in about.pop("names").items()}
         columns: dict[str, list[Any]] = {}
         for name in COLUMNS:
-            told = arrays.pop(f"told_{name}")
+            known = arrays.pop(f"known_{name}")
             parts: list[Any] = [None] * len(counts)
-            if told.any():
+            if known.any():
                 values = arrays.pop(name)
                 values = values.astype(np.float64) if values.dtype == np.float32 else values
-                pieces = np.split(values, np.cumsum(counts * told)[:-1])
-                parts = [piece if is_told else None for piece, is_told in zip(pieces, told.tolist(), strict=True)]
+                pieces = np.split(values, np.cumsum(counts * known)[:-1])
+                parts = [piece if is_known else None for piece, is_known in zip(pieces, known.tolist(), strict=True)]
             columns[name] = parts
         rows = zip(*columns.values(), strict=True)
         return cls([Detections(**dict(zip(COLUMNS, row, strict=True)), names=names) for row in rows], about, arrays)
@@ -106,10 +106,10 @@ def _packed(values: Any) -> Any:
 
 
 class KnownViewHistory(ViewHistory):
-    """The views of a video that was looked at before."""
+    """The views of a video whose tiles were chosen before."""
 
     def take(self, images: Sequence[ImageArray], *_: Any) -> ViewChoice:
-        """See `ViewHistory.take`; nobody looks."""
+        """See `ViewHistory.take`; the detector does not run."""
         self.choice = next(choice for frame, choice in reversed(self.changes) if frame <= self.frames)
         self.frames += len(images)
         return self.choice
@@ -121,9 +121,9 @@ class SegmentPlan:
 
     Attributes:
         parts: first and last frame of each segment, 0-based.
-        begins: first frame that is looked at with what is chosen; boxes of those before are ``beginning``.
-        seen: frames that the looks at tiles count before it.
-        views: from which frame of theirs on which tiles are looked at, as `ViewChoice`; by the size of the frames.
+        begins: first frame that is detected with these choices; boxes of those before are ``beginning``.
+        seen: frames that the choice of tiles counts before it.
+        views: tiles from which frame of theirs on, as `ViewChoice`; by the size of the frames.
         floor: score that the beginning tells; None where it does not.
         threshold: score from which boxes count; None where it is not chosen here.
         gave: whether pictures there gave boxes of any class.
@@ -161,16 +161,16 @@ class SegmentPlan:
         return SeekableVideo(source, len(self.stamps) or source.length or 0, self.stamps, self.times)
 
     def prepare(self, opened: OpenedPeople, first: int) -> None:
-        """Let what was opened look as planned, from frame ``first`` on."""
+        """Let what was opened detect as planned, from frame ``first`` on."""
         inputs, network = opened.inputs, inner_detector(opened.inputs.detect)
         if isinstance(inputs.detect, ViewedDetector):
             for size, changes in self.views:
-                told = [(frame, _choice(values)) for frame, values in changes]
+                choices = [(frame, _choice(values)) for frame, values in changes]
                 rate, count = inputs.detect.frame_rate, self.seen + max(first - self.begins, 0)
                 inputs.detect.histories[tuple(size)] = KnownViewHistory(
-                    rate, told[-1][1], changes=told, frames=count, due=None
+                    rate, choices[-1][1], changes=choices, frames=count, due=None
                 )
-                seen = [choice for _, choice in told if choice.sees_somebody]
+                seen = [choice for _, choice in choices if choice.sees_somebody]
                 inputs.detect.histories[tuple(size)].somebody = seen
         if inputs.choice is not None and self.threshold is not None:
             assert isinstance(network, ForeignDetector)
@@ -203,7 +203,7 @@ def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float
 
     Raises:
         RequestError: see `open_people`.
-        RunError: the video breaks off where it is looked at.
+        RunError: the video breaks off where it is read.
     """
     opened = open_people(source, replace(finding, threads=1), linking, 0)
     inputs = opened.inputs
@@ -219,18 +219,18 @@ def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float
     begins, seen = wanted.first + len(known), 0
     views = []
     if isinstance(inputs.detect, ViewedDetector):
-        seen = max((looks.frames for looks in inputs.detect.histories.values()), default=0)
+        seen = max((history.frames for history in inputs.detect.histories.values()), default=0)
         _choose_views(inputs.detect, seekable, begins, wanted.last, inputs.batch_size)
-        for size, looks in inputs.detect.histories.items():
-            views.append((list(size), [(frame, _values(choice)) for frame, choice in looks.changes]))
+        for size, history in inputs.detect.histories.items():
+            views.append((list(size), [(frame, _values(choice)) for frame, choice in history.changes]))
     batches = max(round(seconds * source.frame_rate / inputs.batch_size), 1)
     parts = _parts(wanted.first, begins - 1, batches * inputs.batch_size)
     parts += _parts(begins, wanted.last, batches * inputs.batch_size)
-    told = [known.get(number, Detections.empty()) for number in range(wanted.first, begins)]
+    beginning = [known.get(number, Detections.empty()) for number in range(wanted.first, begins)]
     choice, network = inputs.choice, inner_detector(inputs.detect)
     floor, threshold = (None, None) if choice is None else (choice.floor, choice.threshold)
     gave = [*network.gave] if isinstance(network, ForeignDetector) else []
-    beside = told, seekable.stamps, seekable.times
+    beside = beginning, seekable.stamps, seekable.times
     return SegmentPlan(parts, begins, seen, views, floor, threshold, gave, *beside)
 
 
@@ -240,26 +240,26 @@ def _parts(first: int, last: int, length: int) -> list[tuple[int, int]]:
 
 def _choose_views(detect: ViewedDetector, seekable: SeekableVideo, first: int, last: int, batch: int) -> None:
     """Let the detector choose its tiles as if it were shown all batches from frame ``first`` on."""
-    looks = next(iter(detect.histories.values()), None)
-    before = 0 if looks is None else looks.frames
+    history = next(iter(detect.histories.values()), None)
+    before = 0 if history is None else history.frames
     frame = first
-    while frame <= last and (looks is None or looks.due is not None):
-        if looks is not None and looks.due is not None:
-            frame = max(frame, first + batch * ceil((ceil(looks.due) - before) / batch))
+    while frame <= last and (history is None or history.due is not None):
+        if history is not None and history.due is not None:
+            frame = max(frame, first + batch * ceil((ceil(history.due) - before) / batch))
             if frame > last:
                 return
-            looks.frames = before + frame - first
+            history.frames = before + frame - first
         count = min(batch, last + 1 - frame)
-        images = [each.image for each in seekable.frames(frame, frame + (count - 1 if looks is None else 0))]
-        detect.prepare(images if looks is None else images * count)
-        looks = next(iter(detect.histories.values()))
+        images = [each.image for each in seekable.frames(frame, frame + (count - 1 if history is None else 0))]
+        detect.prepare(images if history is None else images * count)
+        history = next(iter(detect.histories.values()))
         frame += count
 
 
 def detect_segment(
     plan: SegmentPlan, part: int, source: Source, finding: PeopleFinding, linking: Linking
 ) -> Observations:
-    """What is to be seen in a segment.
+    """The observations of a segment.
 
     Raises:
         RunError: see `SeekableVideo.frames`.
@@ -302,28 +302,28 @@ def detect_segment(
 
 
 def standing(begins: int, files: Sequence[Path]) -> BoolArray | None:
-    """``(F,)`` what comparing the frames told, where every one was compared with the right one; else None."""
-    camera, told = StandingCamera(), list[bool]()
+    """``(F,)`` whether the camera stood still at each frame, if all were compared with the right one; else None."""
+    camera, stands = StandingCamera(), list[bool]()
     for path in files:
         with np.load(path, allow_pickle=False) as file:
             pairs = zip(file["same"].tolist(), file["compared"].tolist(), strict=True)
         for same, compared in pairs:
             if len(camera) and compared != begins + camera.compared:
                 return None
-            told.append(same)
+            stands.append(same)
             camera.take(same)
-    return np.array(told, dtype=np.bool_)
+    return np.array(stands, dtype=np.bool_)
 
 
 class Again:
-    """A video that was looked at before: its frames come again with ``detections``, what was seen in the last of them.
+    """A video whose detections are known: its frames come again with ``detections``, and tiles of the last of them.
 
-    An image is blank where nobody needs it again.
+    An image is blank where it is not needed again.
 
     Args:
         plan: of the video.
         files: of its segments.
-        opened: a fresh one; it is told what was chosen and compared.
+        opened: a fresh one; it gets what was chosen and compared.
         times: gets the seconds that the segments took.
     """
 
@@ -345,12 +345,12 @@ class Again:
         seekable = self.plan.seekable(self.source)
         first, last = self.plan.parts[0][0], self.plan.parts[-1][1]
         images = seekable.frames(first, last) if self._images else None
-        told = {*self.plan.gave}
+        gave = {*self.plan.gave}
         for (start, _), path in zip(self.plan.parts, self.files, strict=True):
             seen = Observations.read(path)
-            told |= {*seen.about["gave"]}
+            gave |= {*seen.about["gave"]}
             if isinstance(self._network, ForeignDetector):
-                self._network.gave |= told
+                self._network.gave |= gave
             for stage, seconds in seen.about["seconds"].items():
                 self._seconds[stage] = self._seconds.get(stage, 0.0) + seconds
             blank = np.broadcast_to(np.zeros(1, dtype=np.uint8), (*seen.about["size"], 3))

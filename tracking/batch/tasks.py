@@ -1,6 +1,6 @@
 """The tasks of a batch, each a piece of work that any process on any machine can do, and do again.
 
-A video is begun (fetched, known by its content, cut), looked at in segments, and finished by one solution of the
+A video is begun (fetched, known by its content, cut), detected in segments, and finished by one solution of the
 whole; a command that cannot be cut is one task. A task leaves its result in a file, written beside and renamed; what it
 returns is small.
 """
@@ -29,7 +29,7 @@ from tsuiseki.tracking.cli.parser import options_of
 from tsuiseki.tracking.errors import RequestError, RunError, explained
 from tsuiseki.tracking.video.seekable import UnfitIndexError
 
-Kind = Literal["begin", "look", "join", "finish", "whole"]
+Kind = Literal["begin", "detect", "join", "finish", "whole"]
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 TOKEN = "token"
 
@@ -42,7 +42,7 @@ class Doing:
         batch: folder of the batch.
         token: what tells that this folder is seen.
         overwrite: results of other settings.
-        segment: seconds that one task looks at.
+        segment: seconds of video in one task.
         alone: no other task runs beside it, so it may take all cores.
         files: all jobs of files that are tracked as one video; none where each is one by itself.
     """
@@ -78,7 +78,7 @@ class BatchTask:
     redo: bool = field(compare=False, default=False)
 
     def __str__(self) -> str:
-        return f"{self.job.name} {self.kind}{f' {self.part + 1}' if self.kind == 'look' else ''}"
+        return f"{self.job.name} {self.kind}{f' {self.part + 1}' if self.kind == 'detect' else ''}"
 
     @property
     def place(self) -> Place:
@@ -90,7 +90,7 @@ class BatchTask:
         return str(fetch(self.job.source, self.place.state)) if self.job.is_address else self.job.source
 
     def file(self, part: int) -> Path:
-        """Of what is seen in a segment."""
+        """The observations of a segment."""
         return self.place.state / f"{part:05}.npz"
 
     def plan(self) -> SegmentPlan:
@@ -164,7 +164,7 @@ def _begin(task: BatchTask) -> TaskOutcome:
     return TaskOutcome("done", facts={"parts": len(parts), "done": done, "frames": [b + 1 - a for a, b in parts]})
 
 
-def _look(task: BatchTask) -> TaskOutcome:
+def _detect(task: BatchTask) -> TaskOutcome:
     found = task.job.arguments(task.source(), task.place.folder)
     with _silent():
         seen = detect_segment(task.plan(), task.part, found["video"].open(), found["finding"], found["linking"])
@@ -248,5 +248,5 @@ def _silent() -> Iterator[None]:
 
 
 WORK: dict[Kind, Callable[[BatchTask], TaskOutcome]] = {
-    "begin": _begin, "look": _look, "join": _join, "finish": _finish, "whole": _whole
+    "begin": _begin, "detect": _detect, "join": _join, "finish": _finish, "whole": _whole
 }  # fmt: skip

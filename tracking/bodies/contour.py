@@ -1,7 +1,7 @@
 """How far a body's contour lies from the edges of a coloured region, equation (7) of the goldfish paper.
 
 Image preparation happens once a frame: the pixels of the colour, their Canny edges, and the distance of every pixel to
-the nearest edge. A particle then costs one look-up for each of its contour points. `find_starts` looks for bodies where
+the nearest edge. A particle then costs one look-up for each of its contour points. `find_starts` searches bodies where
 nothing is known yet: states that fit the extracted regions.
 """
 
@@ -204,7 +204,7 @@ def find_starts(
 
     Args:
         edges: the frame.
-        body: what to look for.
+        body: to search.
         rng: of the candidates.
         others: contours ``(K, 2)`` of bodies that are known already.
         margin: pixels around a contour that count as its body.

@@ -1,4 +1,4 @@
-"""A body that nobody drew by hand: the mean outline of silhouettes and how it bends, the paper's closing wish.
+"""A body from silhouettes: the mean outline of silhouettes and how it bends, the paper's closing wish.
 
 `tsuiseki train body` learns it and saves one JSON file, which :func:`read_body` loads; :func:`parse_body` finds any
 body by its name or file.

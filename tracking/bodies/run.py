@@ -113,7 +113,7 @@ def _opened(
 
 
 def body_pixels(choice: BodyChoice, source: Source) -> BodyPixels:
-    """How bodies are told from what lies behind them; for a contrast the video is played once.
+    """How bodies are distinguished from the background; for a contrast the video is played once.
 
     Raises:
         RequestError: there is no such colour, or a contrast is asked of a live source.

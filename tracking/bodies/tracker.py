@@ -207,7 +207,7 @@ class DeformableTracker:
         return replace(target, score=score, distance=distance, status=status, undetected=undetected)
 
     def _expected_contours(self) -> dict[int, Points]:
-        """Contours ``(K, 2)`` where the targets are expected before the image is looked at.
+        """Contours ``(K, 2)`` where the targets are predicted.
 
         They go on by their last step, whatever their motion: a random walk would expect a fast body where it was.
         """

@@ -76,7 +76,7 @@ class PeopleCalibration:
         return on_floor(self.numbers[camera], self.views[camera].boxes, self.people.height)
 
     def _rows(self, camera: int) -> list[tuple[str, float, float]]:
-        """Name, value and half width of the 95 % interval of what is told of a camera; metres, degrees, pixels, s."""
+        """Name, value and half width of the 95 % interval of each value of a camera; metres, degrees, pixels, s."""
         x, half = self.numbers[camera].copy(), NORMAL_95 * self.deviations[camera]
         x[[0, 5]] = np.exp(x[[0, 5]])
         half[[0, 5]] *= x[[0, 5]]
@@ -90,15 +90,15 @@ class PeopleCalibration:
         """A line for each camera."""
         lines = []
         for k, view in enumerate(self.views):
-            told = ", ".join(
+            values = ", ".join(
                 f"{name} {v:.{digits(w)}f} ± {w:.{digits(w)}f}{UNITS[name]}" for name, v, w in self._rows(k)
             )
             error = f", {self.errors[k]:.2f} m from the others' people" if np.isfinite(self.errors[k]) else ""
-            lines.append(f"{view.name}: {view.count} people, {told}{error}")
+            lines.append(f"{view.name}: {view.count} people, {values}{error}")
         return lines
 
     def plan(self) -> Figure:
-        """The floor from above: cameras, where they look, and paths of people."""
+        """The floor from above: cameras, their directions, and paths of people."""
         from matplotlib.figure import Figure
 
         from tsuiseki.tracking.report.plots import COLOURS
@@ -219,12 +219,12 @@ def _warn(found: PeopleCalibration) -> None:
     """Say which cameras the people contradict, and whose clocks run apart."""
     for k, (view, camera) in enumerate(zip(found.views, found.numbers, strict=True)):
         if found.errors[k] > WRONG:
-            told = f"{view.name}: its people are {found.errors[k]:.2f} m from where the other cameras see them"
-            warnings.warn(f"{told}; is its lens distorted, or its floor another?", InputWarning, stacklevel=3)
+            message = f"{view.name}: its people are {found.errors[k]:.2f} m from where the other cameras see them"
+            warnings.warn(f"{message}; is its lens distorted, or its floor another?", InputWarning, stacklevel=3)
         if camera[DRIFT]:
             gone, rate = abs(camera[DRIFT]) * np.ptp(view.times), view.frame_rate / (1 + camera[DRIFT])
-            told = f"{view.name}: its clock runs apart from the first one's, by {gone:.2f} s over the video"
-            warnings.warn(f"{told}; frame_rate {rate:.4g} is written for it", InputWarning, stacklevel=3)
+            message = f"{view.name}: its clock runs apart from the first one's, by {gone:.2f} s over the video"
+            warnings.warn(f"{message}; frame_rate {rate:.4g} is written for it", InputWarning, stacklevel=3)
 
 
 @dataclass(frozen=True)
@@ -246,8 +246,8 @@ class Disagreement:
     wrong: bool
 
     def __str__(self) -> str:
-        told = f"{self.error:.2f} m from the people, {self.height:.2f} m high by it, clock off by {self.offset:.3f} s"
-        return f"{self.name}: {'disagrees with the people: ' if self.wrong else 'agrees: '}{told}"
+        text = f"{self.error:.2f} m from the people, {self.height:.2f} m high by it, clock off by {self.offset:.3f} s"
+        return f"{self.name}: {'disagrees with the people: ' if self.wrong else 'agrees: '}{text}"
 
 
 def check_cameras(given: Sequence[CameraOverFloor] | Path, found: PeopleCalibration) -> list[Disagreement]:

@@ -93,7 +93,7 @@ class FloorPose(LensSizes):
             raise RequestError("`resize`: only fisheye calibrations are scaled; leave it out with `projective`")
 
     def camera(self, file: Path) -> tuple[PinholeCamera | OmnidirectionalCamera, list[str]]:
-        """The camera whose lens is in ``file``, in its place, and what is to be told of the fit."""
+        """The camera whose lens is in ``file``, in its place, and the message about the fit."""
         from tsuiseki.tracking.calibrate.places import locate_from_points
         from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
         from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
@@ -185,7 +185,7 @@ def checkerboard(
         shown = f"{corners[0]},{corners[1]} and {every}"
         raise RequestError(f"`corners`: expected two different numbers from 3, and `every` from 1, got {shown}")
     fit, used, seen = calibrate_from_checkerboards(
-        source, corners, coefficients, every, lambda frames: progress(frames, "looking for the board")
+        source, corners, coefficients, every, lambda frames: progress(frames, "detecting the board")
     )
     error = float((fit.errors**2).mean() ** 0.5)
     output.write(output.out, lambda path: write_intrinsics(path, fit.intrinsics, error))
@@ -215,7 +215,7 @@ def calibrate_from_checkerboards(
         watch: passes the frames through, for progress.
 
     Returns:
-        The fit, the numbers of the pictures in which the board was found (from 1), and how many were looked at.
+        The fit, the numbers of the pictures in which the board was detected (from 1), and how many were read.
 
     Raises:
         RequestError: pictures differ in size, too few show the whole board, or they do not fix the camera.

@@ -240,7 +240,7 @@ def _rq(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 Coefficients = Literal[5, 8, 12]
 FEWEST = 4
-"""Pictures below which focal length and lens are told by too little."""
+"""Fewest pictures that determine focal length and lens."""
 SMALLEST_TILT = np.deg2rad(5.0)
 UNFIXED = "expected pictures of the board from different sides, got some that do not fix the camera"
 # OpenCV counts pixels from the first one's centre.

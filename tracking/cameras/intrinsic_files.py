@@ -67,7 +67,7 @@ class LensFile:
 def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> Intrinsics:
     """The intrinsics in a file of OpenCV's FileStorage (YAML, XML, JSON), ROS's YAML or plain JSON.
 
-    Four coefficients of a model that the file does not name are taken as k1, k2, p1, p2, which is told.
+    Four coefficients of a model that the file does not name are taken as k1, k2, p1, p2, with a warning.
 
     Args:
         path: the file; it holds a 3x3 matrix and 4, 5, 8 or 12 coefficients k1, k2, p1, p2, k3, k4, k5, k6, s1 to s4.

@@ -237,7 +237,7 @@ class CrossViewPairs:
         return place - on_floor(second, boxes, people.height)
 
     def errors(self, cameras: FloatArray, people: BodyHeights) -> FloatArray:
-        """``(C,)`` as of `Joint`; NaN where a camera shares nobody."""
+        """``(C,)`` as of `Joint`; NaN where a camera shares no person."""
         apart = self.apart(cameras[self.first], cameras[self.second], people)
         both = self.groups * len(cameras) + self.second
         kept, first, person, counts = np.unique(both, return_index=True, return_inverse=True, return_counts=True)

@@ -137,7 +137,7 @@ def build_table(
         grid: where they are put.
 
     Raises:
-        RequestError: the camera hangs no higher than the person, or sees nobody on this floor.
+        RequestError: the camera hangs no higher than the person, or has no person of this floor in view.
     """
     person, grid = person or PersonModel(), grid or GridSettings()
     check_height(camera, person)

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 WORK = ".adapt"
 DETECTOR_OPTIONS = DetectorOptions()
 _ALONE = (
-    "the tracks alone teach; boxes stay as they are tracked, nothing is composed, and what never moves cannot be told "
-    "from people"
+    "the tracks alone teach; boxes stay as they are tracked, nothing is composed, and what never moves may be "
+    "learnt as a person"
 )
 
 

@@ -107,10 +107,10 @@ class Deadline:
                     _leave(heard[0])
             if asked > 1 or over.wait(BRIEF):
                 continue
-            told = False
+            reported = False
             while not (self.brief or select.select([hears], [], [], 0.02)[0]):
-                if not told and time.monotonic() - begin > SOON:
-                    told = True
+                if not reported and time.monotonic() - begin > SOON:
+                    reported = True
                     _say("interrupted; what is finished is being written; once more ends at once")
             while self.brief and not over.is_set():
                 # Again where it came while Python tidied up, which passes over it.

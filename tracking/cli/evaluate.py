@@ -124,7 +124,7 @@ def _check(right: bool, name: str, expected: str, value: float) -> None:
 def action(given: Comparison, labels: Labels, threshold: float = 0.4, multiple_actions: bool = False) -> None:
     """Score what people were said to do: F1 at a threshold, and average precision, for every action.
 
-    A row is a labelled person in a frame, or a tracked box on nobody. An action is called where its probability is
+    A row is a labelled person in a frame, or a tracked box on none. An action is called where its probability is
     above the threshold; F1 = 2 TP / (2 TP + FP + FN) over all rows. "single" are the probabilities of single frames,
     "multi" those averaged over the window along the track. With tracks given to `track drone --tracks`, only
     recognition is scored; with tracks of its own, misses and false tracks count, too.

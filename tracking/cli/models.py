@@ -45,7 +45,7 @@ def get(name: str, /, yes: bool = False) -> int:
     known = bool(entry.sha256 or entry.record())
     for _ in progress(download(entry), f"downloading {name}, megabytes", entry.size // MEGABYTE or None):
         pass
-    told = "" if known else "; nobody vouches for this sum: compare it with what the project says"
-    print(f"{entry.file}, sha256 {entry.record()['sha256']}{told}")
+    note = "" if known else "; this sum is not verified: compare it with the project's"
+    print(f"{entry.file}, sha256 {entry.record()['sha256']}{note}")
     print(f"Use it by --{entry.kind} {name}.")
     return 0

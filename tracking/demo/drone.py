@@ -19,7 +19,7 @@ CLIP_FOLDER = "drone"
 
 
 def demo_drone(output: SeededOutput, frames: int, threads: int, device: Device) -> int:
-    """Generate a clip, look at it once, link it three ways, score and report; see `tsuiseki demo --help`."""
+    """Generate a clip, detect people once, link them three ways, score and report; see `tsuiseki demo --help`."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
     from tsuiseki.tracking.demo.page import DemoResult

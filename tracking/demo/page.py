@@ -21,7 +21,8 @@ from tsuiseki.tracking.video.source import Source
 if TYPE_CHECKING:
     from tsuiseki.tracking.drone.run import DroneResult
 
-# A track is of a thing that stands still if its centre moves by less than so many heights, and it is mostly on nobody.
+# A track is of a thing that stands still if its centre moves by less than so many heights, and it is mostly a false
+# positive.
 STILL, MOSTLY = 0.5, 0.8
 STAGES = {
     "generate": "generate the clip",
@@ -111,19 +112,19 @@ def _where_false_boxes_come_from(tracks: Sequence[Track], truth: GroundTruth, co
             filled += int((false & ~track.observed).sum())
     found = {
         f"on things that never move and were taken for people all the time ({things})": still,
-        "filled into gaps over nobody": filled,
+        "filled into gaps, false positives": filled,
         "beside people or on people who have a box already": count - still - filled,
     }
     return f"Its false boxes: {', '.join(f'{number} {where}' for where, number in found.items() if number)}."
 
 
 def _false_positives(track: Track, truth: GroundTruth) -> BoolArray:
-    """``(T,)`` which boxes of a track overlap nobody by half."""
-    nobody = np.ones(len(track), dtype=np.bool_)
+    """``(T,)`` which boxes of a track overlap no person by half."""
+    wrong = np.ones(len(track), dtype=np.bool_)
     for row, frame in enumerate(track.frames.tolist()):
         there = truth.boxes[truth.frames == frame]
-        nobody[row] = not (iou_matrix(track.boxes[row : row + 1], there) >= 0.5).any()
-    return nobody
+        wrong[row] = not (iou_matrix(track.boxes[row : row + 1], there) >= 0.5).any()
+    return wrong
 
 
 def drone_report(demo: DemoResult, actions: DroneResult) -> Report:

@@ -75,11 +75,11 @@ class DroneModels:
             detect.enlarge = False
         if not isinstance(detect, list):
             paths["detector"] = _detector_file(finding.detector)
-        looked = shipped("appearance_people") if appearance is None else appearance
-        used = given is None and not (isinstance(looked, str | Path) and str(looked) == NONE)
-        appearance_file = _file(looked) if used else None
+        network = shipped("appearance_people") if appearance is None else appearance
+        used = given is None and not (isinstance(network, str | Path) and str(network) == NONE)
+        appearance_file = _file(network) if used else None
         paths["appearance"] = None if appearance_file is None else shipped_or_file("appearance", appearance_file)
-        describe = as_describer(looked, finding.threads, device=finding.device) if used else None
+        describe = as_describer(network, finding.threads, device=finding.device) if used else None
         streams = _streams(method, actions, needed=given is not None)
         recognise = ActionRecogniser(streams, finding.threads, device=finding.device) if streams else None
         camera = camera_motion and given is None

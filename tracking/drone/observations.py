@@ -83,7 +83,7 @@ class Observers:
 def observe(
     frames: Iterable[Frame], observers: Observers, times: StageTimes | None = None, first: int = 0
 ) -> Iterator[Observation]:
-    """Observations of the frames, one by one. In memory: one batch of frames, and those optical flow looks back to.
+    """Observations of the frames, one by one. In memory: one batch of frames, and those that optical flow needs.
 
     Args:
         frames: consecutive frames; those before ``first`` are only history.
@@ -180,7 +180,7 @@ def _observations(arrays: Mapping[str, np.ndarray[Any, Any]]) -> list[Observatio
     count = len(arrays["frames"])
     boxes, scores, origin = (np.split(arrays[name], cuts) for name in ("boxes", "scores", "origin"))
     names = dict(zip(arrays["class_numbers"].tolist(), arrays["class_names"].tolist(), strict=True))
-    told = bool((arrays["origin"][:, 1] >= 0).any())
+    has_classes = bool((arrays["origin"][:, 1] >= 0).any())
     features = np.split(arrays["features"], cuts) if "features" in arrays else [None] * count
     actions = np.split(arrays["actions"], cuts, axis=1) if "actions" in arrays else [None] * count
     return [
@@ -190,7 +190,7 @@ def _observations(arrays: Mapping[str, np.ndarray[Any, Any]]) -> list[Observatio
                 boxes[n],
                 scores[n],
                 features[n],
-                classes=origin[n][:, 1] if told else None,
+                classes=origin[n][:, 1] if has_classes else None,
                 sources=origin[n][:, 0],
                 names=names,
             ),

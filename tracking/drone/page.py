@@ -41,7 +41,7 @@ def action_timelines(result: DroneResult) -> str:
         f"{result.threshold:g}. Numbers count frames.</p>"
     )
     blocks = "".join(_timeline(person, result) for person in result)
-    return section("Who does what when", note + (blocks or "<p>Nobody was followed.</p>"))
+    return section("Who does what when", note + (blocks or "<p>No person was tracked.</p>"))
 
 
 def _timeline(person: ActingTrack, result: DroneResult) -> str:

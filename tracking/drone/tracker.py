@@ -30,7 +30,7 @@ class DroneTracker:
     Args:
         settings: of the flow and of what is reported.
         frame_rate: frames a second.
-        size: width and height of the image, so that leaving it is told from being missed; None where not known.
+        size: width and height of the image, so that leaving it differs from a miss; None where not known.
         costs: by how much costs learnt on whole tracks differ from the settings', by default not at all; or the
             thesis's flow in place of that of the settings, which leaves the camera's motion in.
     """

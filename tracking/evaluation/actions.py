@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.coverage import NOBODY, matched_labels
+from tsuiseki.tracking.evaluation.coverage import UNMATCHED, matched_labels
 from tsuiseki.tracking.evaluation.result_files import result_file, warn_of_other_frames
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
 from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
@@ -141,10 +141,10 @@ class LabelledActions:
 
 @dataclass(frozen=True)
 class ActionRows:
-    """M rows to score: every labelled person in every frame, and every tracked box on nobody.
+    """M rows to score: every labelled person in every frame, and every tracked box that is a false positive.
 
     Attributes:
-        truth: ``(M, A)`` what is so; nothing on a box on nobody.
+        truth: ``(M, A)`` what is so; nothing on a false positive.
         single: ``(M, A)`` what single frames say; NaN of a person whom no track has.
         multi: ``(M, A)`` what the window says.
     """
@@ -172,7 +172,7 @@ def read_labelled_actions(
         frames: the stretch to keep.
 
     Raises:
-        RequestError: there are none, they are broken, or nobody who counts is labelled in the stretch.
+        RequestError: there are none, they are broken, or no person to score is labelled in the segment.
     """
     found = []
     for video in open_labelled(path, multiple_actions):
@@ -251,6 +251,6 @@ def _matched(truth: GroundTruth, frames: IntArray, boxes: FloatArray) -> IntArra
     """``(N,)`` row of the box that each label is matched to, -1 for none."""
     match = np.full(len(truth), -1, dtype=np.int64)
     label = matched_labels(frames, boxes, truth)
-    matched = np.flatnonzero(label != NOBODY)
+    matched = np.flatnonzero(label != UNMATCHED)
     match[label[matched]] = matched
     return match

@@ -60,7 +60,7 @@ def coverage(truth: GroundTruth, tracks: Iterable[Track], overlap: float = MATCH
     every = boxes_of_tracks(tracks)
     label = matched_labels(every.frames, every.boxes, rows, overlap)
     found = np.zeros(len(rows), dtype=np.int64)
-    found[label[label != NOBODY]] = every.ids[label != NOBODY]
+    found[label[label != UNMATCHED]] = every.ids[label != UNMATCHED]
     people, first = np.unique(rows.ids, return_index=True)
     return [
         Coverage(int(person), rows.frames[rows.ids == person], found[rows.ids == person])
@@ -168,11 +168,11 @@ def _cells(one: TargetCoverage) -> list[str]:
 
 
 # Of a box on no label, and of one on a label that is neither right nor wrong.
-NOBODY, IGNORED = -1, -2
+UNMATCHED, IGNORED = -1, -2
 
 
 def matched_labels(frames: IntArray, boxes: FloatArray, truth: GroundTruth, least: float = MATCH_OVERLAP) -> IntArray:
-    """``(N,)`` row of the label that each box is matched to for the largest sum of overlaps, or `NOBODY`.
+    """``(N,)`` row of the label that each box is matched to for the largest sum of overlaps, or `UNMATCHED`.
 
     Args:
         frames: ``(N,)``.
@@ -180,7 +180,7 @@ def matched_labels(frames: IntArray, boxes: FloatArray, truth: GroundTruth, leas
         truth: the labels.
         least: intersection over union from which a box and a label match.
     """
-    label = np.full(len(frames), NOBODY, dtype=np.int64)
+    label = np.full(len(frames), UNMATCHED, dtype=np.int64)
     orders = [np.argsort(numbers, kind="stable") for numbers in (frames, truth.frames)]
     sorted_frames = [numbers[order] for numbers, order in zip((frames, truth.frames), orders, strict=True)]
     for frame in np.intersect1d(frames, truth.frames).tolist():
@@ -194,7 +194,7 @@ def matched_labels(frames: IntArray, boxes: FloatArray, truth: GroundTruth, leas
 
 
 def owners_of(frames: IntArray, boxes: FloatArray, truth: GroundTruth) -> IntArray:
-    """``(N,)`` whose each box is: an id of the labels, `NOBODY` or `IGNORED`.
+    """``(N,)`` whose each box is: an id of the labels, `UNMATCHED` or `IGNORED`.
 
     Args:
         frames: ``(N,)``.
@@ -203,5 +203,5 @@ def owners_of(frames: IntArray, boxes: FloatArray, truth: GroundTruth) -> IntArr
     """
     known = truth.select(truth.evaluated | truth.ignored)
     label = matched_labels(frames, boxes, known)
-    # Index -1, a box on nobody, picks the appended one.
-    return np.append(np.where(known.ignored, IGNORED, known.ids), NOBODY)[label]
+    # Index -1, a false positive, picks the appended one.
+    return np.append(np.where(known.ignored, IGNORED, known.ids), UNMATCHED)[label]

@@ -177,8 +177,8 @@ def _alignment(sequence: LabelledSequence, true_lengths: FloatArray, found_lengt
 
 def clear(sequence: LabelledSequence, least: float = 0.5) -> Clear:
     """The counts of CLEAR MOT, for boxes that match from an overlap of ``least`` on."""
-    nobody = -1
-    last = np.full(sequence.true_count, nobody)  # whom each was matched to when it was last matched
+    unmatched = -1
+    last = np.full(sequence.true_count, unmatched)  # whom each was matched to when it was last matched
     before = last.copy()  # whom it was matched to in the last frame that had boxes of both kinds
     hits = misses = false = switches = 0
     overlap = 0.0
@@ -191,9 +191,9 @@ def clear(sequence: LabelledSequence, least: float = 0.5) -> Clear:
         rows, columns = scipy.optimize.linear_sum_assignment(gain, maximize=True)
         matched = gain[rows, columns] > ROUNDING
         who, whom = true[rows[matched]], found[columns[matched]]
-        switches += int(((last[who] != nobody) & (last[who] != whom)).sum())
+        switches += int(((last[who] != unmatched) & (last[who] != whom)).sum())
         last[who] = whom
-        before[:] = nobody
+        before[:] = unmatched
         before[who] = whom
         hits, misses, false = hits + len(who), misses + len(true) - len(who), false + len(found) - len(who)
         overlap += float(shared[rows[matched], columns[matched]].sum())

@@ -53,7 +53,7 @@ class PeopleScores:
         motp: mean overlap of the matched boxes, in [0, 1].
         idf1: share of the boxes that bear the right identity throughout, in [0, 1].
         id_switches: times that a person's id changed.
-        false_positives: boxes on nobody.
+        false_positives: boxes on no labelled object.
         false_negatives: labelled boxes that were missed.
         recall: found share of the labelled boxes, in [0, 1].
         precision: right share of the boxes, in [0, 1].

@@ -102,7 +102,7 @@ class Views:
         pictures: a path, and ``(K, 4)`` boxes in it; None takes the whole picture.
         ids: ``(N,)`` person of each view, in the order of the pictures and boxes.
         cameras: ``(N,)``; -1 where a video was cut up, in which no view is left out.
-        query: ``(N,)`` views that are looked for among the others.
+        query: ``(N,)`` views that are searched among the others.
     """
 
     pictures: Sequence[tuple[Path, FloatArray | None]]

@@ -209,10 +209,10 @@ def _warn_of_a_segment(file: Path, labels: GroundTruth, frames: IntArray) -> Non
     rows = labels.frames[labels.evaluated]
     if len(frames) and ((rows < frames[0]) | (rows > frames[-1])).sum() > MANY * len(rows):
         there, scored = (f"{some[0] + 1}-{some[-1] + 1}" for some in (frames, rows))
-        told = (
+        message = (
             f"{file} has detections in frames {there} alone, but {scored} are scored; for its own use `frames` {there}"
         )
-        warnings.warn(told, InputWarning, stacklevel=3)
+        warnings.warn(message, InputWarning, stacklevel=3)
 
 
 def _visible(labels: GroundTruth, low: float, high: float) -> GroundTruth:

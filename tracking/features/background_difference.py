@@ -84,7 +84,7 @@ SURROUNDINGS = 0.25
 # A resting animal, or what it never uncovered, is a region of the background from this share of the usual area up to so
 # many times.
 RESTING = (0.05, 3.0)
-# Times that resting animals are looked for, each time with what the animals are known to look like by then.
+# Rounds of the search for resting animals, each with the appearance of the animals known by then.
 ROUNDS = 4
 # Share of the contrast of animals from which a pixel is of a core.
 CORE = 0.5
@@ -169,7 +169,7 @@ def learn_background(
         core = max(level, CORE * peak)
         masks = [_difference(image, back, contrast) > core for image in images]
         area = usual_area(masks)
-        # One that moves a little shows only what it uncovers; painted over, it tells what the others look like.
+        # One that moves a little shows only what it uncovers; painted over, it shows what the others look like.
         resting = _resting(back, surroundings, contrast, core, area)
         # Levels are of the background that is kept, also where the last round found somebody.
         if done == ROUNDS or not resting.any():
@@ -208,7 +208,7 @@ def _estimated_contrast(ordered: NDArray[np.uint8]) -> Contrast:
     """Whether animals are brighter or darker than what surrounds them.
 
     Where something moved, the brightest and the darkest value of a pixel are the animal and what lies behind it; what
-    lies behind it is the one that is like its surroundings. Where nothing moved, every pixel is looked at.
+    lies behind it is the one that is like its surroundings. Where nothing moved, every pixel counts.
     """
     around = _surroundings(_quantile(ordered, "any"))
     moved = _difference(ordered[-1], ordered[0], "bright") > 3 * LEAST

@@ -90,7 +90,7 @@ class CameraTrajectory:
         source: what the steps are estimated from.
 
     Attributes:
-        unknown: frames whose step too little told; where nothing did, the camera is taken to stand still.
+        unknown: frames with too little evidence of a step; without any, the camera is taken to stand still.
         lost: those of them that a moving camera came to.
     """
 
@@ -192,8 +192,8 @@ def line_on_camera(unknown: Sequence[Sequence[int]], source: Literal["boxes", "i
     if more := sum(last - first + 1 for first, last in unknown[5:]):
         which += f" and {more} more"
     frames = "frame" if [*unknown[0]] == [unknown[-1][1]] * 2 else "frames"
-    told = "is not known" if source == "images" else "is not known from the few boxes there"
-    return f"how the camera moved into {frames} {which} {told}; links over them reach further"
+    reason = "is not known" if source == "images" else "is not known from the few boxes there"
+    return f"how the camera moved into {frames} {which} {reason}; links over them reach further"
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ class CameraPath:
     Attributes:
         transforms: one ``(2, 3)`` similarity a frame that is not forgotten, from its pixels to those of the first.
         deviations: by frame, standard deviation in pixels of where the frame before lies in it, where that is in doubt.
-        unknown: frames whose movement nothing told; they lie where the frame before does.
+        unknown: frames without evidence of movement; they lie where the frame before does.
     """
 
     transforms: list[FloatArray] = field(default_factory=list)
@@ -258,11 +258,11 @@ class CameraPath:
         self.transforms.append(_moved_on(self.transforms[-1], step) if frame else STANDS_STILL)
 
     def step(self, frame: int) -> CameraStep:
-        """Where pixels of the frame before lie in a frame, of infinite deviation where nothing told."""
+        """Where pixels of the frame before lie in a frame, of infinite deviation without evidence."""
         if frame == 0:
             return CameraStep(STANDS_STILL)
         earlier, now = (np.vstack([self.transforms[k - self._forgotten], [0, 0, 1]]) for k in (frame - 1, frame))
-        # A camera that stood still is told from one that moved by less than rounding.
+        # A camera that stood still differs from one that moved by less than rounding.
         same = np.array_equal(earlier, now)
         similarity = STANDS_STILL if same else np.asarray(np.linalg.solve(now, earlier)[:2])
         return CameraStep(similarity, np.inf if frame in self.unknown else self.deviations.get(frame, 0.0))

@@ -51,10 +51,10 @@ class SizedDetect(Detect, Protocol):
 
 @runtime_checkable
 class ChoosingDetect(Detect, Protocol):
-    """A detector that chooses, while the video comes, how to look at it."""
+    """A detector that chooses its tiles while the video comes."""
 
     def prepared(self, images: Sequence[ImageArray], workers: int = 1) -> Detect:
-        """What is to look at ``images``; asked for in the order of the video, run in any.
+        """The detector for ``images``; asked for in the order of the video, run in any.
 
         Args:
             images: the next ones.
@@ -78,12 +78,12 @@ class Detector:
         iou_threshold: of the non-maximum suppression; in [0, 1].
         threads: CPU threads; 0 takes all cores.
         device: what to run on, see `opened_on`; afterwards what it runs on.
-        classes: that are looked for, numbered from 1; by default all, whose detections then bear no class.
+        classes: that are detected, numbered from 1; by default all, whose detections then bear no class.
 
     Attributes:
-        wanted: names by number of the classes that are looked for; empty where they are not told apart.
+        wanted: names by number of the classes that are detected; empty where they are not distinguished.
         across: boxes of different classes suppress each other.
-        people_only: nothing else is looked for.
+        people_only: no other class is detected.
 
     Raises:
         RequestError: the file is no detector (see `OnnxModel`), or lacks a class.
@@ -234,8 +234,8 @@ def open_detector(
     """
     entry, path = find_model(str(path), "detector"), shipped_or_file("detector", path)
     if entry is not None:
-        told = {} if options is None else {name: x for name, x in vars(options).items() if x is not None}
-        options = DetectorOptions(**{**entry.options, **told})
+        given = {} if options is None else {name: x for name, x in vars(options).items() if x is not None}
+        options = DetectorOptions(**{**entry.options, **given})
     try:
         found = Detector(path, score_threshold, iou_threshold, threads, device, classes)
     except MissingCardError:
@@ -303,7 +303,7 @@ def as_detector(
         options: what the file of another project does not tell.
         device: of such a network, see `opened_on`.
         turned: boxes of such a file may be turned.
-        classes: that are looked for; by default people, or whatever a function or a detector of others gives.
+        classes: that are detected; by default people, or whatever a function or a detector of others gives.
 
     Raises:
         RequestError: it is none of them, the file is no detector, or lacks a class.
@@ -508,7 +508,7 @@ class ForeignAppearance:
         return np.asarray(rows / length)
 
     def _try(self, height: int, width: int) -> int:
-        """The length of the features, after a look at noise and at black."""
+        """The length of the features, measured on noise and on black."""
         noise = np.random.default_rng(0).integers(0, 256, (1, height, width, 3), dtype=np.uint8)
         rows = self._rows(noise)
         if np.array_equal(rows, self._rows(np.zeros_like(noise))):

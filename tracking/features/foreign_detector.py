@@ -58,13 +58,13 @@ class ForeignDetector:
         options: what the file does not tell.
         device: what to run on, see `opened_on`; afterwards what it runs on.
         turned: turned boxes come with their angles, the longer side as height; by default as upright boxes about them.
-        classes: that are looked for; by default people, whose detections then bear no class.
+        classes: that are detected; by default people, whose detections then bear no class.
 
     Attributes:
         layout: that was recognised.
-        wanted: names by number, as the outputs count it, of the classes that are looked for; empty where not known.
+        wanted: names by number, as the outputs count it, of the classes that are detected; empty where not known.
         across: boxes of different classes suppress each other.
-        people_only: nothing else is looked for, as far as names tell.
+        people_only: no other class is detected, by the names.
         scores: what the class values are; None for layouts in which they can be but one thing.
         input: what becomes of a picture.
         check: compares its boxes with the pictures.
@@ -114,7 +114,7 @@ class ForeignDetector:
     def __str__(self) -> str:
         """How the file is read, in words."""
         known = ", ".join(f"class {number}" + (f" {name!r}" if name else "") for number, name in self.wanted.items())
-        known = f"looks for {known}" if self._told else f"people are {known}"
+        known = f"detects {known}" if self._told else f"people are {known}"
         scores = "" if self.scores is None else f", scores by {self.scores}"
         size = "any size" if self.size is None else f"{self.size[1]}x{self.size[0]}"
         return f"layout {self.layout}, {known}{scores}; pictures {self.input}, {size}"
@@ -128,12 +128,12 @@ class ForeignDetector:
 
     @property
     def person(self) -> int:
-        """Number of the class of people, as the outputs count it; the first one where others are looked for."""
+        """Number of the class of people, as the outputs count it; the first one where others are detected."""
         return next(iter(self.wanted))
 
     @property
     def blank(self) -> bool:
-        """Whether it has looked at pictures, and none gave anything but zeros or no rows."""
+        """Whether it has run, and no picture gave anything but zeros or no rows."""
         return self.gave == {False}
 
     @property
@@ -181,7 +181,7 @@ class ForeignDetector:
         return self._classed(Detections(boxes, scores), classes)
 
     def _classed(self, found: Detections, classes: IntArray) -> Detections:
-        """With their classes, where others than people are looked for."""
+        """With their classes, where others than people are detected."""
         return replace(found, classes=classes, names=self.wanted) if self._told else found
 
     def _turned(self, boxes: FloatArray, scores: FloatArray, classes: IntArray, size: Size) -> Detections:
@@ -230,9 +230,9 @@ class ForeignDetector:
         if "mask" in other.name and len(other.shape) == 3:  # of padding; there is none
             given = zip(other.shape[1:], size, strict=True)
             return np.ones((count, *(side if isinstance(side, int) else own for side, own in given)), kind)
-        told = _SIDE_INPUTS.get(other.name if kind.kind == "f" else "orig_target_sizes")
-        if told is not None and len(other.shape) == 2:
-            return np.tile(np.array(told(size), kind), (count, 1))
+        values = _SIDE_INPUTS.get(other.name if kind.kind == "f" else "orig_target_sizes")
+        if values is not None and len(other.shape) == 2:
+            return np.tile(np.array(values(size), kind), (count, 1))
         raise RequestError(
             f"{self.path}: expected a picture as input, and beside it at most {', '.join(_SIDE_INPUTS)}, got "
             f"{other.name} {tuple(other.shape)}; export it without"
@@ -249,9 +249,9 @@ class ForeignDetector:
         self._batched = len(self._wanted.shape) == 4
         sides = self._wanted.shape[1:3] if self._tensorflow else self._wanted.shape[-2:]
         height, width = (x if isinstance(x, int) else None for x in sides)
-        told = _metadata_size(self.metadata)
-        height = height or options.height or (told[0] if told else None)
-        width = width or options.width or (told[1] if told else None)
+        stated = _metadata_size(self.metadata)
+        height = height or options.height or (stated[0] if stated else None)
+        width = width or options.width or (stated[1] if stated else None)
         if height and width:
             return height, width
         if self._tensorflow or len(self.session.get_outputs()) == 3:
@@ -295,9 +295,9 @@ class ForeignDetector:
         if len(found) == 1:
             return found[0]
         if every and not found:
-            told = " or ".join(f"{LAYOUTS[n].classes(list(trial.values()))} (layout {n})" for n in every)
+            counts = " or ".join(f"{LAYOUTS[n].classes(list(trial.values()))} (layout {n})" for n in every)
             raise RequestError(
-                f"{self.path}: expected names of as many classes as its outputs {_shapes(trial)} have, {told}, got "
+                f"{self.path}: expected names of as many classes as its outputs {_shapes(trial)} have, {counts}, got "
                 f"{len(self.names or ())}; give them with `detector_options.classes`"
             )
         if not found:
@@ -356,7 +356,7 @@ class ForeignDetector:
     def _choose_classes(
         self, trial: Sequence[NDArray[Any]], options: DetectorOptions, choice: ClassChoice | None
     ) -> Mapping[int, str]:
-        """Names by number of the classes that are looked for."""
+        """Names by number of the classes that are detected."""
         first, count = self._numbering(LAYOUTS[self.layout].classes(trial) or (len(self.names or ()) or None), trial)
         names = {first + n: name for n, name in enumerate(self.names or ())} or coco_names(count)
         if choice is not None:
@@ -380,8 +380,8 @@ class ForeignDetector:
 
     def _check_values(self, outputs: Sequence[NDArray[Any]]) -> None:
         # TensorFlow tells how many rows it fills even where all of their scores are zero.
-        told = outputs[2:3] if self.layout in ("tensorflow", "tensorrt") else outputs
-        floats = [x for x in told if np.issubdtype(x.dtype, np.floating)]
+        values = outputs[2:3] if self.layout in ("tensorflow", "tensorrt") else outputs
+        floats = [x for x in values if np.issubdtype(x.dtype, np.floating)]
         if not _finite(outputs):
             raise RunError(
                 f"{self.path}: the network gives NaN or infinity; check its normalisation, or export it in float32"
@@ -396,10 +396,10 @@ class ForeignDetector:
 
 def _changed(path: Path, usual: ImageInput, options: DetectorOptions, *, whole: bool) -> ImageInput:
     names = ("resize", "colour", "pixels", "mean", "std")
-    told = [name for name in names[2:] if getattr(options, name) is not None]
-    if usual.raw_nhwc and told:
+    set_by_hand = [name for name in names[2:] if getattr(options, name) is not None]
+    if usual.raw_nhwc and set_by_hand:
         raise RequestError(
-            f"{path}: the network takes bytes and normalises them itself; leave `detector_options.{told[0]}` out"
+            f"{path}: the network takes bytes and normalises them itself; leave `detector_options.{set_by_hand[0]}` out"
         )
     given: dict[str, Any] = {"resize": "as-is"} if whole else {}
     given |= {name: value for name in names if (value := getattr(options, name)) is not None}

@@ -5,7 +5,7 @@ lower their feet are: h = a (y - y0) for feet in row y below the horizon y0, whe
 of the camera (Hoiem, Efros, Hebert, "Putting Objects in Perspective", IJCV 80, 2008). Here the line is found from the
 detections themselves, by a Hough transform: each confident box votes for all lines that go through it, and votes fade,
 so that a moving camera is followed. What a detector sees high up on a facade, or in a box of the wrong size, does not
-lie on the line and loses score; nobody gains any.
+lie on the line and loses score; none gains any.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ _REACH = 4.0
 # Share of cells, or of queries in a picture of noise, that count as nearly all.
 _NEARLY_ALL = 0.9
 # Layouts that differ by one class and by nothing else.
-_TOLD_BY_COUNT = {"yolox", "yolox-decoded", "yolov8-rows", "nanodet", "nanodet-g"}
+_KNOWN_BY_COUNT = {"yolox", "yolox-decoded", "yolov8-rows", "nanodet", "nanodet-g"}
 # Outputs whose names tell what they are, boxes first; others beside them, such as masks, are left aside.
 _PAIRS = (("dets", "labels"), ("pred_boxes", "logits"), ("pred_boxes", "pred_logits"))
 _DETR_NAMES = [set(pair) for pair in _PAIRS]
@@ -315,12 +315,12 @@ def of_so_many_classes(found: list[LayoutName], arrays: Outputs, classes: int | 
         arrays: the outputs.
         classes: number of classes of objects, where the file or the user tells it.
     """
-    told = {name: LAYOUTS[name].classes(arrays) for name in found}
+    counts = {name: LAYOUTS[name].classes(arrays) for name in found}
     if classes is None:
-        likely = [name for name in found if told[name] in COCO]
-        return likely if len(found) > 1 and len(likely) == 1 and told.keys() <= _TOLD_BY_COUNT else found
+        likely = [name for name in found if counts[name] in COCO]
+        return likely if len(found) > 1 and len(likely) == 1 and counts.keys() <= _KNOWN_BY_COUNT else found
     # One class more is that of "no object".
-    return [n for n in found if told[n] in (None, classes) or (LAYOUTS[n].paired and told[n] == classes + 1)]
+    return [n for n in found if counts[n] in (None, classes) or (LAYOUTS[n].paired and counts[n] == classes + 1)]
 
 
 # From here on a softmax cannot be ruled out.

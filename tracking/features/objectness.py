@@ -127,7 +127,7 @@ def propose(
         image: ``(H, W, 3)`` uint8.
         model: learnt.
         count: greatest number of boxes.
-        region: ``(4,)`` pixels; only this part of the image is looked at, which is what makes a frame cheap.
+        region: ``(4,)`` pixels; only this part of the image is searched, which makes a frame cheap.
         per_size: greatest number of boxes of one size.
 
     Returns:

@@ -27,7 +27,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 _WIDTH = 160
 # Pixels of a copy by which a corner of a camera that stands still seems to move at most.
 _STILL = 0.25
-# Grey levels a pixel from which a place is compared, how many such places are enough, and how many are looked at.
+# Grey levels a pixel from which a place is compared, how many such places are enough, and how many are compared.
 _GRADIENT, _PLACES, _MOST_PLACES = 4.0, 100, 4000
 # Half of the places differ by less than this part of their gradient, which a shift of as many pixels would bring.
 _DIFFERENCE = 0.35
@@ -49,7 +49,7 @@ class StandingCamera:
         patience: frames after which another frame is what the next ones are compared with.
         settled: see above; more than a frame, and no more than the patience.
         moved: frames, the first among them, for which nothing says that the camera stood still.
-        known: ``(F,)`` by frame, what comparing it told before, so that pictures need not; None compares them.
+        known: ``(F,)`` by frame, the results of earlier comparisons, so that pictures need none; None compares them.
         compared: frame that the next one is compared with.
     """
 

@@ -74,7 +74,7 @@ def _batches(frames: Iterable[Frame], size: int, times: StageTimes) -> Iterator[
 def _ready(
     detect: Detect | Sequence[Detections], batch: list[Frame], times: StageTimes, workers: int = 1
 ) -> Detect | Sequence[Detections]:
-    """What looks at ``batch``; a detector that chooses how does so here, in the order of the frames."""
+    """The detector for ``batch``; one that chooses its tiles does so here, in the order of the frames."""
     if not isinstance(detect, ChoosingDetect):
         return detect
     with times.measure("detect"):

@@ -1,8 +1,8 @@
-"""Which tiles a video needs, from looks at its frames at several scales.
+"""Which tiles a video needs, by inference on its frames at several scales.
 
-One look may mislead, and a street may be empty when the video begins. So frames some seconds apart are looked at, until
-three of the looks have shown somebody; the median of what these ask for is taken from then on. Of its tiles, those are
-looked at that show nearly all the people of late; once a second all of them are.
+One frame may mislead, and a street may be empty when the video begins. So frames some seconds apart are tried, until
+three of these trials have detected people; the median of their choices is taken from then on. Of its tiles, those are
+used that show nearly all the people of late; once a second all of them are.
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ ENLARGED_SCALE = 4.0
 WORTH_ENLARGED = 1.5
 MORE_ENLARGED = 1.0
 _CERTAIN = 0.3
-_LOOKS = 3
-# Below this many people in a frame the look goes on: all of them may be too small so far.
+_TRIALS = 3
+# Below this many people in a frame the trial goes on: all of them may be too small so far.
 _SOMEBODY = 0.5
-# Seconds from one look to the next, twice as many each time: at first while nobody was seen, at least once somebody
+# Seconds from one trial to the next, twice as many each time: at first while no person was detected, at least once one
 # was, and at most.
 _FIRST_WAIT, _SPREAD, _LONGEST_WAIT = 0.15, 1.0, 60.0
-# Seconds from one look at all tiles to the next, and from how many on and of how many of the last ones the busy tiles
-# follow.
+# Seconds from one inference on all tiles to the next, and from how many on and of how many of the last ones the busy
+# tiles follow.
 _ALL_TILES, _ENOUGH, _LATELY = 1.0, 3, 30
 
 
@@ -84,14 +84,14 @@ def choose_view(
     whole.
 
     Args:
-        images: the first frames, of one size; `_LOOKS` of them are looked at.
+        images: the first frames, of one size; `_TRIALS` of them are tried.
         detector: finds people.
         batch_size: most pictures of one call of ``detector``.
         workers: calls of it at a time.
         enlarge: whether tiles may show the frame at up to `ENLARGED_SCALE`, and not `LARGEST_SCALE` alone.
     """
     size = images[0].shape[:2]
-    looked = images[:: max(1, len(images) // _LOOKS)][:_LOOKS]
+    tried = images[:: max(1, len(images) // _TRIALS)][:_TRIALS]
     chosen, cost = view_of(size, 1, 1.0), None
     usual = most_columns(size, detector.input_size)
     most = most_columns(size, detector.input_size, ENLARGED_SCALE) if enlarge else usual
@@ -102,8 +102,8 @@ def choose_view(
         if columns > usual and people[chosen.columns] < _SOMEBODY:
             break
         view = view_of(size, columns, detector.input_size[1] / detector.input_size[0])
-        found, taken = _timed(TiledDetector(detector, view, batch_size=batch_size, workers=workers), looked)
-        people[columns] = sum(_expected(d) for d in found) / len(looked)
+        found, taken = _timed(TiledDetector(detector, view, batch_size=batch_size, workers=workers), tried)
+        people[columns] = sum(_expected(d) for d in found) / len(tried)
         if columns == 1 or worth_more(people[chosen.columns], people[columns], enlarged=columns > usual):
             chosen, cost = view, taken
         elif people[chosen.columns] >= _SOMEBODY:
@@ -127,15 +127,15 @@ def worth_more(people: float, with_more: float, enlarged: bool) -> bool:
 
 @dataclass
 class ViewHistory:
-    """The looks at a video's frames of one size, and what follows from them.
+    """The trials on a video's frames of one size, and the choice of tiles.
 
     Attributes:
         frame_rate: frames a second.
         choice: the view by now.
-        somebody: choices of the looks that showed somebody.
+        somebody: choices of the trials that detected people.
         changes: 0-based frame, counted from the first one seen, from which each view was taken.
         frames: seen so far.
-        due: frame of the next look; None where none is needed any more.
+        due: frame of the next trial; None where none is needed any more.
         enlarge: see `choose_view`.
     """
 
@@ -154,21 +154,21 @@ class ViewHistory:
     def take(
         self, images: Sequence[ImageArray], detector: SizedDetect, batch_size: int, workers: int = 1
     ) -> ViewChoice:
-        """The view of ``images``, the next ones of the video, after a look where one is due."""
+        """The view of ``images``, the next ones of the video, after a trial where one is due."""
         if self.choice is None or (self.due is not None and self.frames >= self.due):
-            # The first frames lie side by side; later ones are looked at one by one.
-            looked = images if self.choice is None else images[:1]
-            self._add(choose_view(looked, detector, batch_size, workers, self.enlarge))
+            # The first frames lie side by side; later ones are tried one by one.
+            tried = images if self.choice is None else images[:1]
+            self._add(choose_view(tried, detector, batch_size, workers, self.enlarge))
         assert self.choice is not None
         self.frames += len(images)
         return self.choice
 
     def busy(self, images: Sequence[ImageArray], every: TiledDetector) -> TiledDetector:
-        """What looks at the tiles that show nearly all the people of late.
+        """The detector on the tiles that show nearly all the people of late.
 
         Args:
             images: those that were taken last.
-            every: looks at all tiles of the choice.
+            every: the detector on all tiles of the choice.
         """
         view, now = every.view, self.frames - len(images)
         if view is not self._of:
@@ -185,37 +185,38 @@ class ViewHistory:
             view = TileView(view.columns, view.tiles[busy_tiles(shown, scores)])
         return TiledDetector(every.detector, view, every.iou_threshold, every.batch_size, known=known)
 
-    def _add(self, look: ViewChoice) -> None:
-        if look.sees_somebody:
-            self.somebody.append(look)
-        # The lower median; where nobody was seen so far, the last look may have seen more than those before.
+    def _add(self, trial: ViewChoice) -> None:
+        if trial.sees_somebody:
+            self.somebody.append(trial)
+        # The lower median; where no person was detected so far, the last trial may have detected more than those
+        # before.
         ordered = sorted(self.somebody, key=lambda each: each.view.columns)
-        chosen = ordered[(len(ordered) - 1) // 2] if ordered else look
+        chosen = ordered[(len(ordered) - 1) // 2] if ordered else trial
         if self.choice is None or chosen.view.columns != self.choice.view.columns:
             self.changes.append((self.frames, chosen))
             self.choice = chosen
         wait = max(self._wait, _SPREAD) if self.somebody else self._wait
         self._wait = min(2 * wait, _LONGEST_WAIT)
-        settled = not look.people or len(self.somebody) >= _LOOKS
+        settled = not trial.people or len(self.somebody) >= _TRIALS
         self.due = None if settled else self.frames + wait * self.frame_rate
 
     def __str__(self) -> str:
         said = [str(choice) if not n else f"from frame {n + 1} on {choice}" for n, choice in self.changes]
         unseen = self.choice is not None and len(self.choice.people) > 1 and not self.somebody
-        return ", ".join(said) + (", but saw nobody at any scale" if unseen else "")
+        return ", ".join(said) + (", but no person was detected at any scale" if unseen else "")
 
 
 class ViewedDetector:
-    """A detector that looks at frames of any size in as many tiles as they need.
+    """A detector of frames of any size in as many tiles as they need.
 
     Args:
         detector: finds people in pictures.
-        wanted: tiles across and down (None: as many as cover the frame), see `parse_view`; by default chosen by looks.
+        wanted: tiles across and down (None: as many as cover the frame), see `parse_view`; by default chosen by trials.
         batch_size: most pictures of one call of ``detector``.
-        frame_rate: frames a second, by which the looks are spread.
+        frame_rate: frames a second, by which the trials are spread.
         enlarge: see `choose_view`. One that has learnt its camera knows people as large as they are there, and never
             sees them larger.
-        sparing: pass over tiles that show nobody whom others do not; for consecutive frames of a video.
+        sparing: pass over tiles without people of their own; for consecutive frames of a video.
 
     Attributes:
         enlarge: as given, but never for such a one.
@@ -292,7 +293,7 @@ def scores_are_probabilities(detect: object) -> bool:
 
 
 def inner_detector(detect: object) -> object:
-    """What looks at the pictures that a `ViewedDetector` gives it; anything else is that itself."""
+    """The detector inside a `ViewedDetector`; any other detector itself."""
     return detect.detector if isinstance(detect, ViewedDetector) else detect
 
 

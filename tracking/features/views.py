@@ -1,7 +1,7 @@
-"""Frames of any size: overlapping tiles that a detector looks at one by one, and their boxes put together again.
+"""Frames of any size: overlapping tiles for a detector, and their boxes put together again.
 
 A detector sees people from about 25 pixels of its input on. A frame that is larger than the input is shrunk, and small
-people in it with it; a tile of the frame is shrunk less. The whole frame is looked at, too, for people larger than a
+people in it with it; a tile of the frame is shrunk less. The whole frame is a tile, too, for people larger than a
 tile.
 """
 
@@ -43,7 +43,7 @@ _ALIKE, _SCORED, _LOST = 0.7, (0.8, 0.5), 0.05
 
 @dataclass(frozen=True)
 class TileView:
-    """The parts of a frame that the detector looks at.
+    """The parts of a frame for the detector.
 
     Attributes:
         columns: tiles across; 1 for the whole frame alone.
@@ -101,7 +101,7 @@ def parse_view(text: str) -> tuple[int, int | None] | None:
 
 
 class TiledDetector:
-    """A detector that looks at the tiles of a view.
+    """A detector of the tiles of a view.
 
     Args:
         detector: finds people in pictures.
@@ -195,8 +195,8 @@ def merge(found: Sequence[Detections], tiles: IntArray, iou_threshold: float = 0
     compared = boxes if across else set_apart(boxes, classes)
     kept = np.flatnonzero(~_covered_by_other_tile(compared, scores, cut, owner))
     kept = kept[suppress(compared[kept], scores[kept], iou_threshold)]
-    told = None if all(d.classes is None for d in found) else classes[kept]
-    return Detections(boxes[kept], scores[kept], classes=told, names=found[0].names)
+    kept_classes = None if all(d.classes is None for d in found) else classes[kept]
+    return Detections(boxes[kept], scores[kept], classes=kept_classes, names=found[0].names)
 
 
 def shown_in(found: Sequence[Detections], merged: Detections, tiles: IntArray) -> BoolArray:

@@ -23,7 +23,7 @@ _LABEL_WIDTH = 0.25  # of the wanted response, times the square root of the numb
 
 @dataclass(frozen=True)
 class ScaleSample:
-    """Features of a target's box at S sizes; they are looked at twice, to find the size and to learn it.
+    """Features of a target's box at S sizes; they are used twice, to measure the size and to learn it.
 
     Attributes:
         rows: ``(S, D)`` of neighbouring sizes.

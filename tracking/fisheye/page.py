@@ -1,4 +1,4 @@
-"""What came of people under a ceiling camera, to look at: floor plan, dwell map, overlay with rotated boxes, page."""
+"""Pictures of people under a ceiling camera: floor plan, dwell map, overlay with rotated boxes, page."""
 
 from __future__ import annotations
 
@@ -58,11 +58,11 @@ def dwell_seconds(tracks: Sequence[FloorTrack], floor: FloatArray, frame_rate: f
 
 
 def dwell_figure(tracks: Sequence[FloorTrack], floor: FloatArray, frame_rate: float, ink: str = "black") -> Figure:
-    """Where people spent how long, seconds a square metre; a plain plan where nobody was."""
+    """Where people spent how long, seconds a square metre; a plain plan where no person was."""
     figure, axes = _plan(floor, "Time spent", ink)
     seconds = dwell_seconds(tracks, floor, frame_rate) / CELL**2
     if not seconds.any():
-        axes.text(0.5, 0.5, "nobody was here", transform=axes.transAxes, ha="center", color=ink)
+        axes.text(0.5, 0.5, "no person was here", transform=axes.transAxes, ha="center", color=ink)
         return figure
     shown = axes.imshow(
         seconds, origin="lower", extent=(floor[0], floor[2], floor[1], floor[3]), cmap="magma", aspect="equal"

@@ -154,8 +154,8 @@ def fisheye(
             result = floor_result(inputs, steps, chosen, hungarian, flow, run.times, made)
             run.save(result, partial(ceiling.draw, run, video, result, folder), folder)
             sections.append(inputs.section(result, run.work / folder))
-            told = inputs.passed.summary(hungarian.start_score if chosen == "hungarian" else None)
-            lines.append(f"{name}: {count(len(result), 'person', 'people')}{told}")
+            summary = inputs.passed.summary(hungarian.start_score if chosen == "hungarian" else None)
+            lines.append(f"{name}: {count(len(result), 'person', 'people')}{summary}")
         report_blank(opened[0].detector)
         page = floor_page(sections, run.times.seconds, {name: str(value) for name, value in made.items()})
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
@@ -169,12 +169,12 @@ class CeilingInputs:
 
     Attributes:
         ceiling: the source and its camera.
-        options: how it is looked at.
+        options: of the camera's input.
         detect: what finds people, or what was found in each frame.
         detector: the detector behind that, where there is one.
         describe: what describes their appearance, if anything does.
         person: the model of a person.
-        passed: leaves out detections of nobody on the floor, and notes the others.
+        passed: leaves out detections that are not on the floor, and notes the others.
     """
 
     ceiling: CeilingSource
@@ -193,7 +193,7 @@ class CeilingInputs:
         return self.passed.watched(self._located(frames, view, times))
 
     def _located(self, frames: Iterable[Frame], view: CeilingView, times: StageTimes) -> Iterator[FloorDetections]:
-        """The people of each frame; no frame is read where boxes are given and nothing looks at images."""
+        """The people of each frame; no frame is read where boxes are given and no method needs images."""
 
         def given_at(given: Sequence[Detections], index: int) -> Detections:
             return self.passed.keep(given[index]) if index < len(given) else Detections.empty()

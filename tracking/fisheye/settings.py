@@ -21,7 +21,7 @@ class UnrollingSettings:
     Attributes:
         rings: number of tiles of each ring about the camera. More tiles show people larger; with tiles of 4:3 a ring
             of n shows those whole who stand farther away than n / 6 of the camera's height.
-        downward: look straight down, too.
+        downward: also a view straight down.
         overlap: share of a tile that the next one shows again, in [0, 0.5].
         horizon: row of a tile that is as high as the camera, share of the height.
         iou: overlap from which two turned boxes are one person.
@@ -127,10 +127,10 @@ DEFAULT_FLOW = FloorFlowSettings()
 
 @dataclass(frozen=True, kw_only=True)
 class CeilingOptions(Drawing):
-    """How ceiling cameras and the people under them are looked at, and what is written.
+    """The input of ceiling cameras, the model of people, and what is written.
 
     Attributes:
-        view: what the detector looks at: the image unrolled into views in which people stand upright, or the image as
+        view: input of the detector: the image unrolled into views in which people stand upright, or the image as
             it is. In the first, any detector of ordinary pictures will do.
         detector_options: what the file of another project's detector does not tell.
         unrolling: the unrolled views.

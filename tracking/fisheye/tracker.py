@@ -11,7 +11,7 @@ The thesis leaves these points open; here:
 * C^pos is the distance in metres between a detection and the position predicted for a track.
 * The gate ε_pos is ``reach`` metres, and ``speed`` metres more for each second since the track's last detection. So
   one setting serves 1 frame a second and 15.
-* The first stage has the same gate. Two people in similar clothes are told apart by their places.
+* The first stage has the same gate. Two people in similar clothes are distinguished by their places.
 * The second stage leaves out pairs whose features differ by more than ``place_feature_gate``.
 * The prediction is that of an alpha-beta filter. Its velocity decays with the time constant ``memory``.
 

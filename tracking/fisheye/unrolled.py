@@ -1,4 +1,4 @@
-"""A detector of upright people that looks through a ceiling camera: the picture is unrolled into upright views.
+"""A detector of upright people for a ceiling camera: the picture is unrolled into upright views.
 
 A fisheye picture from a ceiling shows people lying outward, and no two directions alike. In the views of `panorama`
 everybody stands upright. Rings of tiles show them at several scales, those who are near and those who are farther away;
@@ -192,7 +192,7 @@ def _distinct(boxes: FloatArray, scores: FloatArray, owner: np.ndarray, settings
 
 
 CeilingInput: TypeAlias = Literal["unrolled", "image"]
-# The shipped detector for each way of looking.
+# The shipped detector for each input.
 DETECTORS: dict[CeilingInput, str] = {"unrolled": "detector_ceiling", "image": "detector_drone"}
 # Height and width of a tile for a network that takes any size, pixels.
 TILE = (480, 640)
@@ -201,7 +201,7 @@ TILE = (480, 640)
 def ceiling_detector(
     detector: Detect, camera: FloorCamera, look: CeilingInput, unrolling: UnrollingSettings | None = None
 ) -> Detect:
-    """``detector`` as it looks at a ceiling camera's images: at them as they are, or at the views they unroll into."""
+    """``detector`` on a ceiling camera's images: as they are, or on the views they unroll into."""
     if look == "image":
         return detector
     # A function does not say the size of its input.

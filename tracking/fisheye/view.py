@@ -278,7 +278,7 @@ class Passed:
         ceiling: the camera, its source and the floor.
         middle: height of the middle of a person, metres.
         keeps_boxes: whether `boxes` are kept.
-        left_out: detections so far that belong to nobody on the floor.
+        left_out: detections so far that are not on the floor.
         frames: so far.
         number: of detections so far.
         best: the highest score so far; infinite where a detection has none, for it may always start a track.

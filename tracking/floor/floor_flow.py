@@ -288,11 +288,11 @@ def _learnt(
     points: FloorPoints, views: Sequence[SensorView], nodes: PersonNodes, label: IntArray, expected: Expectations,
     rates: SensorRates,
 ) -> SensorRates:  # fmt: skip
-    """The rates as the tracks say: detections over what could be detected, and those of nobody."""
+    """The rates as the tracks say: detections over what could be detected, and false positives."""
     track = label[nodes.node]
     used = track >= 0
-    looks = np.array([max(int(view.measured.sum()), 1) for view in views])
-    nobody = np.bincount(points.sensor[~used], minlength=len(views)) / looks
+    covered = np.array([max(int(view.measured.sum()), 1) for view in views])
+    spurious = np.bincount(points.sensor[~used], minlength=len(views)) / covered
     width = int(label.max(initial=0)) + 1
     key, wanted = expected.moment * width + expected.track, points.moment[used] * width + track[used]
     order = np.argsort(key)
@@ -300,4 +300,4 @@ def _learnt(
     known = key[at] == wanted[: len(at)]
     hit = np.zeros((len(key), len(views)), dtype=np.bool_)
     hit[at[known], points.sensor[used][: len(at)][known]] = True
-    return rates.learnt(shares(views, expected.moment, expected.states.mean[:, :2]), hit, nobody)
+    return rates.learnt(shares(views, expected.moment, expected.states.mean[:, :2]), hit, spurious)

@@ -267,17 +267,17 @@ def measured_floor(
         if not inside.all():
             outside[names[sensor]] = int((~inside).sum())
             _check_outside(names[sensor], inside, plan, sensor >= len(feeds))
-        at, looked = np.full(len(stamps[sensor]), -1), np.zeros(len(moments), dtype=np.bool_)
+        at, measured = np.full(len(stamps[sensor]), -1), np.zeros(len(moments), dtype=np.bool_)
         for number, moment in enumerate(moments):
             if (frame := moment.frames[sensor]) is not None:
-                at[frame], looked[number] = number, True
+                at[frame], measured[number] = number, True
         part["moment"] = at[part["moment"]]
         kept = np.flatnonzero(inside & (part["moment"] >= 0))
         parts[sensor] = part = {name: column[kept] for name, column in part.items()}
         part["spread"] = np.nan_to_num(part["spread"], nan=1.0 / float(np.prod(high - low)))
         part["sensor"] = np.full(len(kept), sensor)
         camera = feeds[sensor].placed.camera if sensor < len(feeds) else None
-        views.append(_view(camera, looked, part))
+        views.append(_view(camera, measured, part))
     return MeasuredFloor(moments, _joined(parts, views, feeds), views, names, feeds, plan, outside)
 
 

@@ -47,11 +47,11 @@ def people_online(measured: MeasuredFloor, seed: int = 0, short: int = 3) -> lis
     state: LabelledState | None = None
     for moment, seconds in enumerate(np.diff(times, prepend=times[0] - 1.0).tolist()):
         here = np.arange(edges[moment], edges[moment + 1])
-        looked = [k for k, view in enumerate(views) if view.measured[moment] and not view.names]
+        active = [k for k, view in enumerate(views) if view.measured[moment] and not view.names]
         ids = np.empty(0, np.int64)
-        for number, sensor in enumerate(looked):
+        for number, sensor in enumerate(active):
             own = here[points.sensor[here] == sensor]
-            one = _corrector(views[sensor], moment, seconds if number == 0 else None, seconds / len(looked),
+            one = _corrector(views[sensor], moment, seconds if number == 0 else None, seconds / len(active),
                              points.covariances[own], FALSE * points.spread[own])  # fmt: skip
             state, info = one.step(state or one.init(np.empty((0, 4))), points.places[own], rng)
             ids = info.estimates.ids

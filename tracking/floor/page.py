@@ -1,4 +1,4 @@
-"""What came of people on one floor, to look at: plan, heat map, and a page that follows each through the cameras."""
+"""Pictures of people on one floor: plan, heat map, and a page that follows each through the cameras."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 The contract of all files here:
 
-* ``is_X(path) -> bool`` looks whether something is of the format X, and never fails;
+* ``is_X(path) -> bool`` checks whether something is of the format X, and never fails;
 * ``find_X(folder)`` lists the videos of a data set, without their labels;
 * ``read_X(path) -> …`` gives what is in a file, in the toolkit's terms: 0-based frames, boxes as corners in 0-based
   pixels; it raises `RequestError`, with file and line, where the content is not what it should be;

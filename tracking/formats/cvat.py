@@ -47,9 +47,9 @@ def write_cvat(path: Path, video: TrackedVideo) -> None:
         label = ElementTree.SubElement(labels, "label")
         _text(label, "name", kind)
         attributes = ElementTree.SubElement(label, "attributes")
-        for told in ("score", "detection"):
+        for key in ("score", "detection"):
             attribute = ElementTree.SubElement(attributes, "attribute")
-            for name, value in {"name": told, "mutable": "True", "input_type": "text"}.items():
+            for name, value in {"name": key, "mutable": "True", "input_type": "text"}.items():
                 _text(attribute, name, value)
     original = ElementTree.SubElement(task, "original_size")
     _text(original, "width", width)

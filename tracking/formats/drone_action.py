@@ -101,7 +101,7 @@ def find_drone_action(folder: str | Path) -> list[DroneActionClip]:
         if by_name[clip.name] is not clip:
             raise RequestError(
                 f"expected clips of different names, got {clip.source} and {by_name[clip.name].source}; results are "
-                "told apart by them"
+                "distinguished by them"
             )
     return clips
 

@@ -62,7 +62,8 @@ def same_class(one: str, other: str) -> bool:
 
 # Counting from 1 moves shares of 0 to -1.
 WITHIN_A_PIXEL = 1.01
-# Shares of the boxes: from the first on it is told that they leave the picture, from the second on they are refused.
+# Shares of the boxes: from the first on a warning is given that they leave the picture, from the second on they are
+# refused.
 FEW, MOST = 0.1, 0.5
 # Share of its area from which on a box leaves the picture.
 CUT = 0.3
@@ -93,13 +94,13 @@ def compare_with_picture(where: str | Path, boxes: FloatArray, size: tuple[int, 
     leaving = float(np.mean(inside < (1 - CUT) * areas(boxes)))
     picture = f"the picture of {size[0]}x{size[1]}"
     if leaving > FEW and _like_corners(boxes, size):
-        told = (
+        text = (
             f"{where}: {leaving:.0%} of the boxes leave {picture}, but fit as corners x1, y1, x2, y2; expected x, y, "
             "width, height: subtract x1 and y1 from the last two"
         )
         if leaving > MOST:
-            raise RequestError(told)
-        warnings.warn(told, InputWarning, stacklevel=3)
+            raise RequestError(text)
+        warnings.warn(text, InputWarning, stacklevel=3)
         return
     outside = int(np.sum(inside <= 0))
     reach = f"they reach {boxes[:, 2].max():.0f},{boxes[:, 3].max():.0f}; are they those of a picture of another size?"

@@ -74,7 +74,7 @@ class LabelledVideo:
         length: number of frames; None where nothing tells.
         read_people: who is where, of a class, by default people; None where a protocol says which of the actions' rows
             count.
-        read_actions: who does what, in pixels of a size; None where nobody labelled it.
+        read_actions: who does what, in pixels of a size; None without such labels.
         size: width and height of the pictures, where the sequence says.
         classes: names of the classes by the numbers that results bear, where the layout has numbers.
     """
@@ -99,7 +99,8 @@ class LabelledVideo:
             single: keep boxes without an id, whose ids are -1.
 
         Raises:
-            RequestError: labels are missing or broken, nobody counts, no box has an id, or there is no such class.
+            RequestError: labels are missing or broken, no box is to be scored, no box has an id, or there is no such
+                class.
         """
         if self.read_people is not None:
             truth = self.read_people(size, wanted)
@@ -121,7 +122,7 @@ class LabelledVideo:
         """Who does what.
 
         Raises:
-            RequestError: nobody labelled actions, or labels are broken.
+            RequestError: actions are not labelled, or labels are broken.
         """
         if self.read_actions is None:
             raise RequestError(f"{self.name}: expected people labelled with actions, found labels of boxes alone")

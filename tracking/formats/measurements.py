@@ -1,7 +1,7 @@
 """A sensor's measurements as CSV with a header: a time and a place a row; and tracks of points with covariances.
 
 The first column is ``time`` (seconds) or ``frame`` (whole numbers). The measured columns are the sensor's, such as
-``x,y`` or ``bearing,range``. A row whose measured cells are empty says that at this time the sensor looked and measured
+``x,y`` or ``bearing,range``. A row whose measured cells are empty means that at this time the sensor ran and measured
 nothing. Where measurements have errors of their own, columns ``sd_x,sd_y`` give standard deviations, or ``cov_x_x``,
 ``cov_x_y``, ``cov_y_y`` covariances. Other columns are passed over.
 """

@@ -3,7 +3,7 @@
 Their rows are ``frame, id, x, y, width, height, …`` with 1-based frames and pixels; they become 0-based here
 and nowhere else.
 
-Two layouts of ground truth are told apart by their number of columns:
+Two layouts of ground truth are distinguished by their number of columns:
 
 * 10 columns (MOT15): column 7 says whether the row counts, columns 8-10 are world coordinates or -1. Every row is a
   pedestrian; there is no class and no visibility.
@@ -49,7 +49,7 @@ FEWEST_OF_A_SCALE = 20
 
 
 def read_ground_truth(path: str | Path, wanted: int | str | None = None) -> GroundTruth:
-    """The labels in a ``gt.txt`` of MOT15, 16, 17 or 20, told apart by the number of columns.
+    """The labels in a ``gt.txt`` of MOT15, 16, 17 or 20, distinguished by the number of columns.
 
     A sequence whose folder is named ``MOT20-…`` follows MOT20's list of distractors.
 
@@ -109,7 +109,7 @@ def read_detections(
 
     What can be mended is, and an `InputWarning` says so: rows out of the order of the frames are sorted; a heading,
     boxes without an area, detections that stand in the file twice, and those after the end of the video are left out.
-    Scores of two scales are taken as they are, and told.
+    Scores of two scales are taken as they are, with a warning.
 
     Args:
         path: rows ``frame, -1, x, y, width, height, score, class, …``; a score that is left out, empty or nan is not
@@ -182,7 +182,7 @@ def _warn_of_two_scales(path: Path, scores: FloatArray) -> None:
 
 
 def _used(path: Path, rows: FloatArray, lines: IntArray, length: int | None) -> BoolArray:
-    """``(N,)`` the detections that are of use; what is left out is told."""
+    """``(N,)`` the detections that are of use; a warning names those left out."""
     if len(rows) == 0:
         return np.empty(0, dtype=np.bool_)
     if length is not None and rows[0, 0] > length:
@@ -202,8 +202,8 @@ def _used(path: Path, rows: FloatArray, lines: IntArray, length: int | None) -> 
         (late, f"after the video's last frame, {length},"),
     ):
         if which.any():
-            told = what.format(line=lines[np.argmax(which)])
-            warnings.warn(f"{path}: {which.sum()} detection(s) {told} are left out", InputWarning, stacklevel=4)
+            reason = what.format(line=lines[np.argmax(which)])
+            warnings.warn(f"{path}: {which.sum()} detection(s) {reason} are left out", InputWarning, stacklevel=4)
     return np.asarray(~(again | flat | late), dtype=np.bool_)
 
 

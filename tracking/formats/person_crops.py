@@ -1,7 +1,7 @@
 """Crops of people: MARS's ``bbox_train/0001/0001C1T0001F001.jpg``, Market-1501's ``query/0002_c1s1_000451_03.jpg``.
 
 MARS's names say the person (four digits), the camera, the tracklet and the frame within it. ``0000`` are distractors:
-crops of nobody in particular, wrong answers to every query. ``00-1`` is junk: crops that are neither right nor wrong.
+crops of various others, wrong answers to every query. ``00-1`` is junk: crops that are neither right nor wrong.
 Each query tracklet is evaluated against the gallery of the other cameras' tracklets and the distractors; junk
 is removed, and so are tracklets of the query's person from the query's own camera.
 

@@ -111,7 +111,7 @@ def write_sleap_analysis(path: Path, table: PointTable, length: int) -> None:
 
 
 def write_sleap_project(path: Path, video: TrackedVideo) -> None:
-    """Write SLEAP's project, with all points as predictions; it names the video, which SLEAP looks for beside it.
+    """Write SLEAP's project, with all points as predictions; it names the video, which SLEAP expects beside it.
 
     Raises:
         RequestError: h5py is missing.
@@ -216,8 +216,8 @@ def _by_axes(data: Any, wanted: tuple[str, ...], sizes: dict[str, int]) -> Float
     Raises:
         ValueError: its axes are others than it says, or have not the ``sizes`` that are known.
     """
-    told = data.attrs.get("dims")
-    axes = wanted[::-1] if told is None else tuple(json.loads(told))
+    order = data.attrs.get("dims")
+    axes = wanted[::-1] if order is None else tuple(json.loads(order))
     if sorted(axes) != sorted(wanted) or any(sizes.get(a, n) != n for a, n in zip(axes, data.shape, strict=True)):
         raise ValueError(f"an array of shape {data.shape} with axes {', '.join(map(str, axes))}, expected {sizes}")
     return np.asarray(np.transpose(data[()], [axes.index(one) for one in wanted]), dtype=np.float64)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text, write_csv
-from tsuiseki.tracking.formats.tracked_video import NOBODY
+from tsuiseki.tracking.formats.tracked_video import EMPTY_TRACK
 from tsuiseki.tracking.formats.world_tables import COVARIANCE
 from tsuiseki.tracking.types import IntArray, Position, Track
 from tsuiseki.tracking.types.measurements import SensedTrack
@@ -60,10 +60,10 @@ def table_of(tracks: Sequence[Any], names: Sequence[str] = ()) -> Columns:
     """
     if tracks and isinstance(tracks[0], Position):
         return _positions(tracks)
-    parts = [_columns(track, names) for track in tracks] or [_boxes(NOBODY)]
+    parts = [_columns(track, names) for track in tracks] or [_boxes(EMPTY_TRACK)]
     table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    told = {"detection": -1, "class_id": -1, "class_name": "", "detection_class": -1}
-    table = {name: column for name, column in table.items() if name not in told or (column != told[name]).any()}
+    defaults = {"detection": -1, "class_id": -1, "class_name": "", "detection_class": -1}
+    table = {name: column for name, column in table.items() if name not in defaults or (column != defaults[name]).any()}
     order = np.lexsort([table["id"], table["frame"]])
     return {name: column[order] for name, column in table.items()}
 

@@ -31,7 +31,7 @@ PERSON = "person"
 LONGEST = 1_000_000
 """Frames of a track that is filled in between keys: 11 hours."""
 NONE = np.empty(0, np.int64)
-NOBODY = Track(1, NONE, np.empty((0, 4)), np.empty(0), np.empty(0, np.bool_))
+EMPTY_TRACK = Track(1, NONE, np.empty((0, 4)), np.empty(0), np.empty(0, np.bool_))
 
 
 class TrackedBoxes(NamedTuple):
@@ -47,7 +47,7 @@ class TrackedBoxes(NamedTuple):
 
 def boxes_of_tracks(tracks: Iterable[Track]) -> TrackedBoxes:
     """The boxes of tracks."""
-    every = [NOBODY, *tracks]
+    every = [EMPTY_TRACK, *tracks]
     ids = np.repeat([track.id for track in every], [len(track) for track in every])
     names = ("frames", "boxes", "scores", "observed", "detection")
     frames, *rest = (np.concatenate([getattr(track, name) for track in every]) for name in names)
@@ -138,15 +138,15 @@ class TrackedVideo:
                 along = np.column_stack([np.cos(table["theta"]), np.sin(table["theta"])]) * table["length"][:, None]
         else:
             raise RequestError(f"expected animals or boxes, got tracks of {', '.join(list(table)[:8])}")
-        told = tuple(f"track_{number}" for number in ids.tolist())
+        individuals = tuple(f"track_{number}" for number in ids.tolist())
         places = middle[:, None] + along[:, None] * ends[:, None] - 0.5
-        return PointTable(names, frames, told, places, np.repeat(scores[:, None], len(names), axis=1))
+        return PointTable(names, frames, individuals, places, np.repeat(scores[:, None], len(names), axis=1))
 
     @cached_property
     def kind(self) -> Mapping[int, str]:
         """By id the name of its class; who has none is a person."""
-        told = ((track, f"class {track.class_id}" if track.class_id >= 0 else PERSON) for track in self.tracks)
-        return {track.id: track.class_name or other for track, other in told}
+        named = ((track, f"class {track.class_id}" if track.class_id >= 0 else PERSON) for track in self.tracks)
+        return {track.id: track.class_name or other for track, other in named}
 
     @cached_property
     def kinds(self) -> Mapping[str, int]:

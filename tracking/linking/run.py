@@ -169,9 +169,9 @@ def _joined(
     rows: dict[bool, list[tuple[Any, ...]]] = {True: [], False: []}
     for k in np.lexsort([links.later, links.earlier]):
         i, j = int(links.earlier[k]), int(links.later[k])
-        told = (float(round(part[k], 4)) for part in (links.seconds, links.likeness, links.margins))
+        numbers = (float(round(part[k], 4)) for part in (links.seconds, links.likeness, links.margins))
         ends = names[passages.view[i]], tracks[i].id, names[passages.view[j]], tracks[j].id
-        rows[bool(sure[k])].append((int(ids[i]), *ends, *told))
+        rows[bool(sure[k])].append((int(ids[i]), *ends, *numbers))
     begin, found = 0, []
     for result in results:
         own = boxes_of(result)
@@ -226,8 +226,8 @@ def link_results(
         for name, rows in (("joins.csv", found.joins), ("unsure.csv", found.unsure)):
             run.write(name, write_joins, rows)
         people = len({track.id for result in found.results for track in result})
-        told = f"{people} people, {len(found.joins)} joins, {len(found.unsure)} unsure ones not made"
-        run.done(f"{told}: {output.out}")
+        summary = f"{people} people, {len(found.joins)} joins, {len(found.unsure)} unsure ones not made"
+        run.done(f"{summary}: {output.out}")
     return run.status
 
 

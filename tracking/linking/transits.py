@@ -22,7 +22,7 @@ import scipy
 from tsuiseki.tracking.association.network_flow import FlowGraph, build_graph, solve
 from tsuiseki.tracking.types import FloatArray, IntArray
 
-# Seconds by which clocks may differ and that a way takes at most; the least that is told apart.
+# Seconds by which clocks may differ and that a way takes at most; the least that is distinguished.
 EARLY, LONGEST, LEAST = 0.5, 300.0, 0.25
 # Share of the picture within which ends of tracks are one place.
 PLACE = 0.3

@@ -10,7 +10,7 @@ those that ended before (`join`), and the next few frames are settled together, 
 * *A gap* is filled from the frame on in which its end is known.
 
 Nothing is asked of the future beyond the delay: the camera's steps, the worth of scores, the motion and the appearance
-along tracks are those of the frames that have come. What is kept is the undecided frames and what joins look back to.
+along tracks are those of the frames that have come. What is kept is the undecided frames and those that joins need.
 """
 
 from __future__ import annotations
@@ -105,7 +105,8 @@ class DelayedFlow:
         self._reach = round((longest + CONTEXT) * given.frame_rate)
         self._waiting: tuple[Detections, ...] = ()
         self._frame = self._answered = self._reported = 0
-        # Of the detections that the window keeps: their scores, and whose they are; -1 where not settled, or nobody's.
+        # Of the detections that the window keeps: their scores, and whose they are; -1 where not settled, or a false
+        # positive.
         self._scores, self._owner = np.empty(0), np.empty(0, dtype=np.int64)
         self._origin = np.empty((0, 2), dtype=np.int64)
         self._people = SettledPeople()
@@ -173,7 +174,7 @@ class DelayedFlow:
         """``(N,)`` track of each detection as far as is known now, tracklets joined; -1 for none."""
         table = self.window.table
         labels = self.window.labels()
-        # A detection that was forgotten as nobody's stays so.
+        # A detection that was forgotten as a false positive stays one.
         labels[~self.window.free() & (self._owner < 0)] = -1
         if not (labels >= 0).any():
             return labels

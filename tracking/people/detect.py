@@ -30,7 +30,7 @@ class DetectSettings(Shared):
         detector_options: what the file of another project's detector does not tell.
         score_threshold: what scores at least this is kept, from 0 to 1; trackers tell what low scores are worth.
         classes: detect these classes, by number or name, such as person,car; by default people.
-        view: in how many overlapping tiles the detector looks at a frame; see track people.
+        view: overlapping tiles of a frame for the detector; see track people.
         threads: CPU cores of the network; 0 takes all.
         device: what the network runs on: cpu, cuda (a GPU, with onnxruntime-gpu), or auto (cuda where it works).
     """
@@ -60,7 +60,7 @@ def network_detections(
 
     Args:
         source: the video.
-        finding: which network, and how it looks.
+        finding: which network, and its tiles.
         frames: of the source, where somebody watches them; by default they are read.
     """
     detect = people_detect(source, finding, PEOPLE_DETECTOR)

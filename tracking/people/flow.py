@@ -40,8 +40,8 @@ class FlowTracker:
         transition: learnt prices of pairs of detections, taken beside the motion; by default none.
         observation: learnt prices of scores, taken for their calibration; by default the video calibrates them.
         frame_rate: frames a second, those that are skipped among them; on average where times are given.
-        stride: frames from one look to the next on average, where frames are skipped.
-        size: width and height of the image, so that leaving it is told from being missed; None where not known.
+        stride: mean frames from one inference to the next, where frames are skipped.
+        size: width and height of the image, so that leaving it differs from a miss; None where not known.
         camera: its motion from images, or where it stands still by them, boxes telling the rest; it gets each frame
             before its detections come here. None takes the boxes.
         seed: taken as by all trackers; nothing is drawn.
@@ -54,7 +54,7 @@ class FlowTracker:
         smoothing: smooth boxes by as much as suits the video, as by default; False reports them as detected.
 
     With a delay or with ``changes`` all places are taken alike, whatever ``settings.costs.places`` says: the one
-    answers before all tracks could be looked at twice, the others were learnt so.
+    answers before all tracks could be solved twice, the others were learnt so.
 
     Raises:
         ValueError: the frame rate is not above 0, or the delay below 0.
@@ -145,9 +145,9 @@ class FlowTracker:
         """Ask another one where the camera stood still; before the first frame."""
         self._flow.input.standing = camera if self.settings.input.follow_camera else None
 
-    def numbers_of(self, looks: FrameRuns) -> list[list[int]]:
-        """First and last frame of each run of looks, counted from 1."""
-        return FrameRuns(self._flow.input.inferences.frames(np.array([*looks], dtype=np.int64)).tolist()).from_one()
+    def numbers_of(self, runs: FrameRuns) -> list[list[int]]:
+        """First and last frame of each run of inferences, counted from 1."""
+        return FrameRuns(self._flow.input.inferences.frames(np.array([*runs], dtype=np.int64)).tolist()).from_one()
 
     def facts(self) -> dict[str, Any]:
         """What ``run.json`` tells of the tracker, as of the last time that the tracks were asked for."""
@@ -178,16 +178,16 @@ class FlowTracker:
         if isinstance(self._changes, ProjectsAppearance):
             found = self._changes.projected(found)
         refuse_heaps(found)
-        looks = self._flow.input.inferences
+        inferences = self._flow.input.inferences
         self._flow.input.meet(time)
         self._given += len(found)
         targets = self._flow.update(found)
-        if targets is None or looks.all:
+        if targets is None or inferences.all:
             return targets
-        return replace(targets, frame=int(looks.frames(np.array(targets.frame))))
+        return replace(targets, frame=int(inferences.frames(np.array(targets.frame))))
 
     def skip(self) -> None:
-        """Nobody looks at the next frame."""
+        """The detector does not run on the next frame."""
         self._flow.input.skip()
 
     def tracks(self) -> list[Track]:
@@ -199,11 +199,11 @@ class FlowTracker:
         return [self._in_frames(track) for track in tracks]
 
     def _in_frames(self, track: Track) -> Track:
-        """A track of looks, with the frames between two of them filled."""
-        looks = self._flow.input.inferences
-        if looks.all:
+        """A track of inferences, with the frames between two of them filled."""
+        inferences = self._flow.input.inferences
+        if inferences.all:
             return track
-        found = replace(track, frames=looks.frames(track.frames))
+        found = replace(track, frames=inferences.frames(track.frames))
         steps = np.diff(found.frames)[np.diff(track.frames) == 1]
         return fill_gaps(found, int(steps.max(initial=1)) - 1)
 
@@ -211,8 +211,8 @@ class FlowTracker:
         """What the tracks were chosen from when they were last asked for; None where it is forgotten on the way."""
         if not isinstance(self._ended, WholeFlow) or self._ended is self._flow or self._ended.finished_early:
             return None
-        looks, network = self._flow.input.inferences, self._ended.network(self._reported)
-        return network if looks.all else replace(network, frames=looks.frames(network.frames))
+        inferences, network = self._flow.input.inferences, self._ended.network(self._reported)
+        return network if inferences.all else replace(network, frames=inferences.frames(network.frames))
 
     def forget(self) -> None:
         """With a delay: drop what was answered from ``tracks()``; see `OnlineTracker`.

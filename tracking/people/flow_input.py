@@ -62,7 +62,7 @@ class FlowInput:
 
     Attributes:
         settings: of the preparation.
-        inferences: when the video was looked at; what follows counts looks as its frames.
+        inferences: frames with inference; what follows counts these as its frames.
         size: width and height of the image; None where not known.
         path: the camera's motion from images, of which several may read; None takes the boxes.
         standing: pictures that tell where the camera stands still, whatever the boxes say; several may read them.
@@ -93,7 +93,7 @@ class FlowInput:
         self.camera = CameraTrajectory("boxes" if self.path is None else "images")
         self.evidence = VideoEvidence(self.settings.detection, self.frame_rate)
         self._shifts: list[float] = []
-        # CameraSteps to looks whose detections have not come to `rows` yet, and the one that has begun.
+        # CameraSteps to inferences whose detections have not come to `rows` yet, and the one that has begun.
         self._steps: list[CameraStep] = []
         self._still: list[bool] = []
         self.stood_still = 0
@@ -104,7 +104,7 @@ class FlowInput:
         return self.inferences.rate
 
     def skip(self) -> None:
-        """Take a frame that is not looked at."""
+        """Take a frame without inference."""
         self._follow(self.inferences.frame)
         self.inferences.skip()
 

@@ -45,10 +45,10 @@ class Places(Columns):
     Attributes:
         frames: ``(N,)`` 0-based, in order.
         boxes: ``(N, 4)`` pixels: widened, within the image.
-        ids: ``(N,)`` of the track, 0 where nobody tracked them.
+        ids: ``(N,)`` of the track, 0 without a track.
         bare: ``(N, 4)`` the boxes of whole people, before they are widened.
         held: ``(N,)`` -1 before a track, 1 after it, 2 in a gap, 0 where it has a detection; `WEAK` where it has none
-            and nobody may be there.
+            and the place may be empty.
     """
 
     frames: IntArray

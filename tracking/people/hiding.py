@@ -1,4 +1,4 @@
-"""People in a video hidden by what tracked them and by a second, more sensitive look: `tsuiseki hide`."""
+"""People in a video hidden by their tracks and by a second, more sensitive detection: `tsuiseki hide`."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ from tsuiseki.tracking.video.source import Source, image_size, length_of, open_s
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 TracksLike: TypeAlias = str | Path | Result[Any] | Sequence[Track]
-# What the second look keeps scores at least this, and each of its detections begins a track. Where one never scores
-# `SURE`, nobody may be there, and a place that is held for it is no doubt.
+# Boxes of the second detection score at least this, and each of its detections begins a track. Where one never scores
+# `SURE`, the place may be empty, and a place that is held for it is no doubt.
 SENSITIVE, SURE = 0.05, 0.3
 LINKS = SortSettings(lifecycle=LifecycleSettings(min_hits=1, start_score=0.0, boxes="detected"))
 REASONS = {-1: "before the track", 1: "after the track", 2: "in a gap of the track"}
@@ -85,7 +85,7 @@ class Hiding:
         doubtful: ``(N,)`` of them those that no detection of their frame supports.
         heads: heads alone are hidden.
         style: how.
-        first: 0-based number of the first frame that was looked at.
+        first: 0-based number of the first frame that was tracked.
         seconds: time of each frame, from that one on.
     """
 
@@ -108,7 +108,7 @@ class Hiding:
             yield replace(frame, image=paint(frame.image, boxes, self.style, self.heads))
 
     def write_doubts(self, path: Path) -> None:
-        """Write the doubtful places as CSV, frames counted from 1; the id is empty where nobody tracked them."""
+        """Write the doubtful places as CSV, frames counted from 1; the id is empty without a track."""
         doubts = self.places.select(self.doubtful)
         columns = zip(doubts.frames.tolist(), doubts.ids.tolist(), doubts.held.tolist(), doubts.boxes, strict=True)
         with path.open("w", encoding="utf-8", newline="") as file:
@@ -122,7 +122,7 @@ class Hiding:
         """The doubtful frames in a line."""
         number, of = self.doubtful_frames, len(self.seconds)
         if not len(self.places.frames):
-            return "nobody is hidden: the result has none to hide, and the second look found nobody"
+            return "nothing is hidden: the result has no person to hide, and the second detection has none"
         return f"{number} of {of} frames are doubtful: a place is held there without a detection ({where})"
 
 
@@ -134,14 +134,14 @@ def find_missed(
     finding: PeopleFinding,
     style: Style = "pixelated",
 ) -> Hiding:
-    """What to hide in a video: the people of the tracks, and those whom a more sensitive look finds beside them.
+    """What to hide in a video: the people of the tracks, and those of a more sensitive detection beside them.
 
     Args:
         source: the video.
         frames: of it.
         tracks: through all of it.
         wanted: whom.
-        finding: the detector of the second look.
+        finding: the second detector.
         style: how they are hidden.
 
     Raises:
@@ -196,8 +196,8 @@ def hide(
         out: the file to write, ``.webm`` or ``.mp4``.
         hide: ``people``, ``heads``, or ``all-but 3,5``: everybody but the tracks of these ids.
         style: ``pixelated`` or ``filled``.
-        detector: of the second look, see `PeopleKeywords`.
-        score_threshold: the second look keeps what scores at least this.
+        detector: the second one, see `PeopleKeywords`.
+        score_threshold: the second detector keeps boxes of at least this score.
         threads: CPU threads of the detector; 0 takes all.
         device: of the detector.
         overwrite: replace earlier files.
@@ -221,7 +221,7 @@ def hide(
     watch = shown if progress else lambda items, *_: items
     with output_file(out, overwrite) as work, output_file(doubts, overwrite) as listed:
         hiding = find_missed(
-            source, watch(source.frames(), "looking", length_of(source)), tracks, wanted, finding, style
+            source, watch(source.frames(), "detecting", length_of(source)), tracks, wanted, finding, style
         )
         last = hiding.first + len(hiding.seconds) - 1
         if late := [track.id for track in tracks if track.frames[-1] > last]:
@@ -302,7 +302,7 @@ def hide_people(
     threads: int = 0,
     device: Device = "auto",
 ) -> int:
-    """Hide people in a video: those of a result, and those whom a second, more sensitive look finds.
+    """Hide people in a video: those of a result, and those of a second, more sensitive detection.
 
     The file has no sound and nothing of the original's metadata. Beside it NAME.doubtful.csv lists where a place is
     hidden without a detection.
@@ -312,8 +312,8 @@ def hide_people(
         result: of track people: its folder, or a file tracks.txt.
         hide: people, heads, or all-but with the ids of tracks that stay as they are, such as all-but 3,5.
         style: pixelated or filled.
-        detector: of the second look; by default the shipped one. See track people.
-        score_threshold: the second look keeps what scores at least this, from 0 to 1.
+        detector: the second one; by default the shipped one. See track people.
+        score_threshold: the second detector keeps boxes of at least this score, from 0 to 1.
         threads: CPU cores of the detector; 0 takes all.
         device: of the detector: cpu, cuda, or auto.
     """

@@ -95,7 +95,7 @@ class PeopleInputs:
     def detections(
         self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
     ) -> Iterator[tuple[int, Detections]]:
-        """Frame numbers with who was found there; frames are decoded only where somebody looks at them.
+        """Frame numbers with their detections; frames are decoded only where they are needed.
 
         Args:
             frames: of the source, where somebody watches them; by default they are read.
@@ -129,7 +129,7 @@ class PeopleInputs:
         last, check = -1, self._box_check()
         for frame, here in found:
             if last < 0 and self.workers > 1:
-                # Trackers use it late; loaded while networks look at the next frames it takes no time.
+                # Trackers use it late; loaded while networks run on the next frames it takes no time.
                 Thread(target=_load_parts, name="tsuiseki-load").start()
             last = frame.index
             if check is not None and check.what == DETECTOR:
@@ -259,20 +259,20 @@ def given_detections(
         return GivenRows(found, bad)
     if any(each.classes is None and len(each) for each in found):
         raise RequestError(f"`classes`: expected classes with the boxes of {what}, got boxes without; leave it out")
-    told = {number: name for each in found for number, name in each.names.items()}
-    known, told = there | told.keys(), told or dict(enumerate(names or ()))
-    numbers = choice.numbers(told, known, what)
-    chosen = (replace(each.select(np.isin(each.origin[:, 1], numbers)), names=told) for each in found)
+    named = {number: name for each in found for number, name in each.names.items()}
+    known, named = there | named.keys(), named or dict(enumerate(names or ()))
+    numbers = choice.numbers(named, known, what)
+    chosen = (replace(each.select(np.isin(each.origin[:, 1], numbers)), names=named) for each in found)
     return GivenRows(chosen, bad)
 
 
 def frames_with_inference(
     detect: Detect | Sequence[Detections], source: Source, given: Iterable[int] | None = None
 ) -> BoolArray | None:
-    """``(F,)`` the frames that given detections were looked for in; None for all. What a pattern says is reported.
+    """``(F,)`` the frames with inference of given detections; None for all. A pattern is reported.
 
     Args:
-        detect: a detector looks at all frames.
+        detect: a detector runs on all frames.
         source: the video.
         given: 0-based numbers of the frames, where the user gives them; by default see `inferred_frames`.
 
@@ -286,17 +286,17 @@ def frames_with_inference(
     length = max(source.length or 0, len(detect))
     if given is not None:
         return named_frames(given, length)
-    looked = inferred_frames(np.array([*map(len, detect), *[0] * (length - len(detect))], dtype=np.int64))
-    if looked is not None:
-        stride = stride_of(looked)
+    inferred = inferred_frames(np.array([*map(len, detect), *[0] * (length - len(detect))], dtype=np.int64))
+    if inferred is not None:
+        stride = stride_of(inferred)
         every = f"{stride:g}th" if stride == round(stride) else f"{stride:.3g}th, on average,"
         warnings.warn(
-            f"there are detections in {looked.sum()} of {len(looked)} frames, every {every} one; the others are taken "
-            "as not looked at, and nobody is missed in them",
+            f"there are detections in {inferred.sum()} of {len(inferred)} frames, every {every} one; the others count "
+            "as frames without inference, and no person counts as missed in them",
             InputWarning,
             stacklevel=2,
         )
-    return looked
+    return inferred
 
 
 def people_detect(
@@ -312,7 +312,7 @@ def people_detect(
         threads: CPU threads of one call of a detector that is read from a file; by default those of ``finding``.
 
     Returns:
-        Networks look at large frames in tiles; see `choose_view`.
+        Networks take large frames in tiles; see `choose_view`.
 
     Raises:
         RequestError: both are given, or the source has no images to find people in.

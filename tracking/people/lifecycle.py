@@ -34,7 +34,7 @@ class LifecycleSettings:
 
     Attributes:
         min_hits: detections in a row that confirm a new track; an earlier miss drops it.
-        max_age: looks at the video for which a confirmed track is kept without a detection.
+        max_age: inferences for which a confirmed track is kept without a detection.
         start_score: lowest score of a detection that may start a track; one without a score may.
         boxes: what a track that was seen reports: the box of its filter after the update, or the detected one.
     """
@@ -111,11 +111,11 @@ class Survivors:
 class Lifecycle:
     """The tracks that are alive, each with a Kalman filter, and the record of all that were.
 
-    A track is reported where it was seen. A frame of its filter is the usual interval between looks.
+    A track is reported where it was detected. A frame of its filter is the usual interval between inferences.
 
     Attributes:
-        clock: counts frames and times looks.
-        longer: by what factor a frame of the filter has become longer before the last look.
+        clock: counts frames and times of inferences.
+        longer: by what factor a frame of the filter has become longer before the last inference.
     """
 
     def __init__(self, settings: LifecycleSettings, motion: BoxMotion) -> None:
@@ -148,12 +148,12 @@ class Lifecycle:
         return overlap / max(1.0, self.clock.passed[-1])
 
     def skip(self) -> Targets:
-        """The confirmed tracks where they are expected in the next frame, which nobody looks at."""
+        """The confirmed tracks where they are expected in the next frame, on which the detector does not run."""
         self.clock.skip()
         boxes = predict_boxes(self._belief, self._motion, self.clock.since_last()).boxes
-        nobody = np.empty(0, dtype=np.int64)
-        lost = nobody, boxes[:0], nobody
-        return self._answer(np.zeros(len(boxes)), boxes, self._origin(nobody, nobody), *lost, skipped=True)
+        none = np.empty(0, dtype=np.int64)
+        lost = none, boxes[:0], none
+        return self._answer(np.zeros(len(boxes)), boxes, self._origin(none, none), *lost, skipped=True)
 
     @property
     def belief(self) -> BoxBelief:
@@ -170,7 +170,7 @@ class Lifecycle:
 
     @property
     def misses(self) -> IntArray:
-        """``(N,)`` looks since each live track was last seen."""
+        """``(N,)`` inferences since each live track was last detected."""
         return self._misses
 
     @property

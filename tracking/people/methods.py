@@ -62,7 +62,7 @@ def people_tracker(
         delay: seconds after which the flow answers a frame; None answers at the end.
         scores: what scores cost the flow where no ``affinity`` says so; None learns it from the video.
         drop_straddling: see `FlowTracker`; `straddles` says it of a detector.
-        stride: frames from one look at the video to the next.
+        stride: frames from one inference to the next.
 
     Raises:
         RequestError: there is no such method, or another than the flow shall have a delay.
@@ -93,19 +93,19 @@ def people_tracker(
 
 
 def camera_for(method: PeopleMethod | PeopleTracker, *, moving: bool) -> CameraPath | StandingCamera | None:
-    """What looks at the pictures for a method: how the camera moves, for the flow where it stands still, or nothing."""
+    """The estimator of the camera's motion for a method; for the flow whether it stands still; or none."""
     if moving:
         return CameraPath()
     return StandingCamera() if method == "flow" else None
 
 
 def compares_appearance(method: PeopleMethod | PeopleTracker) -> bool:
-    """Whether the method looks at more than boxes."""
+    """Whether the method needs more than boxes."""
     return method in APPEARANCE if isinstance(method, str) else isinstance(method, FlowTracker | DeepSort)
 
 
 def cost_of_scores(detect: object) -> ProbabilityCost | None:
-    """What the scores of ``detect`` cost where they are probabilities of its camera; None where nobody says so."""
+    """What the scores of ``detect`` cost where they are probabilities of its camera; None where that is unknown."""
     return ProbabilityCost() if scores_are_probabilities(detect) else None
 
 
@@ -183,7 +183,7 @@ class MotionCompensated:
         return self._returned(updated(self.tracker, replace(found, boxes=boxes), time))
 
     def skip(self) -> Targets | None:
-        """Nobody looks at the next frame."""
+        """The detector does not run on the next frame."""
         self._frame += 1
         return self._returned(skipped(self.tracker))
 
@@ -238,7 +238,7 @@ class ByClass:
         return self._joined([updated(tracker, every[number], time) for number, tracker in self.trackers.items()])
 
     def skip(self) -> Targets | None:
-        """Nobody looks at the next frame."""
+        """The detector does not run on the next frame."""
         return self._joined([skipped(tracker) for tracker in self.trackers.values()])
 
     def _joined(self, every: Sequence[Targets | None]) -> Targets | None:
@@ -273,5 +273,5 @@ class ByClass:
         return replace(targets, ids=np.array([self._id(number, one) for one in targets.ids.tolist()], dtype=np.int64))
 
     def _id(self, number: int | str, inner: int) -> int:
-        """The id over all classes; what was told once stays."""
+        """The id over all classes; what was reported once stays."""
         return self._ids.setdefault((number, inner), len(self._ids) + 1)

@@ -191,7 +191,7 @@ def _continued(history: History, parts: Survivors, misses: IntArray, boxes: Floa
     Args:
         history: before it.
         parts: where the tracks after the frame come from.
-        misses: ``(N,)`` looks that each track before had not been seen for.
+        misses: ``(N,)`` inferences since each track before was detected.
         boxes: ``(M, 4)`` the detections of the frame.
         belief: of the tracks after the frame.
     """
@@ -244,18 +244,19 @@ def re_updated(
     Args:
         history: of all tracks.
         which: ``(K,)`` the tracks that were matched.
-        misses: ``(K,)`` looks that each had not been seen for; the filter is run through as many virtual observations.
+        misses: ``(K,)`` inferences since each was detected; the filter is run through as many virtual observations.
         found: ``(K, 4)`` the detections they were matched to.
         motion: noise of the filter.
-        passed: ``(L,)`` frames of the filter before each of the last looks, the newest last; more than of ``misses``.
+        passed: ``(L,)`` frames of the filter before each of the last inferences, the newest last; more than of
+            ``misses``.
     """
     belief, start = select_boxes(history.belief, which), history.boxes[which]
     times = np.append(0, np.cumsum(passed))
     last = len(passed) - 1 - misses
     step = (found - start) / np.maximum(times[-1] - times[last], 1e-9)[:, None]
-    for look in range(1, int(misses.max(initial=0)) + 1):
-        hidden, rest = np.flatnonzero(misses >= look), np.flatnonzero(misses < look)
-        now = last[hidden] + look
+    for count in range(1, int(misses.max(initial=0)) + 1):
+        hidden, rest = np.flatnonzero(misses >= count), np.flatnonzero(misses < count)
+        now = last[hidden] + count
         virtual = start[hidden] + (times[now] - times[last[hidden]])[:, None] * step[hidden]
         again = update_boxes(predict_boxes(select_boxes(belief, hidden), motion, passed[now - 1]), virtual, motion)
         joined = join_boxes([again, select_boxes(belief, rest)])

@@ -62,7 +62,7 @@ class PrintedFlow:
         self._found.append(found)
 
     def skip(self) -> None:
-        """Take a frame that is not looked at."""
+        """Take a frame without inference."""
         self._found.append(Detections.empty())
 
     def tracks(self) -> list[Track]:

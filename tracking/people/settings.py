@@ -69,7 +69,7 @@ class FindingOptions(Detecting):
     Attributes:
         detections: MOTChallenge detections (det.txt) to use instead of a detector.
         detector_options: what the file of another project's detector does not tell.
-        view: in how many overlapping tiles the detector looks at a frame: 1 is the whole frame alone, tiles across
+        view: overlapping tiles of a frame for the detector: 1 is the whole frame alone, tiles across
             such as 2, across and down such as 3x2, tiles (as many as show more), or auto (as many as find more people).
         batch_size: frames of one call of the detector.
         threads: CPU cores of the networks, which work on several frames at a time; 0 takes all.
@@ -90,12 +90,12 @@ class FindingOptions(Detecting):
 
     @property
     def chosen(self) -> ClassChoice | None:
-        """The classes that are looked for; None for people."""
+        """The classes that are detected; None for people."""
         return None
 
     @property
     def how(self) -> Mapping[str, str]:
-        """How the detector looks, where that is not the usual way: plain values that tell its results apart."""
+        """Unusual settings of the detector: plain values that distinguish its results."""
         usual = (self.detector_options, self.view) == (DetectorOptions(), "1")
         return {} if usual else {"view": self.view, "detector_options": repr(self.detector_options)}
 
@@ -108,7 +108,7 @@ class PeopleFinding(FindingOptions):
         detector: detector as ONNX; by default the shipped detector_people.onnx; a bare word names another shipped one,
             such as street, or a downloaded one, such as yolox-s (tsuiseki models list). One of other projects (YOLO,
             YOLOX, RT-DETR, RF-DETR, torchvision) is recognised by its inputs and outputs.
-        view: in how many overlapping tiles the detector looks at a frame: auto (as many as find more people, by looks
+        view: overlapping tiles of a frame for the detector: auto (as many as detect more people, by trials
             at some frames), tiles across such as 3 (1 is the whole frame alone), across and down such as 3x2, or tiles
             (as many as show more than fewer).
         ground: auto lowers the scores of boxes that are not as high as people on one ground are in their row, once

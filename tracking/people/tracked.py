@@ -27,7 +27,7 @@ def tracked(source: str | Path | Result[Track]) -> Result[Track]:
             images or a sequence folder, which is tracked with default settings.
 
     Raises:
-        RequestError: there is nothing of this, the source does not end, or nobody has a box.
+        RequestError: there is nothing of this, the source does not end, or no person has a box.
     """
     found = source if isinstance(source, Result) else _read(Path(source))
     if not found.tracks or not all(isinstance(getattr(track, "track", track), Track) for track in found):
@@ -62,8 +62,8 @@ def rates_of(given: Sequence[float] | None, count: int) -> list[float | None]:
         RequestError: it is another number of them, or one is not above 0.
     """
     if given is not None and (len(given) not in (1, count) or not min(given) > 0):
-        told = ",".join(f"{rate:g}" for rate in given)
-        raise RequestError(f"`fps`: expected 1 number or {count}, one a source, above 0, got {told or 'none'}")
+        came = ",".join(f"{rate:g}" for rate in given)
+        raise RequestError(f"`fps`: expected 1 number or {count}, one a source, above 0, got {came or 'none'}")
     return [None if given is None else given[k % len(given)] for k in range(count)]
 
 

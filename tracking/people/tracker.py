@@ -14,7 +14,7 @@ A tracker of many is fed the detections of one frame after the other, frames wit
   and changes nothing. Of a tracker with a delay it repeats what was answered, and adds the frames that were not.
 * ``update(detections, time=seconds)`` also takes the time of the frame, with every frame or with none. Filters then
   step by it: frames may be dropped, and rates change. What counts in frames, such as an age, counts calls.
-* ``skip()`` takes a frame that nobody inferred at, so that nobody is missed in it.
+* ``skip()`` takes a frame without inference, so that no person is missed in it.
 
 Frames count from 0, the first ``update`` or ``skip``. IDs count from 1, live in the tracker, and are never given
 twice: two trackers in one process share nothing. An id that was answered stays that target's id, also in ``tracks()``.
@@ -63,7 +63,7 @@ class OnlineTracker(PeopleTracker, Protocol):
         """Take the next frame; its targets."""
 
     def skip(self) -> Targets:
-        """Nobody looks at the next frame; where its targets are expected."""
+        """The detector does not run on the next frame; where its targets are expected."""
 
     def forget(self) -> None:
         """Drop what is kept for ``tracks()``, which then begins with the next frame that is answered; ids go on.
@@ -75,7 +75,7 @@ class OnlineTracker(PeopleTracker, Protocol):
 
 # Detections that are kept to tell.
 KEPT = 2000
-# Pixels below which a box shows nobody; and overlap with the next look below which online methods link nothing.
+# Pixels below which a box shows no person; and overlap with the next detection below which online methods link nothing.
 TINY, LEAST_OVERLAP = 2.0, 0.2
 
 
@@ -93,7 +93,7 @@ class FirstDetections:
     _kept: int = 0
 
     def add(self, found: Detections) -> None:
-        """Take the detections of the next look."""
+        """Take the detections of the next inference."""
         self.count += len(found)
         if self._kept < KEPT:
             self._kept += len(found)
@@ -125,11 +125,11 @@ class FirstDetections:
         if len([found for found in self.first if len(found)]) < 3:
             return "they are in fewer than three frames"
         if least > -np.inf and np.median(self._overlaps()) < LEAST_OVERLAP:
-            return "boxes hardly overlap those of the next frame; look at more frames, or take the method flow"
+            return "boxes hardly overlap those of the next frame; detect in more frames, or take the method flow"
         return "too rarely found again"
 
     def _overlaps(self) -> FloatArray:
-        """``(N,)`` of each box the largest overlap in the next look."""
+        """``(N,)`` of each box the largest overlap with the next detections."""
         pairs = [iou_matrix(one.boxes, other.boxes) for one, other in pairwise(self.first) if len(one)]
         return np.concatenate([np.zeros(1), *(overlap.max(axis=1, initial=0.0) for overlap in pairs)])
 
@@ -218,7 +218,7 @@ def updated(tracker: PeopleTracker, detections: Detections, time: float | None) 
 
 
 def skipped(tracker: PeopleTracker) -> Targets | None:
-    """Tell a tracker that nobody looks at the next frame; one that does not care takes it as empty."""
+    """Tell a tracker that the detector does not run on the next frame; one without `skip` takes it as empty."""
     skip = getattr(tracker, "skip", None)
     answer: Targets | None = tracker.update(Detections.empty()) if skip is None else skip()
     return answer

@@ -89,8 +89,8 @@ class PeopleKeywords(TypedDict, total=False):
             other numbers of frames in Python count from 0.
         frame_rate: frames a second, where the source does not say it, as images do not, or is wrong.
         progress: show on the terminal how far the run is.
-        frames_looked_at: numbers, counted from 0, of the frames that ``detections`` were looked for in, such as
-            ``range(0, 300, 10)``; by default the detections tell a stride. Nobody is missed in other frames.
+        frames_looked_at: numbers, counted from 0, of the frames with inference of ``detections``, such as
+            ``range(0, 300, 10)``; by default the stride of the detections. No person is missed in other frames.
         seed: of the tracker's random numbers.
         delay: seconds after which ``flow`` decides on a frame for good; with `follow_people` each frame comes so much
             later.
@@ -209,7 +209,7 @@ class OpenedPeople:
 
 
 def open_people(
-    source: Source, finding: PeopleFinding, linking: Linking, seed: int, looked: Iterable[int] | None = None
+    source: Source, finding: PeopleFinding, linking: Linking, seed: int, inferred: Iterable[int] | None = None
 ) -> OpenedPeople:
     """All models and files opened and checked.
 
@@ -218,7 +218,7 @@ def open_people(
         finding: the options; in Python also what `PeopleKeywords` allow instead of files.
         linking: likewise; its method may be a tracker.
         seed: of the tracker's random numbers.
-        looked: numbers from 0 of the frames that given detections were looked for in; by default they tell.
+        inferred: numbers from 0 of the frames with inference of given detections; by default measured.
 
     Raises:
         RequestError: something cannot be used; the message says what and why.
@@ -238,10 +238,10 @@ def open_people(
     describe = people_describer(source, compared, given, threads, more, finding.device)
     camera = camera_for(linking.method, moving=linking.moving_camera)
     ground = ground_of(detect, finding.ground, source)
-    looks = frames_with_inference(detect, source, looked)
+    taken = frames_with_inference(detect, source, inferred)
     unknown = finding.score_threshold is None and not source.live
     choice = score_choice(detect, ground) if unknown else None
-    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, looks, choice)
+    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, taken, choice)
     apart = chosen is not None and not chosen.across
     fresh: Callable[[], PeopleTracker]
     if isinstance(linking.method, str):
@@ -378,7 +378,7 @@ def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any],
         timed = any(choice.milliseconds is not None for choice in inputs.detect.choices.values())
         cost = "" if timed else f", about {milliseconds:.0f} ms a frame"
         facts["view"] = f"{inputs.detect.summary}{cost}"
-        lines.append(f"looked at {facts['view']}; --view says in how many tiles")
+        lines.append(f"detected in {facts['view']}; --view sets the tiles")
     if opened.floor is not None:
         facts["score_threshold"] = opened.floor
         lines.append(
@@ -431,16 +431,16 @@ def followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Fra
     """Each frame with the people in it, as late as the tracker answers."""
     forget = getattr(inner_tracker(tracker), "forget", None)
     waiting: deque[Frame] = deque()
-    first, looked = 0, inputs.inferred
+    first, inferred = 0, inputs.inferred
     last = Targets.empty(0)
     for number, (frame, found) in enumerate(inputs.with_frames()):
         first = frame.index - number
         waiting.append(frame)
-        seen = looked is None or looked[frame.index : frame.index + 1].any()
+        seen = inferred is None or inferred[frame.index : frame.index + 1].any()
         targets = tracker.update(found) if seen else skipped(tracker)
         if targets is not None:
             while waiting[0].index - first < targets.frame:
-                # With a delay, frames that nobody looked at are not answered by themselves.
+                # With a delay, frames without inference are not answered by themselves.
                 yield waiting[0], expected(last, waiting.popleft().index)
             last = replace(targets, frame=waiting[0].index)
             yield waiting.popleft(), last

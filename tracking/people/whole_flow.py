@@ -130,7 +130,7 @@ class WholeFlow:
         done = self._finished(every.select(closed), joined[closed])
         self._released += zip(self._firsts, done, strict=True)
         self._every = every.select(~closed)
-        # Nobody corrects so long a result by its network.
+        # So long a result is not corrected by its network.
         self._record, self._joins = NetworkRecord(), []
         self.input.camera.forget(int(self._every.frames.min(initial=frontier)))
         self._release_at = self._frame + round(RELEASE * rate)

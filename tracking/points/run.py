@@ -250,7 +250,7 @@ def count_lines(counts: Sequence[float] | None, preset: BlobPreset) -> list[str]
 
 
 def opened_blobs(choice: BlobChoice, source: Source, seed: int) -> tuple[AnyBlobTracker, Sequence[Detections] | None]:
-    """A fresh tracker, and the measurements of each frame, where it does not look at the frames themselves.
+    """A fresh tracker, and the measurements of each frame, where it does not take the frames themselves.
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.

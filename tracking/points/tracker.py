@@ -251,7 +251,7 @@ class BlobTracker(BoxedSetTracker[Frame]):
 class MeasurementTracker(FiniteSetTracker[Scan]):
     """Targets from a sensor's scans, each with its time: points in two or three dimensions.
 
-    Before every step the filter is told the time that passed, and the covariances of what was measured.
+    Before every step the filter gets the time that passed, and the covariances of what was measured.
 
     Args:
         model: of the sensor and the targets, with a region.

@@ -1,1 +1,1 @@
-"""What a person looks at: overlays, pages, plots."""
+"""Overlays, pages, plots."""

@@ -24,7 +24,7 @@ class Pictures:
     """What a video shows of tracks.
 
     Attributes:
-        view: ``(H, W, 3)`` uint8 RGB, what the camera sees behind what moves; None where no frame was looked at.
+        view: ``(H, W, 3)`` uint8 RGB, what the camera sees behind what moves; None where no frame was read.
         crops: ``(H, W, 3)`` each, by track id.
     """
 

@@ -31,10 +31,10 @@ LIMIT = 6.0
 CLOSE = 2.5
 # Logits of the probability that decisions are wrong whose other way costs nothing, and by how much a cost lowers them,
 # fitted on MOT17 val-half: of links from frame to frame, what each doubling of their gap adds, of two people who may be
-# exchanged, of two tracks that may be one, of those at which a person parted tracks, of tracks that may be nobody, and
-# of those that were left out.
+# exchanged, of two tracks that may be one, of those at which a person parted tracks, of tracks that may be false
+# positives, and of those that were left out.
 LINK, GAP, EXCHANGED, APART, PARTED = -1.6, 0.45, -1.5, -2.0, -1.5
-NOBODY, LEFT_OUT, SLOPE = -2.0, -1.0, 0.45
+FALSE_POSITIVE, LEFT_OUT, SLOPE = -2.0, -1.0, 0.45
 # A question is about up to so many detections on both sides of a link, as far as links are this share as doubtful.
 STRETCH, AS_DOUBTFUL = 10, 0.3
 # Detections further on that are another person's, too, where a link is wrong.
@@ -61,7 +61,7 @@ class Question:
     Attributes:
         key: the same as long as the question is.
         kind: what is asked.
-        frame: to look at, from 0.
+        frame: to show, from 0.
         boxes_a: the people as solved.
         boxes_b: the same the other way.
         margin: how much more the other way costs.
@@ -228,7 +228,7 @@ class Questioner:
         return self._question("exchange", change, [i, j, k, other], arc, wrong, sentence, (yes, no))
 
     def _tracks(self) -> _Kind:
-        """Tracks that may be nobody, and those that were left out as nobody and may be people."""
+        """Tracks that may be false positives, and those that were left out as such and may be right."""
         labels, flow = self._labels, self.flow
         used = np.flatnonzero(labels >= 0)
         owner = np.concatenate([np.tile(labels, 3), labels[flow.graph.tail]])
@@ -239,14 +239,14 @@ class Questioner:
         middle = used[(self._rank[used] == self._length[used] // 2) & ~settled[labels[used]]]
         margin = np.maximum(-total[labels[middle]], 0)
         out = self.ids[middle] == 0
-        wrong = probability(np.where(out, 0, margin), np.where(out, LEFT_OUT, NOBODY))
+        wrong = probability(np.where(out, 0, margin), np.where(out, LEFT_OUT, FALSE_POSITIVE))
         return wrong, self._length[middle], middle, self._ask_of_track
 
     def _ask_of_track(self, n: int, wrong: float, _: set[int]) -> Question:
         said = self._one("real", n), self._one("delete", *np.flatnonzero(self._labels == self._labels[n]))
         sentence = f"Is {self._name(n)} a person?"
         if not self.ids[n]:
-            sentence, said = f"Is the track around frame {self._frame(n) + 1}, which was left out, nobody?", said[::-1]
+            sentence, said = f"Is the dropped track around frame {self._frame(n) + 1} a false positive?", said[::-1]
         return self._question("detection", ((), ()), [n], n, wrong, sentence, said)
 
     def _question(
@@ -265,7 +265,7 @@ class Questioner:
         for i, j in change[1]:
             follower[i] = j
         rows = np.flatnonzero((frames >= frames[about].min() - AROUND) & (frames <= frames[about].max() + AROUND))
-        # The other way of a person is nobody.
+        # The other way of a person is a false positive.
         boxes = self._cut(self._follower, rows, about), self._cut(follower, rows, about) if len(about) > 1 else ()
         text = json.dumps([one.written() for one in said])
         key = f"{kind}-{hashlib.sha1(text.encode(), usedforsecurity=False).hexdigest()[:12]}"

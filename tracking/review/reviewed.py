@@ -78,7 +78,7 @@ class Reviewed:
         """Do it; what was done, for the person, and what changed."""
         session = self._session
         if what == "answer" and isinstance(given.get("key"), str) and isinstance(given.get("yes"), bool):
-            done, told = session.answer(given["key"], given["yes"]), "yes" if given["yes"] else "no"
+            done, said = session.answer(given["key"], given["yes"]), "yes" if given["yes"] else "no"
         elif what == "correct":
             try:
                 correction = self._correction(**given)
@@ -86,14 +86,14 @@ class Reviewed:
                 raise
             except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
                 raise RequestError("expected a correction of boxes that are there; load the page again") from error
-            done, told = session.correct(correction), str(correction)
+            done, said = session.correct(correction), str(correction)
         elif what in ("undo", "redo"):
             done = getattr(session, what)()
             notes = "; ".join(done.notes) or ("undone" if what == "undo" else "done again")
             return _sentence(notes), done.tracks
         else:
             raise RequestError("expected an answer, a correction, undo or redo")
-        return _sentence(told, *done.notes), done.tracks
+        return _sentence(said, *done.notes), done.tracks
 
     def _correction(self, kind: Any, frame: int = 0, of: int | None = None, **more: Any) -> Correction:
         """A correction of the page: as `Session.made` takes it; an added box may belong to the track ``of``.
@@ -153,10 +153,10 @@ def _shown(question: Question) -> dict[str, Any]:
     """A question as the page has it; boxes as rows of frame, id and corners, id 0 for those that it is ``about``."""
     sides = [[_row(box, box.id) for box in side] for side in (question.boxes_a, question.boxes_b)]
     ids = dict.fromkeys(row[1] for side in sides for row in side)
-    told = {name: getattr(question, name) for name in ("key", "sentence", "frame")}
+    about_it = {name: getattr(question, name) for name in ("key", "sentence", "frame")}
     said = [part for one in (question.yes, question.no) for part in (one, *one.parts)]
     about = [_row(box, 0) for box in dict.fromkeys(box for part in said for box in part.there)]
-    return {**told, "ids": [*ids], "yes": sides[0], "no": sides[1], "about": about}
+    return {**about_it, "ids": [*ids], "yes": sides[0], "no": sides[1], "about": about}
 
 
 def _row(box: Box | ShownBox, number: int) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""`tsuiseki review`: look through a result on a page in the browser, and correct it."""
+"""`tsuiseki review`: review a result on a page in the browser, and correct it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PORTS = range(20_000, 30_000)
 
 
 def review(result: Path, /, video: Path | None = None) -> int:
-    """Look through a result on a page in the browser, and correct it.
+    """Review a result on a page in the browser, and correct it.
 
     What you say goes to corrections.jsonl in the result at once; the corrected tracks follow. Ctrl-C ends it.
 

@@ -1,4 +1,4 @@
-"""The page on which a person looks through a result: one reviewer, one result, this computer only.
+"""The page on which a reviewer corrects a result: one reviewer, one result, this computer only.
 
 The address holds a token that cannot be guessed. A request without it, under another host's name, or from a page of
 another site is refused.

@@ -97,7 +97,7 @@ class CorrectedFlow:
         return np.where(np.append(kept, False)[labels], labels, -1)
 
     def settled(self) -> ResidualFlow:
-        """The flow in which all that was said is out of the question: nobody is asked the same twice."""
+        """The flow in which all that was answered is excluded: no question is asked twice."""
         flow = self.flow.copy()
         follower, status = flow.solution().follower, flow.status.copy()
         for (i, j), same in self.demands.pairs.items():
@@ -319,7 +319,7 @@ def refitted(network: SolvedNetwork, said: Sequence[Correction]) -> SolvedNetwor
         after += _loss(usual[out] + evidence[out] @ weights, right[part == held])
     if after >= before:
         return network
-    # Nobody was asked of links that are surer than these.
+    # No question was asked about links that are surer than these.
     weights = _fit(evidence[arcs], usual[arcs], right)
     change = np.where(usual <= usual[arcs].max(), evidence @ weights, 0.0)
     return replace(network, graph=replace(network.graph, transition=network.graph.transition - change))

@@ -127,7 +127,7 @@ RING = 1.4  # side of the frame around a box over the side of the box
 
 
 class PixelColour(ColourModel):
-    """The colours of a target and of its surroundings in a patch, of which every second pixel is looked at."""
+    """The colours of a target and of its surroundings in a patch, of which every second pixel counts."""
 
     @classmethod
     def learn(cls, patch: ImageArray, width: float, height: float) -> PixelColour:
@@ -182,7 +182,7 @@ def size_contrast(probabilities: Float32Array, width: float, height: float, fact
 
 
 def coloured_area(probabilities: Float32Array, width: float, height: float) -> float:
-    """How many looked-at pixels about the middle are more likely the target's than not, by how much, in halves.
+    """How many counted pixels about the middle are more likely the target's than not, by how much, in halves.
 
     The zeroth moment of Bradski, "Computer vision face tracking for use in a perceptual user interface", 1998. It does
     not depend on the target's outline, but on how clearly colours tell the target.
@@ -201,7 +201,7 @@ def coloured_area(probabilities: Float32Array, width: float, height: float) -> f
 
 @lru_cache(maxsize=8)
 def _inside_and_outside(rows: int, columns: int, width: float, height: float) -> tuple[IntArray, IntArray]:
-    """Flat indices of looked-at pixels that surely are the target's, and of those that surely are not."""
+    """Flat indices of counted pixels that surely are the target's, and of those that surely are not."""
     down, across = (np.abs(np.arange(n) - (n - 1) / 2) * STEP for n in (rows, columns))
     inner = (down[:, None] <= INNER * height / 2) & (across[None] <= INNER * width / 2)
     outer = (down[:, None] > OUTER * height / 2) | (across[None] > OUTER * width / 2)
@@ -210,7 +210,7 @@ def _inside_and_outside(rows: int, columns: int, width: float, height: float) ->
 
 @lru_cache(maxsize=16)
 def _shifted(length: int, count: int, cell: int) -> IntArray:
-    """``(count,)`` the looked-at pixels at the cyclic shifts by whole cells, along ``length`` of them."""
+    """``(count,)`` the counted pixels at the cyclic shifts by whole cells, along ``length`` of them."""
     steps = (np.fft.fftfreq(count) * count) * cell / STEP
     return np.asarray(np.clip(np.round((length - 1) / 2 + steps).astype(int), 0, length - 1))
 

@@ -171,7 +171,7 @@ class Mil:
         self._box = np.asarray(box, dtype=np.float64)
         window = _whole_window(self._box, image)
         if window[2] * window[3] < _MIL_AREA:
-            # OpenCV looks for features that fit into the box until it has found some.
+            # OpenCV tries features that fit into the box until it has some.
             raise RequestError(
                 f"`box`: expected at least {_MIL_AREA} pixels of it in the image, which MIL needs, got "
                 f"{window[2]} x {window[3]}; choose another method"

@@ -274,7 +274,7 @@ def jump_prior(places: FloatArray, before: FloatArray, target: FloatArray) -> Fl
 def densest(particles: FloatArray, weights: FloatArray, deviation: FloatArray) -> int:
     """Index of the heaviest particle at the place where the posterior density is greatest.
 
-    After resampling the posterior is told by where the particles are, and hardly by their last weights: the heaviest
+    After resampling the posterior lies in the places of the particles, and hardly in their last weights: the heaviest
     one alone would jump between groups from frame to frame. The density is a sum of Gaussians about the particles, as
     wide as one step of the motion, ``deviation`` ``(2,)`` pixels.
     """

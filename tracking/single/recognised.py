@@ -35,7 +35,7 @@ EXPECTED = 0.9
 STRANGE_SHARE, LOST_SHARE = 0.6, 0.4
 """Shares of the running median under which a likeness is strange, and under which the target counts as lost. A
 half hidden target is strange, too."""
-STRANGE_LOOKS = 2
+STRANGE_TRIALS = 2
 """Strange likenesses in a row from which on the target is searched elsewhere."""
 CANDIDATES, BETTER, ALIKE = 4, 0.1, 0.85
 """Places that the network describes then, by how much their likeness must exceed that of the box, and the share of the
@@ -99,7 +99,7 @@ class Recognised:
         if self._frame % self.settings.every == 0:
             likeness = self._compare(image, found.box)
             heard = median(self._likenesses) >= HEARD
-            if heard and self._strange >= STRANGE_LOOKS and isinstance(self._tracker, Combined):
+            if heard and self._strange >= STRANGE_TRIALS and isinstance(self._tracker, Combined):
                 self._find_again(self._tracker, image, likeness)
                 found = self._tracker.state()
         lost = self._lost >= self.settings.lost_inferences and median(self._likenesses) >= HEARD

@@ -1,6 +1,6 @@
 """What correlation filters see: windows cut from the image at a fixed template size, and boxes of several sizes.
 
-A filter over sizes sees gradients of boxes on a fixed ladder of sizes (`SizeLadder`). It looks at a frame twice, to
+A filter over sizes sees gradients of boxes on a fixed ladder of sizes (`SizeLadder`). It takes a frame twice, to
 find the size and to learn it. The sizes of both are rungs of one ladder, so what was cut out for the first is mostly
 there for the second; how far the target is off a rung goes into what is learnt.
 """

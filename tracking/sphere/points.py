@@ -22,7 +22,7 @@ from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray, Position
 from tsuiseki.tracking.video.synchronise import Moment
 
-# A detector seldom misses for long, so a view opens again soon; where all disagree the ball is looked for anew.
+# A detector seldom misses for long, so a view opens again soon; where all disagree the ball is searched again.
 COVERING = Covering(covers=0.05, opens=5.0, floor=0.01)
 STAGES, PATIENCE = 4, 0.2
 SPEED = 5.0

@@ -202,21 +202,21 @@ class _Stages:
         return np.asarray((ratios if self._tracker.covering is None else weigh_views(ratios, self._open)).sum(axis=1))
 
 
-# A search takes frames of different cameras within so many seconds for one look.
+# A search takes frames of different cameras within so many seconds as one moment.
 RECENT = 0.15
 MomentViews: TypeAlias = tuple[Moment, Views]
 
 
 @dataclass(frozen=True)
 class Start:
-    """Where the ball is looked for first.
+    """Where the ball is searched first.
 
     Attributes:
         position: ``(3,)`` metres; None searches the volume.
         spread: standard deviation around it, m.
         particles: how many.
-        search: positions ``(particles, 3)`` after one look at everything: the start without a position, and for a ball
-            that was lost.
+        search: positions ``(particles, 3)`` after one search of the whole volume: the start without a position, and for
+            a ball that was lost.
         speed: standard deviation of the velocity of a ball that was just found, along each axis, m/s.
     """
 
@@ -262,7 +262,7 @@ class SphereRun:
         tolerance: frames within so many seconds count as taken together; None takes a quarter of the shortest time
             between frames.
         tracker: the filter.
-        start: where the ball is looked for first.
+        start: where the ball is searched first.
         views: measurements of the cameras at these moments; of live ones, from now on.
         radius: of the ball, metres; 0 of a point.
         sources: the videos, where there are some.

@@ -236,7 +236,7 @@ class Targets(Columns, ComparedByValue):
 
     @classmethod
     def empty(cls, frame: int) -> Targets:
-        """Nobody in ``frame``."""
+        """No target in ``frame``."""
         return cls(frame, np.empty(0, np.int64), np.empty((0, 4)), np.empty(0), np.empty(0, dtype="U9"))
 
 

@@ -99,7 +99,7 @@ def called(one: int | str, names: Mapping[int, str]) -> list[int]:
 
 
 def only_people(wanted: Mapping[int, str]) -> bool:
-    """Whether a detector looks for nobody but people: one class of such a name, or the usual one without."""
+    """Whether a detector detects people alone: one class of such a name, or the usual one without."""
     return all(_plain(name) in PERSON_NAMES for name in wanted.values())
 
 

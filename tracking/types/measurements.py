@@ -89,7 +89,7 @@ class SensedTrack:
 
 @dataclass(frozen=True)
 class PersonOnFloor(SensedTrack):
-    """A person on a floor that several sensors look at; `scans` number the moments.
+    """A person on a floor that several sensors cover; `scans` number the moments.
 
     Attributes:
         detected: ``(T, S)`` which sensors detected them.

@@ -74,7 +74,7 @@ class ImageFolder:
         else:
             images = _of_one_target(folder) or _images_only(folder)
             name, frame_rate, text_length, size = folder.resolve().name, DEFAULT_FRAME_RATE, 0, (0, 0)
-            rate_missing = False  # nobody expects a folder of images to say
+            rate_missing = False  # a folder of images does not state it
         if images or text_length:
             wanted = wanted.within(len(images) or text_length)
         size = _common_size(images) if images else size

@@ -54,14 +54,14 @@ class CatalogueModel:
     def __str__(self) -> str:
         """All that one may want to know before it is fetched, a line each."""
         size = f"{self.size / 1e6:.1f} MB" if self.size else "size not known"
-        told = {
+        rows = {
             "address": f"{self.address} ({size})",
             "sha256": self.sha256 or "not known; that of the first download is kept, and later ones must agree",
             "licence": f"{self.licence}, by the project's own statement",
             "learnt from": self.data,
         }
         head = f"{self.name}: {self.kind}, {self.version}{', downloaded' if self.file.is_file() else ''}"
-        return "\n".join([head, *(f"  {name:11}  {text}" for name, text in told.items())])
+        return "\n".join([head, *(f"  {name:11}  {text}" for name, text in rows.items())])
 
     @property
     def file(self) -> Path:
@@ -79,11 +79,11 @@ class CatalogueModel:
 
     def keep(self, sha256: str) -> dict[str, Any]:
         """Write, and return, the record of a download whose ONNX file is in its place."""
-        told = {**asdict(self), "sha256": sha256, "file_sha256": file_sum(self.file)}
+        entry = {**asdict(self), "sha256": sha256, "file_sha256": file_sum(self.file)}
         work = self.file.with_suffix(".json.part")
-        work.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        work.write_text(json.dumps(entry, indent=1) + "\n", encoding="utf-8")
         work.replace(self.file.with_suffix(".json"))
-        return told
+        return entry
 
     def checked(self) -> Path:
         """The ONNX file.

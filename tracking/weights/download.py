@@ -113,11 +113,11 @@ def _appended(answer: HTTPResponse, file: BinaryIO, path: Path) -> Iterator[None
     free = shutil.disk_usage(path.parent).free
     if length > free:
         raise OSError(errno.ENOSPC, "")
-    start, told, begun = file.tell(), 0, time.monotonic()
+    start, shown, begun = file.tell(), 0, time.monotonic()
     while chunk := answer.read1(1 << 16):
         file.write(chunk)
-        for _ in range(told, file.tell() // MEGABYTE):
-            told += 1
+        for _ in range(shown, file.tell() // MEGABYTE):
+            shown += 1
             yield
         if time.monotonic() - begun > PATIENCE + (file.tell() - start) / SLOWEST:
             raise TimeoutError("too slow")

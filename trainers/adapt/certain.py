@@ -1,4 +1,4 @@
-"""Boxes of which a person has said that somebody is there, or nobody: certain labels of `tsuiseki adapt`."""
+"""Boxes that a reviewer marked as a person or as background: certain labels of `tsuiseki adapt`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.review.corrections import CORRECTIONS_FILE, CorrectedVideo, Correction, read_corrections
 from tsuiseki.tracking.types import FloatArray, IntArray
 
-NOBODY, PERSON, DRAWN = 0, 1, 2
+BACKGROUND, PERSON, DRAWN = 0, 1, 2
 SAME = 0.5
 """Intersection over union from which two boxes of a frame are one."""
 
@@ -25,7 +25,7 @@ class CertainBoxes:
     Attributes:
         frames: ``(N,)`` 0-based.
         boxes: ``(N, 4)`` pixels.
-        kinds: ``(N,)`` `NOBODY`, `PERSON`, or `DRAWN` for a person whose box was drawn by hand.
+        kinds: ``(N,)`` `BACKGROUND`, `PERSON`, or `DRAWN` for a person whose box was drawn by hand.
     """
 
     frames: IntArray
@@ -73,5 +73,5 @@ def certain_boxes(file: Path, size: tuple[int, int]) -> CertainBoxes:
 def _boxes(one: Correction) -> Iterator[tuple[float, ...]]:
     for part in one.parts:
         yield from _boxes(part)
-    kind = {"not_person": NOBODY, "delete": NOBODY, "box": DRAWN}.get(one.kind, PERSON)
+    kind = {"not_person": BACKGROUND, "delete": BACKGROUND, "box": DRAWN}.get(one.kind, PERSON)
     yield from ((*box, kind) for box in one.there[-1 if one.kind == "box" else 0 :])

@@ -29,10 +29,10 @@ class TrackedPeople:
     """People who were detected and tracked in a video.
 
     Attributes:
-        detections: of every frame, from the first one looked at, with their appearance.
+        detections: of every frame, from the first detected one on, with their appearance.
         first: its 0-based number.
         tracks: in frames of the video.
-        columns: tiles across in which the detector looked at a frame.
+        columns: tiles across of a frame for the detector.
         seconds: that detecting and describing took, a frame.
     """
 
@@ -95,9 +95,9 @@ def find(
     from tsuiseki.tracking.weights import shipped
 
     device = settings.device
-    looking = open_detector(given, LOWEST_SCORE, threads=1, device=device) if isinstance(given, Path) else given
+    network = open_detector(given, LOWEST_SCORE, threads=1, device=device) if isinstance(given, Path) else given
     # What is learnt is to know people as large as this camera shows them, so nothing is enlarged.
-    detector = ViewedDetector(looking, parse_view(view), frame_rate=watched.frame_rate, enlarge=False)
+    detector = ViewedDetector(network, parse_view(view), frame_rate=watched.frame_rate, enlarge=False)
     describe = open_appearance(shipped("appearance_people"), 1, device=device)
     camera = StandingCamera()
     inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=settings.threads)

@@ -1,7 +1,7 @@
 """Whether a camera stands still, where its picture differs from its empty view, and how far boxes are off silhouettes.
 
 A label's box is drawn towards the silhouette of its frame: a track smooths its boxes and does not know how far the legs
-are apart. One silhouette is rough, so a box goes only part of the way to it. Where none can be told, it goes as far as
+are apart. One silhouette is rough, so a box goes only part of the way to it. Where none is clear, it goes as far as
 others do.
 """
 
@@ -55,8 +55,8 @@ class Difference:
 
         NaN also where clothes look like a shadow.
         """
-        told = unlike_shadow(self.different, self.bright, boxes)
-        return np.where(told[:, None], edge_offsets(self.bright, boxes), np.nan)
+        clear = unlike_shadow(self.different, self.bright, boxes)
+        return np.where(clear[:, None], edge_offsets(self.bright, boxes), np.nan)
 
 
 def difference(image: ImageArray, empty: ImageArray) -> tuple[BoolArray, BoolArray]:
@@ -98,7 +98,7 @@ def unlike_shadow(different: BoolArray, bright: BoolArray, boxes: FloatArray) ->
 def edge_offsets(mask: BoolArray, boxes: FloatArray) -> FloatArray:
     """``(N, 4)`` by how much the sides of boxes lie off the silhouettes in them, in widths and heights of the box.
 
-    NaN where another box is near, or no silhouette can be told.
+    NaN where another box is near, or no silhouette is clear.
     """
     offsets = np.full((len(boxes), 4), np.nan)
     near = (intersections(grown(boxes, 0.15)[:, None], boxes[None]) > 0).sum(axis=1) > 1
@@ -135,8 +135,8 @@ def usual_offset(offsets: FloatArray) -> FloatArray:
 
     A shadow lies on the same side of everybody, so what one silhouette tells badly, all tell together.
     """
-    told = offsets[~np.isnan(offsets[:, 0])]
-    return np.asarray(np.median(told, axis=0) if len(told) >= _FEWEST else np.zeros(4), dtype=np.float64)
+    clear = offsets[~np.isnan(offsets[:, 0])]
+    return np.asarray(np.median(clear, axis=0) if len(clear) >= _FEWEST else np.zeros(4), dtype=np.float64)
 
 
 def moving_blobs(mask: BoolArray, boxes: FloatArray, least_height: float) -> FloatArray:
@@ -181,7 +181,7 @@ def drawn_to_silhouettes(
 
     Args:
         boxes: ``(N, 4)``.
-        observed: ``(N,)`` whether each was detected; only then a silhouette is looked for.
+        observed: ``(N,)`` whether each was detected; only then a silhouette is measured.
         picture: of the frame.
         usual: ``(4,)`` by how much the others move, in widths and heights.
         share: in [0, 1].

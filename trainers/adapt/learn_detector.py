@@ -41,10 +41,10 @@ LEARNING_RATE = 1e-3
 _SITTINGS = 5
 CHECKPOINT = "detector.ckpt"
 _EMA = 0.98
-# A box of which better ones cover this share together is left out: nobody stands half in each of two people.
+# A box of which better ones cover this share together is left out: no person stands half in each of two others.
 _STRADDLING = 0.85
-# Labels leave out whoever they are unsure of, so what is left is told apart more easily than all that will be found: a
-# steeper fit would be surer than it may be.
+# Labels leave out whoever they are unsure of, so what is left is distinguished more easily than all that will be found:
+# a steeper fit would be surer than it may be.
 _STEEPEST = 1.0
 _OUTPUTS = ("logits", "offsets", "anchors")
 _TRAINED_ON = "unlabelled video of one camera (tsuiseki adapt)"
@@ -65,7 +65,7 @@ def fine_tune(
         start: exported detector or checkpoint whose weights are taken over.
         layout: of it.
         videos: with their labels.
-        columns: tiles across that the detector looks at; it learns from windows as large.
+        columns: tiles across for the detector; it learns from windows as large.
         round_: from 1.
         folder: for the checkpoints.
         settings: how.

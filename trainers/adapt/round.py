@@ -26,7 +26,7 @@ from tsuiseki.trainers.adapt.track_labels import TAKEN, Verdict
 OVERLAPS = (0.5, 0.6, 0.7, 0.8)
 # People of a round, relative to the start: with fewer the models have collapsed.
 FEWEST = 0.6
-# Before a moving camera nothing says where people are whom nobody tracked, and they are learnt as background.
+# Before a moving camera nothing says where people are who are not tracked, and they are learnt as background.
 FEWEST_MOVING = 0.9
 # Rejected detections, relative to the start, or to a share of the people: with more, anything is a person.
 MOST, ALLOWED = 1.8, 0.25
@@ -44,7 +44,7 @@ class RoundScores:
         rejected: of them on no taken track, a frame.
         offset: by how much boxes are moved onto silhouettes, mean over the sides in widths and heights.
         fixed: the camera stands still.
-        seconds: that looking took, a frame.
+        seconds: of detection, a frame.
     """
 
     agreement: float
@@ -71,7 +71,7 @@ class RoundScores:
 
 
 def agreement(detections: Sequence[Detections], tracks: Sequence[Track], frames: Sequence[int]) -> float:
-    """Mean F1 over `OVERLAPS` of the detections of ``frames`` against the boxes of ``tracks`` there; 0 for nobody.
+    """Mean F1 over `OVERLAPS` of the detections of ``frames`` against the boxes of ``tracks`` there; 0 without any.
 
     Args:
         detections: one entry for each of ``frames``.
@@ -133,7 +133,7 @@ def round_scores(videos: Sequence[RoundVideo], score_threshold: float) -> RoundS
 
 
 _DONE = "round.pickle"
-# Number of the round that only looks with the default detector.
+# Number of the round that only detects, with the default detector.
 DEFAULT = -1
 
 
@@ -143,10 +143,10 @@ class Round:
 
     Attributes:
         number: 0 for the detector that it starts from, `DEFAULT` for what `tsuiseki track people` takes.
-        detector: that looked: a file, or one that is open.
+        detector: of the round: a file, or one that is open.
         scores: how it did.
         verdicts: on the tracks of each video.
-        columns: tiles across in which the detector looked.
+        columns: tiles across for the detector.
         tracks: everyone who was followed in each video, taken or not, in the order of the verdicts.
         detections: found in each frame of each video, from its first one on.
         people: labels of the kept pictures of each video.

@@ -1,6 +1,6 @@
-"""The rounds of `tsuiseki adapt`: look at the camera's video, take labels from the tracks, learn from them, look again.
+"""The rounds of `tsuiseki adapt`: detect, take labels from the tracks, learn from them, detect again.
 
-A round looks with the detector that the round before taught, or the one it starts from, and says how well it did
+A round takes the detector of the round before, or the one it starts from, and says how well it did
 (`agreement`). Rounds go on while that improves and nothing collapses. What a round makes lies in its folder. What is
 there already is not made again, so a run that was stopped goes on.
 """
@@ -37,7 +37,8 @@ from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, TAKEN, Verdic
 from tsuiseki.trainers.adapt.watch import KEPT_BACK, CameraVideos, Watched
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 
-# What a detector must not lose against the default, share of its detections on tracks; and how much longer it may look.
+# What a detector must not lose against the default, share of its detections on tracks; and how much longer a frame may
+# take.
 _LESS_PRECISE, _SLOWER = 0.02, 1.25
 # Agreement must rise by this much for a round to be better: at first by more, since a detector that has learnt from
 # tracks agrees with tracks a little more whether it is better or not.
@@ -54,7 +55,7 @@ class Adaptation:
         work: folder for what the rounds make.
         settings: how.
         default: what `tsuiseki track people` takes, which a learnt detector must beat.
-        teacher: detector that looks first, in place of ``start``; may be of another project.
+        teacher: detector of the first round, in place of ``start``; may be of another project.
         certain: what corrections say of the only video.
         tell: gets a line about what is being done.
     """
@@ -76,13 +77,13 @@ class Adaptation:
 
 
 def rounds(adaptation: Adaptation) -> Iterator[Round]:
-    """Round 0, which only looks, and those that learn; each as soon as it is finished.
+    """Round 0, which only detects, and those that learn; each as soon as it is finished.
 
     With a teacher round 0 is what the teacher sees; its agreement is that of the detector that is to learn from it,
     since that is what the first round competes with.
 
     Raises:
-        RequestError: nobody is followed with confidence, or a file is no such model.
+        RequestError: no person is tracked with confidence, or a file is no such model.
     """
     first = best = _detect_and_track(adaptation, 0, adaptation.teacher or adaptation.start)
     _check_people(first, adaptation.camera)
@@ -204,7 +205,7 @@ def _teaching(videos: Sequence[Watched], taught_by: Round) -> list[Watched]:
 
 
 def _detect_and_track(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> Round:
-    """Look with the ``detector``, or read what an earlier call found."""
+    """Run the ``detector``, or read the detections of an earlier call."""
     folder, camera, settings = adaptation.folder(number), adaptation.camera, adaptation.settings
     if (done := kept_round(folder, detector)) is not None:
         return done
@@ -214,8 +215,8 @@ def _detect_and_track(adaptation: Adaptation, number: int, detector: Path | Size
     onto = 0.0 if number > 0 else ONTO_SILHOUETTES
     videos = []
     for video, foreground in zip(camera.videos, camera.foregrounds, strict=True):
-        looks = f"looking at {video.source}"
-        adaptation.tell(f"{looks} with the default" if number == DEFAULT else f"round {number}: {looks}")
+        task = f"detecting in {video.source}"
+        adaptation.tell(f"{task} with the default" if number == DEFAULT else f"round {number}: {task}")
         found = find(video, detector, settings, camera.view, affinity)
         videos.append(labelled(video, foreground, found, settings.sitting, onto, adaptation.certain))
     scores = round_scores(videos, settings.score_threshold)
@@ -241,7 +242,7 @@ def _before_learning(adaptation: Adaptation, videos: Sequence[RoundVideo]) -> fl
     detections = []
     for each in videos:
         end = replace(each.watched, span=(each.held_out, each.watched.span[1]))
-        adaptation.tell(f"round 0: looking at the end of {end.source} with {adaptation.start.name}")
+        adaptation.tell(f"round 0: detecting in the end of {end.source} with {adaptation.start.name}")
         found = find(end, adaptation.start, adaptation.settings, adaptation.camera.view)
         detections.append(found.detections[each.held_out - found.first :])
     return agreement_held_out(videos, detections, adaptation.settings.score_threshold)
@@ -257,7 +258,7 @@ def _check_people(first: Round, camera: CameraVideos) -> None:
         return
     names = ", ".join(video.source for video in camera.videos)
     others = sum(map(len, first.verdicts))
-    seen = f"{others} uncertain tracks" if others else "nobody"
+    seen = f"{others} uncertain tracks" if others else "no person"
     raise RequestError(
         f"expected people to learn from in {names}, found {seen}; give another video, or a `teacher` that sees them"
     )

@@ -18,7 +18,7 @@ from tsuiseki.tracking.association.tracklets import EXPLAINED, explained_boxes, 
 from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, iou_matrix, shared_with_all
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.adapt.certain import NOBODY, PERSON, SAME, CertainBoxes
+from tsuiseki.trainers.adapt.certain import BACKGROUND, PERSON, SAME, CertainBoxes
 from tsuiseki.trainers.adapt.foreground import (
     Difference,
     covered_share,
@@ -34,7 +34,7 @@ TAKEN, STILL, UNSURE, SHORT, TWICE, DELETED = "taken", "never moves", "unsure", 
 _SURE, _LEAST_SECONDS = 0.5, 0.6
 # Least share of a box that differs from the empty view, the median over the track: what differs less never moves.
 _MOVING = 0.2
-# Share of the way that boxes are moved onto silhouettes: their own where one can be told, or as boxes usually lie off.
+# Share of the way that boxes are moved onto silhouettes: their own where one is clear, or as boxes usually lie off.
 ONTO_SILHOUETTES = 0.5
 # A rejected detection of which this share differs from the empty view may be somebody.
 _SOMEBODY = 0.35
@@ -187,9 +187,9 @@ def _unless_twice(verdict: Verdict, track: Track, explained: BoolArray) -> Verdi
 def _as_said(verdict: Verdict, track: Track, certain: CertainBoxes | None) -> Verdict:
     """The verdict, or what corrections say: deleted where most detections were, taken where one is a person."""
     kinds = np.empty(0) if certain is None else certain.on(track.frames, track.boxes)
-    if 2 * (kinds == NOBODY).sum() > track.observed.sum():
+    if 2 * (kinds == BACKGROUND).sum() > track.observed.sum():
         return replace(verdict, verdict=DELETED)
-    return replace(verdict, verdict=TAKEN) if (kinds != NOBODY).any() else verdict
+    return replace(verdict, verdict=TAKEN) if (kinds != BACKGROUND).any() else verdict
 
 
 def _offset(
@@ -262,7 +262,7 @@ def _rows(
     """Labels of one picture."""
     people = people if said is None else _corrected(people, said)
     others = _perhaps_people(people.boxes, people.sure, rejected, picture)
-    others = others if said is None else others[~_alike(others, said.boxes[said.kinds == NOBODY])]
+    others = others if said is None else others[~_alike(others, said.boxes[said.kinds == BACKGROUND])]
     every = np.concatenate([people.boxes, others])
     counted = np.concatenate([people.sure, np.zeros(len(others), dtype=np.bool_)])
     visibility = np.ones(len(every))
@@ -272,9 +272,9 @@ def _rows(
 
 
 def _corrected(people: _Entries, said: CertainBoxes) -> _Entries:
-    """What tracks say in one frame, without boxes of nobody, with those drawn, and those that no track has."""
+    """Boxes of tracks in one frame, without false positives, with those drawn, and those that no track has."""
     kept = people.select(~_alike(people.boxes, said.boxes[said.kinds != PERSON]))
-    boxes = said.boxes[(said.kinds != NOBODY) & ~_alike(said.boxes, kept.boxes)]
+    boxes = said.boxes[(said.kinds != BACKGROUND) & ~_alike(said.boxes, kept.boxes)]
     numbers, there = _NAMES_OF_OTHERS - 1 - np.arange(len(boxes)), np.ones(len(boxes), dtype=np.bool_)
     return _together([kept, _Entries(numbers, numbers, boxes, there, there)])
 

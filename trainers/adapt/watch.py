@@ -44,10 +44,10 @@ class Watched:
 
     Attributes:
         source: where the video is.
-        span: first and last frame to look at, 0-based; last None for the end.
+        span: first and last frame to read, 0-based; last None for the end.
         folder: with the pictures as ``img1/000001.jpg …`` and ``seqinfo.ini``.
         frames: 0-based frame of each kept picture.
-        length: frames looked at.
+        length: frames read.
         frame_rate: frames a second.
         size: width and height, pixels.
         motion: of the camera.
@@ -68,7 +68,7 @@ class Watched:
 
     @property
     def fixed(self) -> bool:
-        """Whether the camera stands still, as far as can be told."""
+        """Whether the camera stands still, as far as is known."""
         return self.motion == "still"
 
     def open(self) -> Source:
@@ -116,7 +116,7 @@ class Foreground:
 
 @dataclass(frozen=True)
 class CameraVideos:
-    """The videos of a camera and how to look at them.
+    """The videos of a camera and the detection in them.
 
     Attributes:
         videos: at least one.
@@ -136,7 +136,7 @@ def open_camera(
 
     Args:
         sources: see `open_source`.
-        span: frames of each to look at.
+        span: frames of each to read.
         work: folder for the pictures.
         settings: how many.
         view: tiles of a frame.
@@ -160,7 +160,7 @@ def watch(source: str, span: FrameRange, folder: Path, most: int, fps: float | N
 
     Args:
         source: see `open_source`.
-        span: frames to look at.
+        span: frames to read.
         folder: for the pictures.
         most: pictures.
         fps: frames a second, where the source does not say or is wrong.
@@ -241,8 +241,8 @@ def foreground_of(watched: Watched) -> Foreground:
 
 def plain_view(watched: Watched, most: int = 45) -> ImageArray:
     """The median of each pixel over the kept pictures: what is there most of the time."""
-    nobody = np.empty((0, 4)), np.empty(0, dtype=np.bool_)
-    return empty_view([Example(watched.picture(n), *nobody) for n in _spread(len(watched.frames), most)], most).image
+    empty = np.empty((0, 4)), np.empty(0, dtype=np.bool_)
+    return empty_view([Example(watched.picture(n), *empty) for n in _spread(len(watched.frames), most)], most).image
 
 
 def refuse_other_sizes(videos: Sequence[Watched]) -> None:

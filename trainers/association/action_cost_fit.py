@@ -27,7 +27,7 @@ from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.drone.observations import Observation, Observers, file_digest, video_observations
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.coverage import NOBODY
+from tsuiseki.tracking.evaluation.coverage import UNMATCHED
 from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser, averaged
 from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
@@ -94,7 +94,7 @@ def link_samples(
     solve_window(window, given, scores)
     who = _people(seen.frames, seen.image, truth)
     i, j = (np.searchsorted(seen.numbers, numbers) for numbers in (window.links.tail, window.links.head))
-    known = (who[i] != NOBODY) & (who[j] != NOBODY)
+    known = (who[i] != UNMATCHED) & (who[j] != UNMATCHED)
     i, j = i[known], j[known]
     means = ActionCost("one-sided").means(seen.frames, window.labels(), seen.actions, frame_rate)
     return LinkSamples(
@@ -107,11 +107,11 @@ def link_samples(
 
 def _people(frames: IntArray, boxes: FloatArray, truth: GroundTruth) -> IntArray:
     """``(N,)`` whom each box shows."""
-    who = np.full(len(frames), NOBODY)
+    who = np.full(len(frames), UNMATCHED)
     for frame in np.unique(frames).tolist():
         rows, labelled = np.flatnonzero(frames == frame), truth.select((truth.frames == frame) & truth.evaluated)
         person, _ = match_boxes(boxes[rows], labelled.boxes)
-        who[rows] = np.append(labelled.ids, NOBODY)[person]
+        who[rows] = np.append(labelled.ids, UNMATCHED)[person]
     return who
 
 

@@ -58,7 +58,7 @@ _RANGE = re.compile(r"(\d+)\s*[-–]\s*(\d+)")
 
 @dataclass(frozen=True)
 class NetworkUse:
-    """A network that is to look at frames of a sequence.
+    """A network that is to run on frames of a sequence.
 
     Attributes:
         path: its file.
@@ -104,7 +104,7 @@ def trained_frames(training_data: str, sequence: str) -> list[tuple[float, float
 
 
 def check_trained_elsewhere(uses: Sequence[NetworkUse]) -> None:
-    """Refuse networks that were trained on what they look at; warn of those that do not say.
+    """Refuse networks that were trained on the frames they run on; warn of those that do not state it.
 
     Raises:
         RequestError: one was, by its own words.
@@ -173,7 +173,7 @@ class AffinityVideo(Shared):
             acting: with what people do.
 
         Raises:
-            RequestError: unusable folders or models, or a network that was trained on what it shall look at.
+            RequestError: unusable folders or models, or a network that was trained on the frames it runs on.
         """
         if self.cross_fit and self.cross_fit_detectors and len(self.cross_fit) != len(self.cross_fit_detectors):
             raise RequestError(
@@ -188,7 +188,7 @@ class AffinityVideo(Shared):
             uses = list[NetworkUse]()
             kinds: tuple[list[tuple[Path, Appearance | Detector]], ...] = ([*models.items()], [*detectors.items()])
             for video, few in itertools.product(videos, kinds):
-                # Of each kind one network looks at all frames, or each at its own.
+                # Of each kind one network runs on all frames, or each on its own.
                 for k, (start, stop) in enumerate(spans(video, self.frames, count) if few else []):
                     path, network = few[k % len(few)]
                     uses.append(NetworkUse(path, network.model.card, video.name, start + 1, stop))
@@ -261,7 +261,7 @@ def fit_affinity(
         overwrite: replace an existing file.
 
     Raises:
-        RequestError: unusable folders or models, a network that has seen what it shall look at, no pairs of both
+        RequestError: unusable folders or models, a network that was trained on the frames it runs on, no pairs of both
             kinds, or the file exists.
     """
     output.check()

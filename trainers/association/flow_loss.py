@@ -166,7 +166,7 @@ class DifferenceWeights:
         """``(3 N + P,)`` weights of the arcs.
 
         Args:
-            owners: ``(N,)`` whose each detection is, below 0 for nobody's.
+            owners: ``(N,)`` whose each detection is, below 0 for a false positive.
             tail: ``(P,)``.
             head: ``(P,)``.
             labelled: ``(3 N + P,)`` x*.

@@ -2,7 +2,7 @@
 
 **Labelled flow.** A detection is a person's whom it overlaps by 0.5, one to one. Detections of a person that follow
 each other are linked where the tracker considers that link; where it does not, the labelled track ends and starts
-again. Detections on nobody are not used. Those on an ignored label are taken out, for nobody says whether they are
+again. False positives are not used. Those on an ignored label are taken out, for it is unknown whether they are
 right, and so are labelled runs that are shorter than the shortest track. People without detections have no arc; they
 only count in MOTA.
 
@@ -41,7 +41,7 @@ class DetectedVideo:
         truth: labels, frames counted from 0.
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
-        images: files, one a frame; none where nothing looks at them.
+        images: files, one a frame; none where not needed.
         anchors: of each frame the ``(N,)`` anchors of a detector that its detections come from; none where unknown.
         camera: its step into each frame, from the images; none takes the boxes.
         given: file of detections beside the labels; None where there is none.
@@ -131,7 +131,7 @@ class Graph:
         name: of the sequence, and of the frames of a window.
         frame_rate: frames a second.
         frames: ``(N,)`` of the detections, or of the first ones of tracklets.
-        owners: ``(N,)`` whose each is, below 0 for nobody's.
+        owners: ``(N,)`` whose each is, below 0 for a false positive.
         boxes: ``(N, 4)`` where the image shows them, pixels.
         tracks: ``(N,)`` track of each by default, -1 for none.
         costs: ``(3 N + P,)`` by default: of use, starts, ends and links.
@@ -142,7 +142,7 @@ class Graph:
         links: ``(P, F)`` features.
         labelled: ``(3 N + P,)`` x*.
         people: frames of the labelled boxes, those without a detection included.
-        images: files of the sequence, one a frame; none where nothing looks at them.
+        images: files of the sequence, one a frame; none where not needed.
         origin: where the detections come from; None where not known.
         features: ``(N, D)`` what the detections look like, of unit length, NaN where not known; None where nothing
             described them.
@@ -198,8 +198,8 @@ def labelled(graph: Graph, all_used: bool = False) -> Graph:
     """The graph with the labelled flow of its owners.
 
     Args:
-        graph: its ``labelled`` is not looked at.
-        all_used: those of nobody are used, too, each by itself.
+        graph: its ``labelled`` is not used.
+        all_used: false positives are used, too, each by itself.
     """
     count = len(graph)
     follower = next_of_owner(graph.frames, graph.owners)
@@ -293,7 +293,7 @@ class FlowCounts:
         agreeing: links and detections on which it and the labelled flow agree, of those that either has.
         either: those that either has.
         missed: labelled boxes that no used detection shows.
-        false: used detections on nobody.
+        false: used false positives.
         switches: links between two people.
         people: labelled boxes.
         windows: their names.

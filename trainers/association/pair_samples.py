@@ -15,7 +15,7 @@ from tsuiseki.tracking.association.costs import pair_features
 from tsuiseki.tracking.association.learnt_costs import FeatureSet, feature_rows
 from tsuiseki.tracking.association.pairwise_flow import GateSettings, candidate_pairs
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.coverage import NOBODY
+from tsuiseki.tracking.evaluation.coverage import UNMATCHED
 from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.exported import Describe, Detector
 from tsuiseki.tracking.geometry import iou_matrix
@@ -38,7 +38,7 @@ class LabelledDetections:
         boxes: ``(N, 4)`` pixels.
         scores: ``(N,)`` of the detector.
         features: ``(N, D)`` appearance, or None.
-        ids: ``(N,)`` identities, `NOBODY` where a detection shows no labelled person.
+        ids: ``(N,)`` identities, `UNMATCHED` where a detection shows no labelled person.
         right: ``(N,)`` whether the box lies right, with an IoU of at least 0.5.
         actions: ``(N, A)`` probabilities of actions, or None.
     """
@@ -84,7 +84,7 @@ def labelled_parts(
     Args:
         video: labelled, without detections.
         frames: first and last one, counted from 1; None takes all.
-        find: where detections come from; of several detectors each looks at its span.
+        find: where detections come from; of several detectors each has its span.
         networks: of appearance, likewise; one describes all spans, none describes nothing.
         faults: of simulated detections.
         rng: of those.
@@ -118,7 +118,7 @@ def spans(video: DetectedVideo, frames: tuple[int, int] | None, count: int) -> l
 def label_detections(detections: Sequence[Detections], truth: GroundTruth, first: int) -> LabelledDetections:
     """Match the detections of every frame to the labels: first those with an IoU of 0.5, then what is left with 0.25.
 
-    Detections that only an ignored label explains are left out: nobody says whether they are right.
+    Detections that only an ignored label explains are left out: it is unknown whether they are right.
 
     Args:
         detections: of the frames from ``first`` on.
@@ -131,7 +131,7 @@ def label_detections(detections: Sequence[Detections], truth: GroundTruth, first
         people, ignored = rows.select(rows.evaluated), rows.select(rows.ignored)
         person, lies_right = match_boxes(found.boxes, people.boxes)
         hidden = (iou_matrix(found.boxes, ignored.boxes) >= RIGHT_OVERLAP).any(axis=1) & (person < 0)
-        names = np.append(people.ids, NOBODY)[person]
+        names = np.append(people.ids, UNMATCHED)[person]
         ids.append(names[~hidden])
         right.append(lies_right[~hidden])
         kept.append(found.select(~hidden))
@@ -180,7 +180,7 @@ def pair_samples(found: LabelledDetections, features: FeatureSet, gate: GateSett
     that is taken for a person again and again is one thing.
     """
     i, j, gap = candidate_pairs(found.frames, found.boxes, gate)
-    kept = (found.ids[i] != NOBODY) | (found.ids[j] != NOBODY)
+    kept = (found.ids[i] != UNMATCHED) | (found.ids[j] != UNMATCHED)
     i, j, gap = i[kept], j[kept], gap[kept]
     pairs = pair_features(found.boxes, found.features, i, j, gap, found.actions)
     start, stop = (int(found.frames.min()), int(found.frames.max()) + 1) if len(found) else (0, 1)

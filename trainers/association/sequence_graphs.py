@@ -19,7 +19,7 @@ from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.association.link_parts import LinkModel, LinkParts, link_costs
 from tsuiseki.tracking.association.tracklets import MISS_OF_JOIN, MOST_FOR_JOIN, Ends, evidence_of_joins, join_parts
-from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, owners_of
+from tsuiseki.tracking.evaluation.coverage import IGNORED, UNMATCHED, owners_of
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.trainers.association.graphs import (
@@ -173,17 +173,17 @@ def _tracklet_graph(
         np.zeros(3 * count + len(i)),
         none,
     )
-    # Nobody says what follows an ignored one.
+    # It is unknown what follows an ignored one.
     return labelled(without(graph, majority == IGNORED), all_used=True)
 
 
 def _owners_of_tracks(owners: IntArray, labels: IntArray, count: int) -> IntArray:
-    """``(count,)`` who has half of each tracklet or more, `NOBODY` for those without detections, too."""
+    """``(count,)`` who has half of each tracklet or more, `UNMATCHED` for those without detections, too."""
     mine = [owners[labels == track] for track in range(count)]
-    return np.array([_majority(one) if len(one) else NOBODY for one in mine], dtype=np.int64)
+    return np.array([_majority(one) if len(one) else UNMATCHED for one in mine], dtype=np.int64)
 
 
 def _majority(owners: IntArray) -> int:
     values, counts = np.unique(owners, return_counts=True)
     best = int(counts.argmax())
-    return int(values[best]) if 2 * counts[best] >= len(owners) else NOBODY
+    return int(values[best]) if 2 * counts[best] >= len(owners) else UNMATCHED

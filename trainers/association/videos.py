@@ -27,7 +27,7 @@ from tsuiseki.trainers.association.graphs import DetectedVideo
 LIKE_REAL = DetectorFaults(jitter=0.03, steady=0.8)
 # Okutama-Action's videos.
 OTHER_RATE = 30.0
-# Where detections come from: det/det.txt, drawn from the labels, or a detector that looks at the images.
+# Where detections come from: det/det.txt, drawn from the labels, or a detector.
 Find: TypeAlias = Detector | Literal["given", "simulated"]
 
 
@@ -77,7 +77,7 @@ def detected(
         find: where they come from.
         rng: of drawn detections.
         faults: of drawn detections.
-        frames: first and last frame that a detector looks at, 1-based; by default all.
+        frames: first and last frame for a detector, 1-based; by default all.
 
     Raises:
         RequestError: labels without detections, or images for a detector that are not there.
@@ -117,7 +117,7 @@ def detected_videos(
     """The labelled sequences of folders with detections, cut to ``frames``; see `labelled_sequences` and `detected`.
 
     Raises:
-        RequestError: see these two; nobody who counts, or detections that lie on nobody.
+        RequestError: see these two; no person to learn from, or detections that lie on none.
     """
     rng = np.random.default_rng(seed)
     for sequence in labelled_sequences(folders, frame_rate):
@@ -187,7 +187,7 @@ def check_video(video: DetectedVideo) -> None:
     """Refuse what would be learnt from silently and wrongly.
 
     Raises:
-        RequestError: nobody who counts, or detections that lie on nobody.
+        RequestError: no person to learn from, or detections that lie on none.
     """
     truth = video.truth.select(video.truth.evaluated)
     if not len(truth):

@@ -161,7 +161,7 @@ class NetworkOutputs:
 
     Attributes:
         features: ``(N + M, D)`` what its detections and its others look like, of unit length, 0 where not known; None
-            where nothing that learns looks at them.
+            where no part that learns needs them.
         heads: raw heads of the detector on its images, ``(T, A, 2)`` and ``(T, A, 4)``; None where no detector learns.
     """
 

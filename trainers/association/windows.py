@@ -36,7 +36,7 @@ class TrainingWindow:
     Attributes:
         detections: the network of a window.
         tracklets: the joins of its whole sequence.
-        crops: what its detections look like; None where nothing looks at them.
+        crops: what its detections look like; None where not needed.
         frames: its images; None where no detector learns from them.
     """
 
@@ -194,9 +194,9 @@ class AssociationData(lightning.LightningDataModule):
             return
         detector = None if self.detector is None else Detector(self.detector, self.score_threshold)
         find = detector or self.detections
-        look = None if self.appearance is None else Appearance(self.appearance)
+        appearance = None if self.appearance is None else Appearance(self.appearance)
         self.images = WindowImages(
-            None if look is None else (look.model.card.input_height, look.model.card.input_width),
+            None if appearance is None else (appearance.model.card.input_height, appearance.model.card.input_width),
             detector.model.card if detector is not None and self.heads else None,
         )
         recognise = ActionRecogniser(self.action) if self.action else None
@@ -204,7 +204,7 @@ class AssociationData(lightning.LightningDataModule):
         def seen(folders: list[Path], frames: tuple[int, int] | None) -> list[DetectedVideo]:
             found = detected_videos(folders, find, frames, self.seed, frame_rate=self.frame_rate)
             found = map(filmed, found) if self.tracker == "drone" else found
-            return [acting(described(video, look), recognise) for video in found]
+            return [acting(described(video, appearance), recognise) for video in found]
 
         videos = seen(self.train, self.frames)
         if self.validation is None:
@@ -254,11 +254,11 @@ def _teaches(graph: Graph, name: str) -> bool:
     somebody = graph.owners[graph.owners >= 0]
     people = len(np.unique(somebody))
     if people < 2:
-        who = "nobody" if not people else "one person"
+        who = "no person" if not people else "one person"
         print(f"{name}: left out, for its detections in the frames to learn from show {who} who is labelled")
     elif 2 * len(somebody) < len(graph):
         share = 1 - len(somebody) / len(graph)
-        print(f"{name}: {share:.0%} of its detections lie on nobody; is everybody labelled, and of the same class?")
+        print(f"{name}: {share:.0%} of its detections are false positives; are all labelled, and of the same class?")
     return people > 1
 
 

@@ -232,9 +232,9 @@ def measure(way: CountedBy, unit: StreetUnit | GivenSequence | int) -> Counted:
         both = {"people": float(n.mean()), "stay": truth.stay}
         means = [_held(zone[f"{name}_low"], [value], zone[f"{name}_high"])[0] for name, value in both.items()]
     else:
-        told = way.peer.answer(PROGRAM, _job(way, case))
-        numbers = [n for both in told["crossings"] for n in both]
-        occupancy, dwell, covered = np.array(told["occupancy"]), told["dwell"], [float("nan")] * len(true)
+        reply = way.peer.answer(PROGRAM, _job(way, case))
+        numbers = [n for both in reply["crossings"] for n in both]
+        occupancy, dwell, covered = np.array(reply["occupancy"]), reply["dwell"], [float("nan")] * len(true)
         seconds, means = [float("nan")], [float("nan")] * 2
     return Counted(
         tuple(abs(a - b) for a, b in zip(numbers, true, strict=True)),
@@ -347,7 +347,7 @@ def simulated_boxes(tracks: Sequence[Track], length: int, finding: Finding, seed
 
 
 def scene_in(size: tuple[int, int]) -> Scene:
-    """Two lines and a zone, the same shares of every picture: they were chosen before any count was looked at."""
+    """Two lines and a zone, the same shares of every picture: they are not tuned on the counts."""
     w, h = size
 
     def at(*places: tuple[float, float]) -> FloatArray:
@@ -364,7 +364,7 @@ class TrueAnswers:
     Attributes:
         crossings: number by line and direction.
         occupancy: people in the zone in each frame.
-        dwell: mean seconds in the zone, over all who stayed there, see `true_stays`; 0 where nobody did.
+        dwell: mean seconds in the zone, over all who stayed there, see `true_stays`; 0 where none did.
         stay: mean seconds of a stay, likewise.
     """
 

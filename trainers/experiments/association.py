@@ -61,7 +61,7 @@ class LinkedBy:
 def reproduce(
     bench: Bench,
     data: Path = Path("../shared/data"),
-    sets: list[str] = list(SETS),  # noqa: B006, the parser shows it and nobody changes it
+    sets: list[str] = list(SETS),  # noqa: B006, the parser shows it and it is never changed
     parts: list[str] = list(PARTS),  # noqa: B006
     peer: str | None = None,
 ) -> Outcome:

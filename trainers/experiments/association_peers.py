@@ -41,6 +41,6 @@ def follow(attribute: str, job: dict[str, Any]) -> list[list[float]]:
         if answer.tracker_id is None:
             continue
         for box, score, number in zip(answer.xyxy, answer.confidence, answer.tracker_id, strict=True):
-            if number >= 0:  # -1 is a detection of nobody whom the tracker believes in yet
+            if number >= 0:  # -1 is a detection without a confirmed track
                 rows.append([frame, int(number) + 1, *map(float, box), float(score)])
     return rows

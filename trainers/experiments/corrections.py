@@ -29,9 +29,9 @@ from tsuiseki.trainers.experiments.given_sequences import GivenSequence, combine
 from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
 
 OVERLAP, AROUND, SHORTEST = 0.3, 3, 3
-# Share of decisions that is looked at, and of what the detections allow that is reached.
+# Share of decisions that is reviewed, and of what the detections allow that is reached.
 FIRST, REACHED = 0.05, 0.99
-NOBODY, IGNORED = -1, -2
+UNMATCHED, IGNORED = -1, -2
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Course:
 
 
 def reproduce(bench: Bench, data: Path = Path("../shared/data"), answers: int = 60, streets: int = 4) -> Outcome:
-    """Where a review looks first, and how soon answers mend what is wrong.
+    """Where a review asks first, and how soon answers mend what is wrong.
 
     Args:
         bench: where it works.
@@ -108,10 +108,10 @@ def reviewed(given: GivenSequence, answers: int) -> Course:
     ranked = _rankings(flow, ids)
     first = int(FIRST * len(ranked["random"]))
     find = Finder(network.frames, network.boxes)
-    looked = {name: set(order[:first].tolist()) for name, order in ranked.items()}
+    first_ones = {name: set(order[:first].tolist()) for name, order in ranked.items()}
     early = Questioner(flow.network, flow.flow, ids).ranked(first)
-    looked["questions"] = {arc for question in early for arc in _arcs_of(question, find, flow)}
-    shares = {name: float(sum(bool(error & arcs) for error in wrong)) for name, arcs in looked.items()}
+    first_ones["questions"] = {arc for question in early for arc in _arcs_of(question, find, flow)}
+    shares = {name: float(sum(bool(error & arcs) for error in wrong)) for name, arcs in first_ones.items()}
     right = np.where((ids > 0) & (owners >= 0), owners + 1, 0)
     allowed = combined_scores(track_sums(given, reporter.tracks(flow.network, right, {}))[None])["idf1"]
     idf1, hota, said, asked = list[float](), list[float](), list[Correction](), set[str]()
@@ -157,14 +157,14 @@ def _seen(question: Question, n: int, find: Finder, owners: IntArray, *, before:
     mine, frame = next((box.id, box.frame) for node, box in nodes if node == n)
     side = [owners[m] for m, b in nodes if b.id == mine and (b.frame <= frame if before else b.frame >= frame)]
     known = [owner for owner in (side[-7:] if before else side[:7]) if owner >= 0]
-    return max(set(known), key=known.count) if known else NOBODY
+    return max(set(known), key=known.count) if known else UNMATCHED
 
 
 def owners_of_detections(frames: IntArray, boxes: FloatArray, given: GivenSequence) -> IntArray:
-    """``(N,)`` ids of the labels, -1 for nobody, -2 where a result is neither right nor wrong."""
+    """``(N,)`` ids of the labels, -1 for a false positive, -2 where a result is neither right nor wrong."""
     labels = given_sequences.given_labels(given)
     labels = labels.select(labels.evaluated | labels.ignored)
-    owners = np.full(len(frames), NOBODY)
+    owners = np.full(len(frames), UNMATCHED)
     for frame in np.unique(frames).tolist():
         rows, there = np.flatnonzero(frames == frame), np.flatnonzero(labels.frames == frame)
         overlap = iou_matrix(boxes[rows], labels.boxes[there])

@@ -32,13 +32,13 @@ from tsuiseki.trainers.networks.modules import Optimisation, WarmupCosine
 
 @dataclass(frozen=True)
 class Fit:
-    """How an association network is fitted; see `AssociationTraining` for what is not told here.
+    """How an association network is fitted; see `AssociationTraining` for the rest.
 
     Attributes:
         loss: of the flow.
         trust: share of the change of what detections cost that is taken outside of training.
         flow: weight of the loss of the flow; 0 trains by all other losses alone, to compare with.
-        steps: windows that are looked at.
+        steps: windows that are learnt from.
         seconds: length of a window.
         joins: weight of the second level.
         optimisation: how weights are moved.
@@ -143,7 +143,7 @@ Fold: TypeAlias = tuple[tuple[GivenSequence, ...], tuple[GivenSequence, ...]]
 def reproduce(
     bench: Bench,
     data: Path = Path("../shared/data"),
-    sets: list[str] = list(FOLDS),  # noqa: B006, the parser shows it and nobody changes it
+    sets: list[str] = list(FOLDS),  # noqa: B006, the parser shows it and it is never changed
     parts: list[str] = list(PARTS),  # noqa: B006
 ) -> Outcome:
     """Costs learnt through the flow against those by default: HOTA, MOTA, IDF1, identity switches.

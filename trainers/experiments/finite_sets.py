@@ -301,8 +301,8 @@ def unseen(
 ) -> Outcome:
     """The labelled and the PHD filter on new scenarios, births anywhere or at known places, beside peers.
 
-    A target that leaves the region has ended, which no filter is told; what any of them reports outside is dropped. DIR
-    gets results.json and tables.md.
+    A target that leaves the region has ended, which is not given to the filters; what any of them reports outside is
+    dropped. DIR gets results.json and tables.md.
 
     Args:
         bench: where it works.

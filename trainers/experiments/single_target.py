@@ -216,7 +216,7 @@ CHASES = ((0, 24), (24, 48), (48, 96), (24, 96))
 def reproduce(
     bench: Bench,
     data: list[Path] | None = None,
-    parts: list[str] = list(PARTS),  # noqa: B006, the parser shows it and nobody changes it
+    parts: list[str] = list(PARTS),  # noqa: B006, the parser shows it and it is never changed
     seeds: int = 5,
     sweep_seeds: int = 2,
     contrib: Path | None = None,

@@ -1,4 +1,4 @@
-"""`tsuiseki export detector`, `export appearance` and `export action`: networks that look at pictures, as ONNX."""
+"""`tsuiseki export detector`, `export appearance` and `export action`: networks of pictures, as ONNX."""
 
 from __future__ import annotations
 

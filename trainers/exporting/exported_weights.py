@@ -77,7 +77,7 @@ def layout_of(path: Path) -> ExportedLayout:
 
 
 def _anchor_sizes(anchors: np.ndarray) -> list[list[tuple[float, float]]]:
-    """The sizes at each map, told apart by where the first cell of a map lies."""
+    """The sizes at each map, distinguished by where the first cell of a map lies."""
     sizes: dict[float, list[tuple[float, float]]] = {}
     seen = set()
     for x, _, width, height in anchors.tolist():

@@ -275,7 +275,7 @@ class TaskCLI(LightningCLI):
         kwargs |= {name: value for name, value in ours.items() if given[name] is None}
         trainer = super().instantiate_trainer(**kwargs)
         for callback in trainer.checkpoint_callbacks:
-            # Lightning would put them into the folder of this sitting, where a training that goes on does not look.
+            # Lightning would put them into the folder of this sitting, where a training that goes on does not search.
             if isinstance(callback, ModelCheckpoint) and callback.dirpath is None:
                 callback.dirpath = str(self.out / "checkpoints")
         return trainer

@@ -159,7 +159,7 @@ def _person(work: Path, assets: Path, settings: SpriteSettings, seed: int, perso
     sprites = random_sprites(rng, _opened(assets), settings.views, settings.height, settings.tilts, settings.poses)
     for view, sprite in enumerate(sprites):
         name = str(work / _name(person, view))
-        # The label lies where a picture viewer expects opacity, so that the files can be looked at.
+        # The label lies where a picture viewer expects opacity, so that the files can be viewed.
         opacity = np.where(sprite.label > 0, sprite.label * np.uint8(32) + np.uint8(31), 0).astype(np.uint8)
         cv2.imwrite(f"{name}.png", np.dstack([sprite.albedo[..., ::-1], opacity]))
         shifted = (sprite.normal.astype(np.int16) + 128).astype(np.uint8)

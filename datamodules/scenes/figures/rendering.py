@@ -101,9 +101,9 @@ class Sprite:
     """Somebody cut out, to be lit where it is shown; tight about the silhouette.
 
     Attributes:
-        albedo: ``(h, w, 3)`` uint8 sRGB, black where there is nobody.
+        albedo: ``(h, w, 3)`` uint8 sRGB, black beside the person.
         normal: ``(h, w, 3)`` int8, 127 times the unit normal: away from the camera, left, up.
-        label: ``(h, w)`` uint8 a `mesh.Worn`, 0 where there is nobody.
+        label: ``(h, w)`` uint8 a `mesh.Worn`, 0 beside the person.
         feet: ``(2,)`` pixels of the place on the ground where the person stands; of who has a ``middle``, those of the
             left end of a line across the view, as long as the person is tall, with its own middle there.
         head: ``(2,)`` pixels of the point ``height`` above it; or of the right end of that line.

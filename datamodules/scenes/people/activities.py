@@ -319,7 +319,7 @@ def pose_of(
     if activity.posture == act.WALKING:
         pose = walking(build, replace(person.manner, carry=(0.0, 0.0)), phase, speed)
     else:
-        # Nobody keeps quite still.
+        # A standing person still moves a little.
         pose = replace(rest, look=rest.look + 0.2 * math.sin(0.9 * seconds + 7 * phase), sway=rest.sway)
     if activity.act == act.READING:
         return reading(build, pose)

@@ -128,7 +128,7 @@ def _leg(a: FloatArray, b: FloatArray, speed: float, rate: float) -> FloatArray:
 
 
 def _rounded(pieces: list[FloatArray], smoothing: float) -> FloatArray:
-    """The way of the pieces: nobody turns on the spot, and people slow down before a halt."""
+    """The way of the pieces: no turns on the spot, and people slow down before a halt."""
     return np.asarray(gaussian_filter1d(np.concatenate(pieces), smoothing, axis=0, mode="nearest"))
 
 

@@ -154,7 +154,7 @@ def _draw(
 def _fewer(layer: Layer, seen: BoolArray, samples: int) -> tuple[BoolArray, Float32]:
     """One subpixel for all those of a pixel that show the same solid, and the weights of the subpixels.
 
-    Edges stay as they are; only the texture is sampled less finely, which things that are nobody can bear.
+    Edges stay as they are; only the texture is sampled less finely, which is enough for things.
     """
     h, w = seen.shape
     above, before = layer.top % samples, layer.left % samples

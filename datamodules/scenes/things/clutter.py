@@ -1,4 +1,4 @@
-"""What stands about and is nobody: poles, signs, bins, cars, benches, bushes, trees, buildings, odd columns."""
+"""What stands about besides people: poles, signs, bins, cars, benches, bushes, trees, buildings, odd columns."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ SMALL: Mapping[Maker, float] = {
     pole: 0.26, crate: 0.16, bench: 0.07, car: 0.13, bush: 0.14, column: 0.16, tripod: 0.08,
 }  # fmt: skip
 small_thing = partial(random_thing, kinds=SMALL)
-"""Draws one thing that is nobody, standing at a place."""
+"""Draws one thing, standing at a place."""
 
 
 def apparent_heights(camera: PinholeCamera, spots: FloatArray) -> FloatArray:
@@ -222,7 +222,7 @@ def clutter_around(
     largest: float,
     make: Callable[[np.random.Generator, FloatArray], Thing] = small_thing,
 ) -> list[Thing]:
-    """Up to ``count`` things that are nobody at random places in view.
+    """Up to ``count`` things at random places in view.
 
     They keep clear of the places ``taken`` ``(N, 2)``, and none covers more of the image than ``largest``.
     ``make`` gives one that stands at a place.

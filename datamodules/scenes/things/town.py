@@ -227,7 +227,7 @@ THINGS: Mapping[Maker, float] = {
 
 
 def random_thing(rng: np.random.Generator, position: FloatArray, kinds: Mapping[Maker, float] = THINGS) -> Thing:
-    """One thing that is nobody, standing at ``position`` ``(2,)``; ``kinds`` says how often each is drawn."""
+    """One thing, standing at ``position`` ``(2,)``; ``kinds`` says how often each is drawn."""
     make = list(kinds)[int(rng.choice(len(kinds), p=list(kinds.values())))]
     return Thing(make(rng, position, float(rng.uniform(0, 2 * np.pi))))
 

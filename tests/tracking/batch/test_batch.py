@@ -39,7 +39,7 @@ def test_segments_of_five_videos_give_what_one_process_gives(
         main(["batch", "track", "people", str(videos), *words, "--segment", "0.6", "--out", str(tmp_path / "all")]) == 0
     )
     assert here.kinds().count("begin") == here.kinds().count("finish") == 5
-    assert here.kinds().count("look") > 15
+    assert here.kinds().count("detect") > 15
     for source in videos.iterdir():
         assert main(["track", "people", str(source), *words, "--out", str(tmp_path / source.stem)]) == 0
         whole, parts = tmp_path / source.stem, tmp_path / "all" / source.stem
@@ -57,7 +57,7 @@ def test_so_do_other_options(videos: Path, networks: list[str], tmp_path: Path, 
     words = [str(videos / "coded.mp4"), *networks, "--score-threshold", "0.05", "--threads", "1", *more]
     assert main(["batch", "track", "people", *words, "--segment", "0.4", "--out", str(tmp_path / "all")]) == 0
     assert main(["track", "people", *words, "--out", str(tmp_path / "one")]) == 0
-    assert here.kinds().count("look") >= 3
+    assert here.kinds().count("detect") >= 3
     for name in ("tracks.txt", *(["overlay.webm"] if "--overlay" in more else [])):
         assert (tmp_path / "all/coded" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
 
@@ -69,7 +69,7 @@ def test_a_killed_process_costs_its_segment(videos: Path, networks: list[str], t
 
         def submit(self, task: BatchTask) -> None:
             super().submit(task)
-            if task.kind == "look" and task.part == 1 and self.killed < 2:
+            if task.kind == "detect" and task.part == 1 and self.killed < 2:
                 self.killed += 1
                 worker = next(worker for worker in self._workers if worker.task is task)
                 os.kill(worker.process.pid or 0, signal.SIGKILL)
@@ -80,9 +80,9 @@ def test_a_killed_process_costs_its_segment(videos: Path, networks: list[str], t
         found = run_batch([str(videos / "still.avi")], people(networks), BatchOptions(out=tmp_path / "o", segment=1.0))
     assert (found[0].status, executor.killed) == ("done", 2)
     events = journal(tmp_path / "o")
-    assert [event["kind"] for event in events if event["event"] == "lost"] == ["look", "look"]
-    looked = [event["part"] for event in events if event["event"] == "done" and event["kind"] == "look"]
-    assert sorted(looked) == [*range(len(looked))]
+    assert [event["kind"] for event in events if event["event"] == "lost"] == ["detect", "detect"]
+    detected = [event["part"] for event in events if event["event"] == "done" and event["kind"] == "detect"]
+    assert sorted(detected) == [*range(len(detected))]
 
 
 @pytest.mark.slow
@@ -133,7 +133,7 @@ def test_the_same_command_goes_on_after_a_kill(
     ]
     program = f"import sys; from tsuiseki.tracking.cli import main; sys.exit(main({words!r}))"
     driver = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.PIPE, text=True)
-    wait_for(lambda: (out / STATE / "journal.jsonl").exists() and count(out, "look") >= 2)
+    wait_for(lambda: (out / STATE / "journal.jsonl").exists() and count(out, "detect") >= 2)
     assert main(words) == 2
     assert "another batch is writing" in capsys.readouterr().err
     driver.send_signal(signal.SIGINT)
@@ -142,16 +142,16 @@ def test_the_same_command_goes_on_after_a_kill(
         == "tsuiseki: interrupted; what is finished is kept; the same command goes on\n"
     )
     driver = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.DEVNULL)
-    looked = count(out, "look")
-    wait_for(lambda: count(out, "look") > looked)
+    detected = count(out, "detect")
+    wait_for(lambda: count(out, "detect") > detected)
     driver.kill()
     driver.wait()
-    before = count(out, "look")
+    before = count(out, "detect")
     assert before < 15
     assert main(["batch", "status", str(out)]) == 0
     assert capsys.readouterr().out.startswith("not running: 0 of 1 videos done, 1 begun")
     assert main(words) == 0
-    assert 15 <= count(out, "look") <= 17
+    assert 15 <= count(out, "detect") <= 17
     assert main(["batch", "status", str(out)]) == 0
     assert "1 of 1 videos done" in capsys.readouterr().out
 
@@ -239,7 +239,7 @@ def test_a_full_disk_stops_and_the_same_goes_on(
     assert [path.name for path in (tmp_path / "o/.batch/still").iterdir() if path.name.endswith("unfinished")] == []
     here.tasks.clear()
     assert run_batch([str(videos / "still.avi")], people(networks), how)[0].status == "done"
-    assert here.kinds().count("look") == 4
+    assert here.kinds().count("detect") == 4
 
 
 def test_fewer_than_no_workers_are_refused_by_their_name(tmp_path: Path) -> None:

@@ -58,18 +58,18 @@ def test_a_killed_raylet_ends_the_batch_in_a_line_and_the_same_goes_on(
 ) -> None:
     words = command(videos, networks, tmp_path / "o")
     driver = started(words)
-    wait_for(lambda: (tmp_path / "o" / STATE / "journal.jsonl").exists() and count(tmp_path / "o", "look"))
+    wait_for(lambda: (tmp_path / "o" / STATE / "journal.jsonl").exists() and count(tmp_path / "o", "detect"))
     for raylet in children(driver, "raylet/raylet"):
         raylet.kill()
     _, said = driver.communicate(timeout=180)
     assert driver.returncode == 1
     assert "give the same command again: it goes on" in said
     assert len(said.strip().splitlines()) == 1
-    before = count(tmp_path / "o", "look")
+    before = count(tmp_path / "o", "detect")
     driver = started([word for word in words if word != "--ray"])
     assert driver.wait(120) == 0
     # 8 and 15 segments; two under way and two that waited on Ray are done again.
-    assert before < 23 <= count(tmp_path / "o", "look") <= 27
+    assert before < 23 <= count(tmp_path / "o", "detect") <= 27
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:{0}", "nowhere", "auto"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.tracking.evaluation.coverage import IGNORED, NOBODY, matched_labels, owners_of
+from tsuiseki.tracking.evaluation.coverage import IGNORED, UNMATCHED, matched_labels, owners_of
 from tsuiseki.tracking.types.labels import GroundTruth
 
 BOXES = np.array([[0.0, 0, 40, 100], [0, 200, 40, 300], [0, 400, 40, 500]])
@@ -22,17 +22,17 @@ TRUTH = GroundTruth(
 def test_a_box_belongs_to_one_label_and_a_label_to_one_box() -> None:
     boxes = np.array([BOXES[0], BOXES[0] + 5, BOXES[2], BOXES[0] + 1000])
     here = np.full(4, 4)
-    assert owners_of(here, boxes, TRUTH).tolist() == [5, NOBODY, IGNORED, NOBODY]
-    assert owners_of(here, boxes[[1, 0, 2, 3]], TRUTH).tolist() == [NOBODY, 5, IGNORED, NOBODY]
-    assert matched_labels(here, boxes, TRUTH).tolist() == [1, NOBODY, 3, NOBODY]
+    assert owners_of(here, boxes, TRUTH).tolist() == [5, UNMATCHED, IGNORED, UNMATCHED]
+    assert owners_of(here, boxes[[1, 0, 2, 3]], TRUTH).tolist() == [UNMATCHED, 5, IGNORED, UNMATCHED]
+    assert matched_labels(here, boxes, TRUTH).tolist() == [1, UNMATCHED, 3, UNMATCHED]
 
 
 def test_a_label_that_is_neither_evaluated_nor_ignored_owns_nothing() -> None:
-    assert owners_of(np.array([4]), BOXES[1:2], TRUTH).tolist() == [NOBODY]
+    assert owners_of(np.array([4]), BOXES[1:2], TRUTH).tolist() == [UNMATCHED]
     assert matched_labels(np.array([4]), BOXES[1:2], TRUTH).tolist() == [2]
 
 
 def test_a_frame_without_labels_and_no_labels_at_all() -> None:
     nobody = TRUTH.select(np.zeros(4, dtype=np.bool_))
-    assert owners_of(np.array([0, 3]), BOXES[[0, 0]], TRUTH).tolist() == [NOBODY, 9]
-    assert owners_of(np.array([4]), BOXES[:1], nobody).tolist() == [NOBODY]
+    assert owners_of(np.array([0, 3]), BOXES[[0, 0]], TRUTH).tolist() == [UNMATCHED, 9]
+    assert owners_of(np.array([4]), BOXES[:1], nobody).tolist() == [UNMATCHED]

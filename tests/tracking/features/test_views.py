@@ -213,8 +213,8 @@ def test_an_empty_street_is_looked_at_again_until_somebody_comes():
     # Inference at the seconds 0, 0.15, 0.45, 1.05, … as soon as there is a frame.
     assert columns == [1] * 5 + [2] * 7
     assert re.fullmatch(r"the whole frame, .*from frame 6 on 5 tiles a frame, about \d+ ms a frame", viewed.summary)
-    assert seen([empty] * 12)[1].summary.endswith("saw nobody at any scale")
-    assert "nobody" not in viewed.summary
+    assert seen([empty] * 12)[1].summary.endswith("no person was detected at any scale")
+    assert "no person" not in viewed.summary
 
 
 def test_looks_end_with_the_third_that_shows_somebody_and_are_a_minute_apart_at_most():

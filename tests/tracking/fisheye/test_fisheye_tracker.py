@@ -33,7 +33,7 @@ def crossing(rate, seconds=8, seed=0):
 
 
 def ids_by_person(tracks, frames):
-    """``(T, 2)`` id of each of the two, told apart by y."""
+    """``(T, 2)`` id of each of the two, distinguished by y."""
     ids = np.zeros((frames, 2), dtype=int)
     for each in tracks:
         person = (each.places[:, 1] > 0.5).astype(int)

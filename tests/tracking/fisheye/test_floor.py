@@ -69,7 +69,7 @@ def test_names_on_the_page_are_escaped(tmp_path):
 
 def test_an_empty_dwell_map_says_so() -> None:
     (empty,) = dwell_figure([], FLOOR, 10.0).axes
-    assert [text.get_text() for text in empty.texts] == ["nobody was here"]
+    assert [text.get_text() for text in empty.texts] == ["no person was here"]
     assert not empty.images
     plan, bar = dwell_figure([somebody()], FLOOR, 10.0).axes
     assert plan.images

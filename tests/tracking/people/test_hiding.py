@@ -388,4 +388,4 @@ def test_heads_are_hidden_in_a_street_that_is_filmed(data_folder: Path, tmp_path
 
 def test_nobody_to_hide_is_said(tmp_path: Path) -> None:
     nobody = Hiding(Places.joined([]), np.zeros(0, bool), False, "pixelated", 0, [0.0, 0.1])
-    assert nobody.summary(tmp_path).startswith("nobody is hidden")
+    assert nobody.summary(tmp_path).startswith("nothing is hidden")

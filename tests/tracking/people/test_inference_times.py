@@ -87,7 +87,7 @@ def test_every_tenth_frame_is_enough(tmp_path: Path, method: str, jitter: int) -
     rng = np.random.default_rng(1)
     looks = [t + int(rng.integers(-jitter, jitter + 1)) for t in range(5, 295, 10)]
     source, file = video(tmp_path, 300, looks)
-    with pytest.warns(InputWarning, match="not looked at"):
+    with pytest.warns(InputWarning, match="without inference"):
         tracks = track_people(source, method, detections=file)  # type: ignore[arg-type]
     assert len(tracks) == 3
     for track in tracks:

@@ -203,7 +203,7 @@ def test_a_sum_that_nobody_published_is_kept_shown_and_held_to(entry, server, mo
     assert main(["models", "get", "ours-s", "--yes"]) == 0
     printed = capsys.readouterr().out
     assert "sha256       not known; that of the first download is kept" in printed
-    assert f"sha256 {entry.sha256}; nobody vouches for this sum" in printed
+    assert f"sha256 {entry.sha256}; this sum is not verified" in printed
     assert unknown.record()["sha256"] == entry.sha256
     unknown.file.unlink()
     server.content += b"more"

@@ -174,7 +174,7 @@ def test_finished_rounds_are_not_made_again(
 
 def test_nobody_is_refused(adaptation: Callable[[list[TrackedPeople]], Adaptation]) -> None:
     nobody = TrackedPeople([Detections.empty()] * street.FRAMES, 0, [], 1)
-    with pytest.raises(RequestError, match=r"expected people to learn from .* found nobody"):
+    with pytest.raises(RequestError, match=r"expected people to learn from .* found no person"):
         next(rounds(adaptation([nobody])))
 
 

@@ -14,7 +14,7 @@ from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, Affinity
 from tsuiseki.tracking.association.pairwise_flow import GateSettings
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.evaluation.coverage import NOBODY
+from tsuiseki.tracking.evaluation.coverage import UNMATCHED
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.options import OutputFile
@@ -84,14 +84,14 @@ def test_labels_of_a_frame() -> None:
     )
     found = Detections(np.concatenate([truth.boxes, [[0, 0, 9, 9]]]), np.array([0.9, 0.8, 0.7]))
     labelled = label_detections([found], ignored, 0)
-    assert labelled.ids.tolist() == [5, NOBODY], "a detection that an ignored label explains is left out"
+    assert labelled.ids.tolist() == [5, UNMATCHED], "a detection that an ignored label explains is left out"
     assert labelled.scores.tolist() == [0.9, 0.7]
 
 
 def test_pairs_of_two_false_detections_are_left_out() -> None:
     boxes = np.array([[0, 0, 10, 20], [0, 0, 10, 20], [0, 0, 10, 20], [0, 0, 10, 20.0]])
     found = LabelledDetections(
-        np.array([0, 0, 1, 1]), boxes, np.ones(4), None, np.array([3, NOBODY, 3, NOBODY]), np.ones(4, np.bool_)
+        np.array([0, 0, 1, 1]), boxes, np.ones(4), None, np.array([3, UNMATCHED, 3, UNMATCHED]), np.ones(4, np.bool_)
     )
     samples = pair_samples(found, "thesis", GateSettings(window=1), groups=1)
     assert sorted(samples.same.tolist()) == [False, False, True]

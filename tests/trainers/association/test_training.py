@@ -284,7 +284,7 @@ def test_what_teaches_nothing_beside_others_is_left_out_by_name(
     assert [one.detections.name for one in data.learnt] == ["walk"]
     told = capsys.readouterr().out
     assert "alone: left out, for its detections in the frames to learn from show one person who is labelled" in told
-    assert "late: left out, for its detections in the frames to learn from show nobody who is labelled" in told
+    assert "late: left out, for its detections in the frames to learn from show no person who is labelled" in told
 
 
 def test_labels_of_half_of_the_people_look_foreign(
@@ -295,7 +295,7 @@ def test_labels_of_half_of_the_people_look_foreign(
     (some / "gt" / "gt.txt").write_text("\n".join(row for row in rows if row.split(",")[1] in "12") + "\n")
     AssociationData([walk, some]).setup("fit")
     told = capsys.readouterr().out
-    assert re.search(r"some: 6\d% of its detections lie on nobody; is everybody labelled, and of the same class", told)
+    assert re.search(r"some: 6\d% of its detections are false positives; are all labelled, and of the same class", told)
     assert "walk" not in told
 
 

@@ -32,7 +32,7 @@ class MixtureBirths:
         count: particles drawn at each place. (50) gives ``rho`` times its mass; more describe a rare target that does
             appear by more than a handful.
         sensor: where it is given, a place near which nothing was measured gets `QUIET` of them only, of more weight
-            each: the proposal (51) may look at the measurements.
+            each: the proposal (51) may use the measurements.
         modes: motions that take turns, each as likely at first; from 2 on the last component is the number of one.
     """
 

@@ -5,7 +5,7 @@ with a label, a probability of existence ``r`` and its own particles; targets no
 so that several may appear at one place at once. Reuter, Vo, Vo and Dietmayer, "The labeled multi-Bernoulli filter"
 (2014); the Poisson part and the marginal association are those of Williams, "Marginal multi-Bernoulli filters" (2015).
 
-Whether a target has ended or was only missed, and whether a measurement began one, is mostly told by the next
+Whether a target has ended or was only missed, and whether a measurement began one, mostly shows in the next
 observation. A place between two measurements is known better than the last one. `SmoothingStep` is a fixed lag of
 one step of the forward-backward recursions (Kitagawa, "Monte Carlo filter and smoother", 1996): the particles as they
 were before they moved get the weights that they have after.
@@ -222,7 +222,7 @@ class LabelledMultiBernoulliFilter:
         drawn = draw_by_measurement(pairs, joint, mass, self.particles, rng)
         # A group much lighter than a track that is pruned can begin none.
         left = _heavy_groups(hidden, (1.0 - detection) * weights, self.prune / 10)
-        # Without a hidden target nothing begins: its particles are never looked at.
+        # Without a hidden target nothing begins: its particles are never used.
         nothing = np.zeros((*drawn.shape, hidden.particles.shape[1]))
         return mass, hidden.particles[drawn] if len(hidden.particles) else nothing, left
 

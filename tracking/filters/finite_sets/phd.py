@@ -59,7 +59,7 @@ class PhdFilter:
 
     Attributes:
         model: motion, sensor, survival, detection and clutter.
-        births: proposal of new targets with its weights, (51)-(52); it may look at the measurements.
+        births: proposal of new targets with its weights, (51)-(52); it may use the measurements.
         density: particles ``rho`` for each expected target, (50) and (56).
         proposal: of surviving particles, ``q_S(. | x, Y)`` of (48)-(49); None draws from the motion model.
         identity: how clusters keep, join and part their labels, section 5.2.

@@ -154,7 +154,7 @@ class TrackIdentity:
         allowed = np.tril((distance < self.near) & ~(taken[:, None] & taken), k=-1)
         if not allowed.any():
             return target
-        # Each looks at the nearest of the older ones.
+        # Each takes the nearest of the older ones.
         nearest = np.argmin(np.where(allowed, distance, np.inf), axis=1)
         younger = np.flatnonzero(allowed.any(axis=1))
         for group in younger[np.argsort(distance[younger, nearest[younger]], kind="stable")]:

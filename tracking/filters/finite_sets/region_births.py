@@ -23,7 +23,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class ExplainedImage:
-    """What births look at.
+    """The image evidence for births.
 
     Attributes:
         image: where the colour is.

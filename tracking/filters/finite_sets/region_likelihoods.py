@@ -173,7 +173,7 @@ LARGEST_LOG_RATIO = float(np.log(1e12))
 
 @dataclass(frozen=True)
 class Regions:
-    """What the update looks at.
+    """The image evidence for the update.
 
     Attributes:
         log_weights: ``(N,)`` predicted.

@@ -108,8 +108,8 @@ const app = {
       same: two && one.frame !== two.frame && one.id !== two.id,
       part: two && one.frame !== two.frame,
       exchange: two && one.id !== two.id && this.here(one.id) && this.here(two.id),
-      nobody: last && this.here(last.id),
-      somebody: last && this.here(last.id),
+      notPerson: last && this.here(last.id),
+      isPerson: last && this.here(last.id),
       delete: last,
       called: last,
       from: last,
@@ -318,8 +318,8 @@ const ACTIONS = {
   same: () => app.pair("same"),
   part: () => app.pair("not_same"),
   exchange: () => app.correct({ kind: "switch", ids: app.chosen.map((one) => one.id), frame: app.frame }),
-  nobody: () => app.one("not_person"),
-  somebody: () => app.one("real"),
+  notPerson: () => app.one("not_person"),
+  isPerson: () => app.one("real"),
   delete: () => app.one("delete"),
   add: () => app.addMode(!app.stage.adding),
   from: () => app.markEnd("first"),
@@ -333,7 +333,7 @@ const ACTIONS = {
   wider: () => app.stage.zoom(1 / 1.5),
 };
 const KEYS = {
-  y: "yes", n: "no", s: "skip", q: "next", j: "same", p: "part", x: "exchange", m: "nobody", h: "somebody",
+  y: "yes", n: "no", s: "skip", q: "next", j: "same", p: "part", x: "exchange", m: "notPerson", h: "isPerson",
   delete: "delete", backspace: "delete", a: "add", "[": "from", "]": "to", r: "right", " ": "play", "?": "help",
   "+": "closer", "=": "closer", "-": "wider",
 };
