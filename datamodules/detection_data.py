@@ -72,25 +72,25 @@ class TrainingExamples(Dataset[Example]):
 
     def __init__(
         self,
-        footage: list[TrainingImages],
+        videos: list[TrainingImages],
         length: int,
         size: tuple[int, int],
         augmentation: Augmentation,
         composition: Composition,
         seed: int,
     ) -> None:
-        self.footage = footage
+        self.footage = videos
         self.length = length
         self.size = size
         self.augmentation = augmentation
         self.composition = composition
         self.seed = seed
         rng = np.random.default_rng([seed, 0])
-        shares = np.array([f.source.share for f in footage])
+        shares = np.array([f.source.share for f in videos])
         self.shares = shares / shares.sum()
         self.textures = [texture(rng, size) for _ in range(_TEXTURES)]
         generated = generate_people(rng, composition.generated_people, tilt=composition.tilt)
-        self.pools = [[person for f in footage for view in f.views for person in view.people()], generated]
+        self.pools = [[person for f in videos for view in f.views for person in view.people()], generated]
         self.pools = [pool for pool in self.pools if pool]
 
     def __len__(self) -> int:
@@ -98,12 +98,12 @@ class TrainingExamples(Dataset[Example]):
 
     def __getitem__(self, number: int) -> Example:
         rng = np.random.default_rng([self.seed, 1, number])
-        footage = self.footage[rng.choice(len(self.footage), p=self.shares)]
-        index = int(rng.integers(len(footage)))
-        view = footage.view(index)
-        example = footage.example(index)
+        videos = self.footage[rng.choice(len(self.footage), p=self.shares)]
+        index = int(rng.integers(len(videos)))
+        view = videos.view(index)
+        example = videos.example(index)
         if view is not None and self.composition.generated_people > 0:
-            example = self._compose(rng, example, view, footage.cutouts(index))
+            example = self._compose(rng, example, view, videos.cutouts(index))
         return augment(rng, example, self.size, self.augmentation, self._fill(rng))
 
     def _fill(self, rng: np.random.Generator) -> ImageArray:
@@ -136,16 +136,16 @@ class TrainingExamples(Dataset[Example]):
 class ValidationExamples(Dataset[Example]):
     """Images fitted into the input as the exported model's user will, unchanged otherwise."""
 
-    def __init__(self, footage: list[TrainingImages], card: ModelCard) -> None:
+    def __init__(self, videos: list[TrainingImages], card: ModelCard) -> None:
         self.card = card
-        self.items = [(f, i) for f in footage for i in range(len(f))]
+        self.items = [(f, i) for f in videos for i in range(len(f))]
 
     def __len__(self) -> int:
         return len(self.items)
 
     def __getitem__(self, number: int) -> Example:
-        footage, index = self.items[number]
-        example = footage.example(index)
+        videos, index = self.items[number]
+        example = videos.example(index)
         image, scale = fit_image(example.image, self.card)
         return Example(image, example.boxes * np.tile(scale, 2), example.ignored)
 

@@ -56,7 +56,7 @@ class SourceOptions(Shared):
     Attributes:
         source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
             webcam (0, 1, …) or the address of a stream.
-        frames: this segment only, counted from 1 with both ends, such as 301-400.
+        frames: these only, counted from 1 with both ends, such as 301-400.
         fps: frames a second, where the source does not say or is wrong; by default what it says, or 25.
     """
 

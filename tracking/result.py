@@ -319,9 +319,9 @@ class Result(Sequence[T_co]):
             raise RequestError("expected a `source` to draw on, for the tracks come from none")
         numbers = self.frames.get("frame")
         wanted = self.settings.get("frames")
-        stretch = parse_frames(wanted if isinstance(wanted, str) else None)
+        wanted_frames = parse_frames(wanted if isinstance(wanted, str) else None)
         opened = open_source(
-            self.source if source is None else source, FrameRange(numbers[0], numbers[-1]) if numbers else stretch
+            self.source if source is None else source, FrameRange(numbers[0], numbers[-1]) if numbers else wanted_frames
         )
         if endless(opened) or not opened.has_images:
             raise RequestError(f"{opened.name} has no pictures that can be played again; give a `source` that has")

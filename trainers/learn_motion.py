@@ -184,7 +184,7 @@ def read_segments(tracks: Sequence[Path], body: Body) -> list[FloatArray]:
         RequestError: a file is missing or broken, or of another body.
     """
     found = [track for path in tracks for track in read_states(_states_file(path), body.fields)]
-    return [stretch for track in found for stretch in track.segments()]
+    return [segment for track in found for segment in track.segments()]
 
 
 def common_frame_rate(tracks: Sequence[Path], given: float | None = None) -> float:
@@ -234,7 +234,7 @@ def train_motion(
         frame_rate: frames per second of the tracks; by default what run.json or seqinfo.ini beside them says.
     """
     shape = parse_body(body)
-    stretches, rate = read_segments(tracks, shape), common_frame_rate(tracks, frame_rate)
-    learnt = learn_motion(stretches, shape.name, shape.fields, shape.angles, rate)
+    segments, rate = read_segments(tracks, shape), common_frame_rate(tracks, frame_rate)
+    learnt = learn_motion(segments, shape.name, shape.fields, shape.angles, rate)
     output.write(output.out, lambda path: write_motion(path, learnt))
     print(f"learnt from {learnt.steps} steps at {rate:g} frames/s: {output.out}")

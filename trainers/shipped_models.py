@@ -103,13 +103,13 @@ def make_models(folder: Path, assets: Path | None = None) -> dict[str, Path]:
 def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
     """The words of the commands for models in ``folder``, with people rendered of ``assets`` if there are any."""
     work = folder / "training"
-    many = _footage("detector_people", "train", work, assets)
-    sunlit = _footage("detector_people_sunlit", "train", work, assets)
+    many = _sources("detector_people", "train", work, assets)
+    sunlit = _sources("detector_people_sunlit", "train", work, assets)
     pictures = {
-        "pictures": _footage("detector_rendered", "train", work, assets),
-        "sparse": _footage("detector_rendered", "val", work, assets),
-        "towns": _footage("detector_towns", "train", work, assets),
-        "sparse_towns": _footage("detector_towns", "val", work, assets),
+        "pictures": _sources("detector_rendered", "train", work, assets),
+        "sparse": _sources("detector_rendered", "val", work, assets),
+        "towns": _sources("detector_towns", "train", work, assets),
+        "sparse_towns": _sources("detector_towns", "val", work, assets),
         "crisp": [source | {"share": share} for source, share in zip(many[1:3], (0.6, 0.4), strict=True)],
         "many": many,
         "sunlit": sunlit,
@@ -120,13 +120,13 @@ def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
         "work": str(work),
         "models": str(folder),
         "assets": str(assets),
-    } | {name: json.dumps(footage) for name, footage in pictures.items()}
+    } | {name: json.dumps(sources) for name, sources in pictures.items()}
     quoted = {name: shlex.quote(place) for name, place in places.items()}
     wanted = COMMANDS if assets is None else COMMANDS + RENDERED_COMMANDS
     return [shlex.split(command.format(**quoted)) for command in wanted]
 
 
-def _footage(config: str, part: Literal["train", "val"], work: Path, assets: Path | None) -> list[dict[str, Any]]:
+def _sources(config: str, part: Literal["train", "val"], work: Path, assets: Path | None) -> list[dict[str, Any]]:
     """``data.train`` or ``data.val`` of a configuration, its folders in ``work``, photographs where there are some."""
     photographs = None if assets is None or not _photographs(assets) else assets / "photographs"
     sources: list[dict[str, Any]]

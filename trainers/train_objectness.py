@@ -50,7 +50,7 @@ class BoxedImage:
 
 
 def generated_images(count: int, seed: int) -> list[BoxedImage]:
-    """Images of generated chases with the box of the followed person."""
+    """Images of generated clips with the box of the followed person."""
     rng = np.random.default_rng(seed)
     images: list[BoxedImage] = []
     while len(images) < count:
@@ -185,7 +185,7 @@ def some_images(folders: Sequence[Path] | None, interval: int, count: int, seed:
     if folders:
         images = [item for folder in folders for item in boxed_images(folder, interval)]
         return images, ", ".join(folder.name for folder in folders)
-    return generated_images(count, seed), f"{count} images of generated chases, seed {seed}"
+    return generated_images(count, seed), f"{count} images of generated clips, seed {seed}"
 
 
 def _loaded(path: Path, boxes: FloatArray) -> BoxedImage:
@@ -234,7 +234,7 @@ def train_objectness(
         out: file to write, JSON.
         data: folders of labelled sequences (MOTChallenge, OTB, VOT, UAV123), separated by commas; by default generated
             chases.
-        test: folders to measure the recall on; by default generated chases of another seed.
+        test: folders to measure the recall on; by default generated clips of another seed.
         interval: take every so many frames of the folders.
         images: number of generated images, where nothing is given.
         plot: also plot the recall to this file (PNG, SVG or PDF).

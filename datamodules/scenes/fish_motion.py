@@ -27,9 +27,9 @@ ARM, TAIL = 28.0, 32.0
 BEAT_FREQUENCY, BEAT_BEND = (1.2, 2.2), (0.25, 0.5)
 # Beats a second of bursts, their amplitude in radians, and their (least, greatest) length.
 BURST_FREQUENCY, BURST_BEND, BURST_SECONDS = 3.2, 0.75, (0.4, 0.9)
-# (least, greatest) length of a stretch of cruising or gliding.
-STRETCH_SECONDS = (0.5, 1.6)
-# Probability of a sudden turn at the end of a stretch of a lively fish; 0.9 where it nears a wall.
+# (least, greatest) length of a segment of cruising or gliding.
+SEGMENT_SECONDS = (0.5, 1.6)
+# Probability of a sudden turn at the end of a segment of a lively fish; 0.9 where it nears a wall.
 TURNS = 0.3
 # (least, greatest) angle of a sudden turn, and the body's bend in it, radians.
 TURN_ANGLE, TURN_BEND = (1.2, 2.4), 1.3
@@ -41,7 +41,7 @@ PLATE, THRUST = 0.03, 0.006
 DRAG, SIDE_DRAG, YAW_DAMPING = 0.009, 0.06, 1.5
 # Radius of gyration of the body with the water that it moves along.
 GYRATION = 20.0
-# Shares of the stretches between turns that are bursts, and glides without a beat; of the fish that turn suddenly.
+# Shares of the segments between turns that are bursts, and glides without a beat; of the fish that turn suddenly.
 BURSTS, GLIDES, LIVELY = 0.3, 0.2, 0.5
 
 
@@ -137,7 +137,7 @@ def _next_segment(fish: _Fish, clock: float, size: FloatArray, rng: np.random.Ge
     kind = rng.random()
     fish.frequency = float(rng.uniform(*BEAT_FREQUENCY))
     fish.amplitude = float(rng.uniform(*BEAT_BEND))
-    fish.until = clock + float(rng.uniform(*STRETCH_SECONDS))
+    fish.until = clock + float(rng.uniform(*SEGMENT_SECONDS))
     if kind < BURSTS:
         fish.frequency, fish.amplitude = BURST_FREQUENCY, BURST_BEND
         fish.until = clock + float(rng.uniform(*BURST_SECONDS))

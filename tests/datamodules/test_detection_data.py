@@ -51,7 +51,7 @@ def data(folder: Path, **changes: object) -> DetectionData:
     return module
 
 
-def test_footage_keeps_frame_ranges_as_files_count_them(walker: Path) -> None:
+def test_videos_keep_frame_ranges_as_files_count_them(walker: Path) -> None:
     footage = TrainingImages(TrainingSource(str(walker), (8, 10)))
     assert len(footage) == 3
     assert footage.example(0).boxes[0].tolist() == [94.0, 40.0, 114.0, 100.0]

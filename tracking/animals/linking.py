@@ -158,7 +158,7 @@ def link_animals(
     labels = _flow(poses, settings, frame_rate, size)
     labels, _ = exchanged_after_contacts(labels, list(poses), settings.evidence)
     rows = [
-        [[part[n] for n in stretch] for stretch in segments_of(np.array([row for row, _ in part]), round(frame_rate))]
+        [[part[n] for n in segment] for segment in segments_of(np.array([row for row, _ in part]), round(frame_rate))]
         for part in _by_animal(labels).values()
     ]
     parts = [
@@ -171,9 +171,9 @@ def link_animals(
     if every and not known and seconds_of_walking(every, frame_rate) < WALKED:
         warnings.warn("hardly any animal walks: which end is the head is a guess", InputWarning, stacklevel=2)
     found = []
-    for number, (several, stretches) in enumerate(zip(parts, rows, strict=True), start=1):
+    for number, (several, segments) in enumerate(zip(parts, rows, strict=True), start=1):
         headings = np.concatenate([heads(places, own, signs, frame_rate) for places, own in several])
-        at = np.array([t for part in stretches for t, _ in part])
+        at = np.array([t for part in segments for t, _ in part])
         own = [pose for _, poses_of_part in several for pose in poses_of_part]
         found.append(_animal(number, at, own, headings, settings.forward, np.asarray(frames), round(frame_rate)))
     return found

@@ -244,6 +244,6 @@ def _chosen(axes: FloatArray, votes: FloatArray) -> IntArray:
 
 
 def segments_of(frames: IntArray, longest: int) -> list[IntArray]:
-    """Indices of the stretches of frames ``(T,)`` without a gap longer than ``longest``."""
+    """Indices of the segments of frames ``(T,)`` without a gap longer than ``longest``."""
     breaks: BoolArray = np.diff(frames) > longest
     return [np.asarray(part, dtype=np.int64) for part in np.split(np.arange(len(frames)), np.flatnonzero(breaks) + 1)]

@@ -58,7 +58,7 @@ def track_animals(
         contrast: how animals differ from what lies behind them; ``auto`` finds out.
         threshold: difference in grey levels from which a pixel belongs to an animal; by default found.
         skeleton: what is known of their points.
-        frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
+        frames: these only, counted from 1 with both ends, such as ``"301-400"``.
         settings: see `AnimalSettings`.
         corrections: corrections.jsonl of a reviewed result, to do again what still applies.
         seed: as all trackers have it; this one draws no random numbers.

@@ -51,7 +51,7 @@ class BodyTarget:
         before: that of the frame before.
         score: likelihood (7) of the estimate, in [0, 1].
         distance: ``d_max`` of the estimate, pixels.
-        status: whether to believe it.
+        status: whether it is confirmed.
         undetected: frames in a row it was not seen.
     """
 

@@ -96,7 +96,7 @@ def adapt(
     Args:
         sources: videos, folders of images or sequence folders, all of one camera; 100 frames at least, some minutes
             are better.
-        frames: learn from this stretch of each only, counted from 1 with both ends, such as 1-300.
+        frames: learn from these of each only, counted from 1 with both ends, such as 1-300.
         detector: exported detector to start from, which is also left where no round is better; by default
             detector_figures.onnx starts, and detector_people.onnx is left. A bare word, such as street, names a shipped
             one.

@@ -337,7 +337,7 @@ def single(
 def states(given: Comparison, scored: ScoredFrames, distance: float = 20.0) -> None:
     """Score bodies that were followed against their exact states: errors of position and heading, success, identity.
 
-    A body is found in a frame where an estimate that its tracker believes lies within --distance of it.
+    A body is found in a frame where a confirmed estimate lies within --distance of it.
 
     Args:
         truth: states.csv with the columns frame,id, a position a,b or x,y, and for the heading theta or points at both

@@ -80,7 +80,7 @@ def track_drone(
         affinity: file of costs learnt on whole tracks; by default those of the settings. With the preset printed, of
             costs learnt on pairs by the features ``thesis`` or, but for ``flow``, ``thesis_action``.
         preset: ``printed`` links as the thesis prints it, see `PrintedFlow`: MCF, MHT-SAF, MHT-MAF.
-        frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
+        frames: these only, counted from 1 with both ends, such as ``"301-400"``.
         settings: of flow, alternation and output.
         threads: CPU threads of the networks; 0 takes all.
         device: what networks that are given as files run on, see `opened_on`.

@@ -25,7 +25,7 @@ from tsuiseki.tracking.types.tracks import ActingTrack
 
 
 class DroneTracker:
-    """The cheapest set of tracks, priced also by the actions along them.
+    """The cheapest set of tracks, with a cost also of the actions along them.
 
     Args:
         settings: of the flow and of what is reported.

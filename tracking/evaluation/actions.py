@@ -169,10 +169,10 @@ def read_labelled_actions(
         size: width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
             frames that lie with them, or else of those that come with the data.
         multiple_actions: of Okutama-Action's folder, take ``MultiActionLabels``.
-        frames: the stretch to keep.
+        frames: to keep.
 
     Raises:
-        RequestError: there are none, they are broken, or no person to score is labelled in the segment.
+        RequestError: there are none, they are broken, or no person to score is labelled in these frames.
     """
     found = []
     for video in open_labelled(path, multiple_actions):

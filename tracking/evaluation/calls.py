@@ -46,7 +46,7 @@ def evaluate_people(
         truth: labels: a sequence folder or file in any layout that `tsuiseki evaluate people` reads, ground truth that
             was read before, or the right tracks themselves.
         tracks: the result: tracks, or their file or folder.
-        frames: score this stretch only, counted from 1 with both ends, such as ``"301-400"``.
+        frames: score these only, counted from 1 with both ends, such as ``"301-400"``.
         classes: score these, each apart, by the labels' names or numbers, such as ``["person", "car"]``.
 
     Returns:

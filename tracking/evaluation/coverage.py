@@ -117,9 +117,9 @@ def target_coverage(boxes: np.ndarray, tracks: Sequence[Track], overlap: float =
     (found,) = coverage(truth, tracks, overlap)
     ids = found.track_ids
     on = ids[ids > 0]
-    stretches = [span.last - span.first + 1 for span in spans(found.frames, ids) if span.value]
+    lengths = [span.last - span.first + 1 for span in spans(found.frames, ids) if span.value]
     return TargetCoverage(
-        len(frames), len(on), len(np.unique(on)), int((np.diff(on) != 0).sum()), max(stretches, default=0),
+        len(frames), len(on), len(np.unique(on)), int((np.diff(on) != 0).sum()), max(lengths, default=0),
         int(found.frames[ids > 0][0]) if len(on) else None, len(tracks) - len(np.unique(on)),
     )  # fmt: skip
 

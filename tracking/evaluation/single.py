@@ -229,7 +229,7 @@ def compare(sequences: list[SingleSequence], result: Path, published_precision: 
 def _scored(sequence: SingleSequence, result: Path, count: int) -> SingleSequence:
     """The frames of a sequence that a result of ``count`` boxes is scored in.
 
-    Those are all; but a stretch that was tracked alone begins with its first frame, and tracker_benchmark scores the
+    Those are all; but a segment that was tracked alone begins with its first frame, and tracker_benchmark scores the
     frames that both have.
     """
     tracked = tracked_frames(result)

@@ -50,7 +50,7 @@ def read_truths(
 
     Args:
         path: see `open_labelled`.
-        frames: the stretch to keep; frames keep their numbers.
+        frames: to keep, with their numbers.
         protocol: by which Okutama-Action's labels count, see `okutama_truth`.
         size: width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
             frames that lie with them, or else of those that come with the data.
@@ -58,7 +58,7 @@ def read_truths(
         single: boxes without ids count, too.
 
     Raises:
-        RequestError: there are none, they are broken, or nothing in the stretch counts.
+        RequestError: there are none, they are broken, or no label in these frames counts.
     """
     truths, without = [], list[NothingLabelledError]()
     for video in open_labelled(path):

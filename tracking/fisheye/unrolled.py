@@ -28,7 +28,7 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArra
 Tile: TypeAlias = CylinderView | DownwardView
 # A box that ends within this share of a tile's side from its border is taken for cut off.
 AT_BORDER = 0.008
-# Of a box's diameter, how near to the point below the camera it must lie for the view down to be believed.
+# Of a box's diameter, how near to the point below the camera it must lie to be taken from the view down.
 BELOW = 0.6
 
 

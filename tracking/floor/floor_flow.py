@@ -245,12 +245,12 @@ def _by_name(label: IntArray, moment: IntArray, names: IntArray) -> IntArray:
         who = names[own[known]]
         part = np.concatenate([[0], np.cumsum(np.diff(who) != 0)])
         # Nodes before the first name go with it, those between two go with the earlier.
-        stretch = part[np.clip(np.searchsorted(known, np.arange(len(own)), side="right") - 1, 0, None)]
+        segment = part[np.clip(np.searchsorted(known, np.arange(len(own)), side="right") - 1, 0, None)]
         for number in np.unique(part):
             name = int(who[np.argmax(part == number)])
             if name not in held:
                 held[name], fresh = fresh, fresh + 1
-            result[own[stretch == number]] = held[name]
+            result[own[segment == number]] = held[name]
     return _without_twins(result, moment, names)
 
 

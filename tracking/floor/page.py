@@ -125,7 +125,7 @@ def _followed(people: Sequence[PersonOnFloor], measured: MeasuredFloor) -> str:
 
 
 def _bars(one: PersonOnFloor, seen: BoolArray) -> list[Bar]:
-    """Stretches of moments at which a sensor detected somebody."""
+    """Segments of moments at which a sensor detected a person."""
     moments = one.scans[seen]
     runs = np.split(moments, np.flatnonzero(np.diff(moments) > 1) + 1)
     return [Bar(int(run[0]), int(run[-1]), f"person {one.id}", one.id) for run in runs if len(run)]

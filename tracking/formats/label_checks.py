@@ -119,7 +119,7 @@ def _like_corners(boxes: FloatArray, size: tuple[float, float]) -> bool:
     return bool(fits.mean() > 0.99)
 
 
-# Right boxes, as a share of the fewer of boxes and labels, below which a result is told apart from a poor one.
+# Right boxes, as a share of the fewer of boxes and labels, below which a result is distinguished from a poor one.
 RARE = 0.02
 
 
@@ -142,8 +142,8 @@ def compare_with_labels(where: str | Path, right: int, boxes: FloatArray, labels
         "{:.0f},{:.0f} to {:.0f},{:.0f}".format(*some[:, :2].min(axis=0), *some[:, 2:].max(axis=0))
         for some in (boxes, labels)
     )
-    told = f"{right} of {len(boxes)} boxes are on labelled ones; they lie in {there}, the labels in {here}; {hint}"
-    warnings.warn(f"{where}: {told}", InputWarning, stacklevel=3)
+    line = f"{right} of {len(boxes)} boxes are on labelled ones; they lie in {there}, the labels in {here}; {hint}"
+    warnings.warn(f"{where}: {line}", InputWarning, stacklevel=3)
 
 
 # Boxes that tell.

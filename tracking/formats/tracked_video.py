@@ -197,7 +197,7 @@ class TrackedVideo:
 
 
 def runs_of(frames: IntArray) -> list[IntArray]:
-    """The rows of each stretch of frames without a gap.
+    """The rows of each segment of frames without a gap.
 
     >>> [run.tolist() for run in runs_of(np.array([4, 5, 9]))]
     [[0, 1], [2]]

@@ -72,7 +72,7 @@ def read_yolo(folder: Path) -> TrackedVideo:
     """
     labels, pictures = picture_places(folder)
     files = sorted(labels.glob("*.txt"))
-    about = next((told for place in (folder, folder.parent, folder.parent.parent) if (told := _about(place))), {})
+    about = next((text for place in (folder, folder.parent, folder.parent.parent) if (text := _about(place))), {})
     images = list_images(pictures)
     size = _size(about) or (image_size(images[0]) if images else None)
     names = about.get("names") or {}

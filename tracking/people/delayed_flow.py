@@ -31,7 +31,7 @@ from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, 
 
 # Decisions in one delay: the more, the later in its delay a frame is settled, and the more is computed.
 DECISIONS = 4
-# Rounds of prices in every decision but the first; prices are kept from one to the next.
+# Rounds of costs in every decision but the first; costs are kept from one to the next.
 ROUNDS = 2
 # Seconds between two choices of how far boxes are smoothed.
 FIT_EVERY = 5.0
@@ -151,7 +151,7 @@ class DelayedFlow:
     def _decide(self, before: int) -> None:
         """Solve the window, and answer the frames before one."""
         self._absorb()
-        # The first window has no prices from before.
+        # The first window has no costs from before.
         solve_window(self.window, self.input, self._scores, None if self._answered == 0 else ROUNDS)
         tracks = self._tracks()
         joins, ids = self._settle(tracks, before)

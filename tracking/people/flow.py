@@ -30,15 +30,15 @@ class FlowTracker:
     """The cheapest set of tracks that explains all detections.
 
     What a score is worth is learnt from the video (`score_calibration`), and the camera's motion is taken out
-    (`camera_from_boxes`). The flow over detections is solved exactly (`network_flow`), in turn with the prices of its
+    (`camera_from_boxes`). The flow over detections is solved exactly (`network_flow`), in turn with the costs of its
     links by the motion along its tracks (`flow_rounds`). Its tracks are joined over longer gaps (`join`), weak ones
     are dropped, and gaps filled. Without a ``delay`` all this waits for the end (`whole_flow`); with one every frame is
     answered so much later and the answer is final (`delayed_flow`).
 
     Args:
         settings: costs and stages; what is given by name goes before.
-        transition: learnt prices of pairs of detections, taken beside the motion; by default none.
-        observation: learnt prices of scores, taken for their calibration; by default the video calibrates them.
+        transition: learnt costs of pairs of detections, taken beside the motion; by default none.
+        observation: learnt costs of scores, taken for their calibration; by default the video calibrates them.
         frame_rate: frames a second, those that are skipped among them; on average where times are given.
         stride: mean frames from one inference to the next, where frames are skipped.
         size: width and height of the image, so that leaving it differs from a miss; None where not known.

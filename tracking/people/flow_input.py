@@ -48,7 +48,7 @@ class InputSettings:
     Attributes:
         detection: what scores are worth.
         follow_camera: take the camera's motion out of the boxes; otherwise it is taken to stand still.
-        any_speed: links are priced for targets as fast as those of the video; otherwise for those of the settings.
+        any_speed: links are weighed for targets as fast as those of the video; otherwise for those of the settings.
     """
 
     detection: DetectionCost = field(default_factory=DetectionCost)
@@ -58,7 +58,7 @@ class InputSettings:
 
 @dataclass
 class FlowInput:
-    """Turns the detections of one stretch of frames after the other into rows.
+    """Turns the detections of one segment of frames after the other into rows.
 
     Attributes:
         settings: of the preparation.
@@ -66,7 +66,7 @@ class FlowInput:
         size: width and height of the image; None where not known.
         path: the camera's motion from images, of which several may read; None takes the boxes.
         standing: pictures that tell where the camera stands still, whatever the boxes say; several may read them.
-        observation: learnt prices of scores, taken for their calibration; None lets the video calibrate them.
+        observation: learnt costs of scores, taken for their calibration; None lets the video calibrate them.
         camera: the trajectory so far.
         evidence: what the video says of its detections so far.
         duplicates: boxes left out so far.
@@ -283,13 +283,13 @@ class FlowInput:
 
 
 def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, rounds: int | None = None) -> None:
-    """Alternate between the flow of what is not decided and the prices of its links.
+    """Alternate between the flow of what is not decided and the costs of its links.
 
     Args:
         window: holds the detections.
         given: knows what their scores are worth.
         scores: ``(N,)`` of the detections that the window keeps.
-        rounds: how often links are priced again at most; by default as often as the window's settings say.
+        rounds: how often costs of links are computed again at most; by default as often as the window's settings say.
     """
     observation, free = given.costs(scores), window.free()
     if not free.any():

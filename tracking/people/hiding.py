@@ -247,7 +247,7 @@ def _checked_out(out: Path, video: Path, overwrite: bool) -> Path:
 
 
 def _opened(video: Path, result: TracksLike) -> tuple[Source, Sequence[Track]]:
-    """The stretch of the video that was tracked, and the tracks.
+    """The frames of the video that were tracked, and the tracks.
 
     Raises:
         RequestError: the result is none of people's, or is that of another video.
@@ -271,7 +271,7 @@ def _opened(video: Path, result: TracksLike) -> tuple[Source, Sequence[Track]]:
 
 
 def _read(result: TracksLike) -> tuple[Sequence[Any], FrameRange, tuple[int, int] | None, bool]:
-    """The tracks, the stretch that was tracked, the size of its pictures, and whether it is known to be the whole."""
+    """The tracks, the frames that were tracked, the size of its pictures, and whether it is known to be the whole."""
     known: Result[Any] = (
         result if isinstance(result, Result) else Result([] if isinstance(result, str | Path) else result)
     )

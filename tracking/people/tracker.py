@@ -25,8 +25,8 @@ What the status of a target says:
 * ``searching``: nothing does; its box is where it is expected, and its score is 0.
 * ``lost``: it is given up in this frame, and its id does not come back. A target that ends is not always announced.
 
-A target is answered from the frame on in which its tracker believes in it. The ``tracks()`` of an online tracker may
-begin earlier, with the detections that made it believe.
+A target is reported from the frame on in which its tracker confirms it. The ``tracks()`` of an online tracker may
+begin earlier, with the detections before that.
 
 `run_trackers` feeds a video to one or several of them and logs each frame.
 """

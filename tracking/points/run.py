@@ -56,7 +56,7 @@ def track_blobs(
             ``"H1-H2,S1-S2,V1-V2"`` with hues in degrees; or the ``(4,)`` box of an object in the first frame, x1, y1,
             x2, y2, whose colour is taken.
         settings: see `BlobSettings`.
-        frames: this stretch only, counted from 1 with both ends, such as ``"301-400"``.
+        frames: these only, counted from 1 with both ends, such as ``"301-400"``.
         seed: of the particles.
 
     Raises:

@@ -98,8 +98,8 @@ class BlobSettings:
         margin: of the frame around a box whose colour counts against it, as a share of its sides.
         sharpness: power of the likelihood ratio.
         smallest: least side of a target, and of a patch of colour that may be a new one.
-        confirm: with ``calibrated``, a new target is believed once a patch of the colour was at it in so many of its
-            first so many frames, and dropped when that cannot be any more; ``(1, 1)`` believes at once.
+        confirm: with ``calibrated``, a new target is confirmed once a patch of the colour was at it in so many of its
+            first so many frames, and dropped when that cannot be any more; ``(1, 1)`` confirms at once.
         patience: with ``single``, frames unseen before the search begins anew.
     """
 
@@ -141,8 +141,8 @@ class BlobChoice(Shared):
         particles: of each target.
         size: width and height in pixels, of objects that appear with paper and single, and of points.
         smallest: least side in pixels of an object, and of a patch of colour that may be a new one.
-        confirm: M,N: with calibrated, a new object is believed once a patch of the colour was at it in M of its first N
-            frames; 1,1 believes at once.
+        confirm: M,N: with calibrated, a new object is confirmed once a patch of the colour was at it in M of its first
+            N frames; 1,1 confirms at once.
         detection: for measurements: probability that a target is measured, from 0 to 1.
         clutter: for measurements: expected false ones in a frame.
         score_range: smallest and largest score that the rows of --detections may have.

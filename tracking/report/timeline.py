@@ -17,7 +17,7 @@ TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)
 
 @dataclass(frozen=True)
 class Bar:
-    """A stretch of frames in a row.
+    """A segment of consecutive frames.
 
     Attributes:
         first: 0-based frame.

@@ -53,7 +53,7 @@ class Correction:
         kind: ``same``: the two boxes are one person; ``not_same``: they are two people; ``next``: one person, and no
             detection between; ``switch``: two people (last boxes before a frame) go on as each other (first boxes from
             it on); ``real``: a person, ``not_person``: none; ``box``: one box is added, or of two the first is moved to
-            the second; ``name``: of the track; ``delete``: all boxes of a track; ``right``: the boxes of a stretch;
+            the second; ``name``: of the track; ``delete``: all boxes of a track; ``right``: the boxes of a segment;
             ``several``: the ``parts`` at once.
         boxes: that it speaks of, in the order above; of a switch None where there is none.
         name: of a track.

@@ -36,7 +36,7 @@ CLOSE = 2.5
 LINK, GAP, EXCHANGED, APART, PARTED = -1.6, 0.45, -1.5, -2.0, -1.5
 FALSE_POSITIVE, LEFT_OUT, SLOPE = -2.0, -1.0, 0.45
 # A question is about up to so many detections on both sides of a link, as far as links are this share as doubtful.
-STRETCH, AS_DOUBTFUL = 10, 0.3
+LONGEST, AS_DOUBTFUL = 10, 0.3
 # Detections further on that are another person's, too, where a link is wrong.
 FAR = 5
 # Exchanges that are weighed at most, and detections that are shown before and after those that a question is about.
@@ -148,15 +148,15 @@ class Questioner:
 
     def _ask_of_link(self, arc: int, wrong: float, taken: set[int]) -> Question:
         i, j = (int(end[0]) for end in self._ends(np.array([arc])))
-        links, stretch = [(i, j)], [i, j]
-        for _ in range(STRETCH):
-            before, after = int(self._before[stretch[0]]), int(self._follower[stretch[-1]])
-            if before >= 0 and self._doubt[stretch[0]] >= AS_DOUBTFUL * wrong:
-                stretch.insert(0, before)
+        links, segment = [(i, j)], [i, j]
+        for _ in range(LONGEST):
+            before, after = int(self._before[segment[0]]), int(self._follower[segment[-1]])
+            if before >= 0 and self._doubt[segment[0]] >= AS_DOUBTFUL * wrong:
+                segment.insert(0, before)
             if after >= 0 and self._doubt[after] >= AS_DOUBTFUL * wrong:
-                stretch.append(after)
-        taken |= {self.flow.link(*pair) for pair in itertools.pairwise(stretch)}
-        i, j = stretch[0], stretch[-1]
+                segment.append(after)
+        taken |= {self.flow.link(*pair) for pair in itertools.pairwise(segment)}
+        i, j = segment[0], segment[-1]
         sentence = f"Is {self._name(i)} in frame {self._frame(i) + 1} the same as in frame {self._frame(j) + 1}?"
         # Who is another person before and after is so for some time: no single box is to blame.
         far = i, j
@@ -164,7 +164,7 @@ class Questioner:
             before, after = int(self._before[far[0]]), int(self._follower[far[1]])
             far = before if before >= 0 else far[0], after if after >= 0 else far[1]
         parts = tuple(self._one("not_same", *pair) for pair in dict.fromkeys([(i, j), far]))
-        said = self._one("right", *stretch), Correction("several", parts=parts)
+        said = self._one("right", *segment), Correction("several", parts=parts)
         return self._question("link", (links, ()), [i, j], arc, wrong, sentence, said)
 
     def _joins(self) -> _Kind:

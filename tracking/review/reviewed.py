@@ -136,7 +136,7 @@ class Reviewed:
 
 
 def _spans(track: Track) -> list[list[int]]:
-    """The stretches of frames, first and last, in which a track is there."""
+    """The segments of a track without a gap, first and last frame."""
     breaks = np.flatnonzero(np.diff(track.frames) != 1)
     return np.column_stack([track.frames[np.r_[0, breaks + 1]], track.frames[np.r_[breaks, -1]]]).tolist()  # type: ignore[no-any-return]
 

@@ -187,7 +187,7 @@ class Session:
             kind: see `Correction`.
             ids: one track, or two: the same or not the same, one in ``frame`` and the other in ``last``; to switch.
             frame: from 0; where a track has no detection there, the nearest is meant.
-            last: the other frame, or the end of a stretch that is right; by default the same.
+            last: the other frame, or the end of a segment that is right; by default the same.
             name: of a track.
             box: x, y, width and height: the box that is added, or moved where there is an id.
 

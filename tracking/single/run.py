@@ -60,7 +60,7 @@ def follow_single(
             particles; or a tracker of one target.
         preset: constants of the last two: ``robust`` is ours; ``thesis``, ``paper`` (both ``kcf`` only) and
             ``printed`` (``kcf-particle`` only: to the letter) are the published ones.
-        frames: this segment only, counted from 1 with both ends, such as ``"301-400"``.
+        frames: these only, counted from 1 with both ends, such as ``"301-400"``.
         seed: of all random numbers.
 
     Returns:
@@ -118,17 +118,17 @@ def open_single(source: SourceLike, frames: str | None = None) -> tuple[Source, 
     Raises:
         RequestError: see `open_source` and `find_single_sequences`.
     """
-    stretch, folder = parse_frames(frames), Path(named(source))
+    wanted, folder = parse_frames(frames), Path(named(source))
     if not isinstance(source, str | Path) or not folder.is_dir() or not has_labels(folder):
-        return open_source(source, stretch), None
+        return open_source(source, wanted), None
     sequence = find_single_sequences(folder)[0]
     if not sequence.images:
         raise RequestError(f"{folder}: expected images beside its labels, found none")
-    stretch = stretch.within(len(sequence.images))
+    wanted = wanted.within(len(sequence.images))
     skipped = list_images(sequence.images[0].parent).index(sequence.images[0])
-    assert stretch.last is not None
-    used = FrameRange(skipped + stretch.first, skipped + stretch.last)
-    return open_source(sequence.images[0].parent, used), sequence.boxes[stretch.first]
+    assert wanted.last is not None
+    used = FrameRange(skipped + wanted.first, skipped + wanted.last)
+    return open_source(sequence.images[0].parent, used), sequence.boxes[wanted.first]
 
 
 def parse_box(text: str) -> FloatArray:

@@ -308,7 +308,7 @@ def _origin(given: IntArray, count: int) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class Estimate(ComparedByValue):
-    """Where one target is in one frame, and whether to believe it.
+    """Where one target is in one frame, and its status.
 
     Attributes:
         frame: 0-based frame number.
@@ -353,7 +353,7 @@ def check_boxes(boxes: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Position:
-    """Where one target is in space at one time, and whether to believe it.
+    """Where one target is in space at one time, and its status.
 
     Attributes:
         time: seconds.

@@ -1,4 +1,4 @@
-"""A stretch of a video, as people write it: ``301-400``, counted from 1 and with both ends."""
+"""Frames of a video, as users write them: ``301-400``, counted from 1 and with both ends."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ class BodyTrack:
         return np.array([status == "tracking" for status in self.statuses], dtype=np.bool_)
 
     def segments(self) -> list[FloatArray]:
-        """States ``(T_i, D)`` of the stretches of consecutive frames whose status is ``tracking``."""
+        """States ``(T_i, D)`` of the segments of consecutive frames whose status is ``tracking``."""
         good = np.flatnonzero(self.tracking)
         breaks = np.flatnonzero(np.diff(self.frames[good]) != 1) + 1
         return [self.states[part] for part in np.split(good, breaks.tolist()) if len(part)]

@@ -40,7 +40,7 @@ class Source(Protocol):
         rate_missing: what should say the rate, such as ``seqinfo.ini``, does not, and 25 are taken.
         length: number of frames of the whole video; None where only playing it tells.
         live: it cannot be played again, and ends when the user says so.
-        frames_wanted: the stretch that `frames` gives.
+        frames_wanted: those that `frames` gives.
         has_images: False for a sequence that is text only.
     """
 
@@ -64,7 +64,7 @@ class Source(Protocol):
     def has_images(self) -> bool: ...
 
     def frames(self) -> Iterator[Frame]:
-        """The frames of the stretch, numbered as in the whole video; one is held at a time.
+        """The wanted frames, numbered as in the whole video; one is held at a time.
 
         Raises:
             RunError: the video breaks off or changes its size, or an image cannot be read.
@@ -78,12 +78,12 @@ def open_source(source: SourceLike, frames: FrameRange | None = None, frame_rate
     Args:
         source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
             webcam, the address of a stream, or images, see `GivenFrames`.
-        frames: the stretch to read; by default all.
+        frames: to read; by default all.
         frame_rate: frames a second, instead of what the source says; a file's frames are then timed by it.
 
     Raises:
         RequestError: there is no such thing, it cannot be read, it has no frame, its images differ in size, or
-            the stretch lies beyond it.
+            the frames lie beyond it.
     """
     opened: ImageFolder | VideoFile | LiveSource | GivenFrames
     if isinstance(source, str | Path | int):
@@ -131,7 +131,7 @@ def length_of(source: Source) -> int | None:
 
 
 def frames_expected(source: Source) -> int | None:
-    """How many frames the stretch of ``source`` has, as far as it is known."""
+    """How many frames of ``source`` are wanted, as far as it is known."""
     wanted, length = source.frames_wanted, length_of(source)
     last = length - 1 if wanted.last is None and length else wanted.last
     return None if last is None else last - wanted.first + 1

@@ -2,7 +2,7 @@
 
 The flow without actions is solved over each clip, and every link between labelled people that it considered is one
 sample: what it cost, how far the actions at its ends differ, of single detections and of means along the tracks found,
-and whether both ends show one person. Nothing that was learnt from a clip prices its own tracks. Logistic regression
+and whether both ends show one person. Costs of a clip's tracks are never learnt from that clip. Logistic regression
 says what a difference of actions is worth in the unit of the flow's costs:
 
     −logit P(same) = a · cost + b · d + c,   weight = b / a,

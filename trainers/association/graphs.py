@@ -10,7 +10,7 @@ only count in MOTA.
 goes on: whatever flow there is outside, a track can come in over a link, and then pays for that link and no start. So a
 start at a detection with links from before the window costs no more than the cheapest of them, at least 0; ends
 likewise. In the first frame after a border that is next to nothing, at the true beginning of the video it is the full
-price, as in the tracker. These costs are constants: no gradient goes through them.
+cost, as in the tracker. These costs are constants: no gradient goes through them.
 """
 
 from __future__ import annotations

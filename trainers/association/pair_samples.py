@@ -202,7 +202,7 @@ def join_samples(parts: Sequence[PairSamples]) -> PairSamples:
 
 
 def with_unknown(samples: PairSamples, column: int, share: float, rng: np.random.Generator) -> PairSamples:
-    """A ``share`` of the pairs once more without the feature of a ``column``, so that trees price it unknown, too."""
+    """A ``share`` of the pairs once more without the feature of a ``column``, so that trees weigh it unknown, too."""
     more = picked(samples, rng.random(len(samples.same)) < share)
     more.rows[:, column] = np.nan
     return PairSamples(*(np.concatenate([getattr(one, x.name) for one in (samples, more)]) for x in fields(samples)))

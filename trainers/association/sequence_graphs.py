@@ -1,6 +1,6 @@
 """The flow networks of labelled sequences, as the tracker builds them, with the labelled flow x* of both levels.
 
-The tracker runs over the given detections; at its last round the links it has priced, their features and their costs
+The tracker runs over the given detections; at its last round its links, their features and their costs
 by default are kept. So the network learns on exactly what it will be asked, second level included: the tracklets found
 and the joins of their ends form a network of the same kind.
 """
@@ -59,8 +59,8 @@ def sequence_graphs(
     window.add(seen)
     if len(seen):
         change = window.learnt(logit, observation)
-        believed = preparing.first_costs(scores)
-        window.solve(observation + change[:, 0], change[:, 1], change[:, 2], first_costs=believed)
+        first = preparing.first_costs(scores)
+        window.solve(observation + change[:, 0], change[:, 1], change[:, 2], first_costs=first)
     owners = owners_of(seen.frames, seen.image, video.truth)
     labels = window.labels() if len(seen) else np.empty(0, np.int64)
     parts = _link_parts(seen, window, labels, settings)
@@ -69,7 +69,7 @@ def sequence_graphs(
 
 
 def _link_parts(seen: DetectionTable, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
-    """All links that the tracker considers, at the prices along its tracks without learnt changes."""
+    """All links that the tracker considers, at the costs along its tracks without learnt changes."""
     found: list[LinkParts] = []
 
     def keep(_: DetectionTable, parts: LinkParts) -> FloatArray:
@@ -136,8 +136,8 @@ def _origin(video: DetectedVideo, seen: DetectionTable, logit: FloatArray, setti
     slope = float(((given - given.mean()) * logit).sum()) / spread if spread > 0 else 0.0
     detection = settings.input.detection
     low, high = detection(np.array([0.4, 0.6]), video.frame_rate)
-    price = float(high - low) / (2 * np.log(1.5))
-    return Origin(anchors, given, max(slope, FLATTEST), price, video.truth)
+    logit_cost = float(high - low) / (2 * np.log(1.5))
+    return Origin(anchors, given, max(slope, FLATTEST), logit_cost, video.truth)
 
 
 def _tracklet_graph(

@@ -5,7 +5,7 @@ Siamese network, or a projection of what it says, changes how unlike the two end
 change the score of a detection. The chain rule goes through all of it.
 
 The tracker averages features along the track found so far, over some time before a link and after it (eq. 5.3,
-one-sided), and prices the cosine distance d of the two averages: weight · (d − neutral), and d is a feature of the
+one-sided), and weighs the cosine distance d of the two averages: weight · (d − neutral), and d is a feature of the
 network of costs. Both are computed here again from the features of the window. By how much a link is dearer than its
 rivals is held fixed within a step.
 """

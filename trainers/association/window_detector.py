@@ -5,10 +5,10 @@ weight, is what a detection is worth. That calibration is a staircase without a 
 tracker's cost where the training began, and from there on a straight line: with ℓ the logit of s at the detection's
 anchor and ℓ₀ what it was at first,
 
-    Δ logit p = slope · (ℓ − ℓ₀),      Δ cost = price · Δ logit p,
+    Δ logit p = slope · (ℓ − ℓ₀),      Δ cost = κ · Δ logit p,
 
-slope that of the line which fits logit p to ℓ over the sequence, price below 0. Both features of the network of costs
-that hold them change likewise. Boxes, and how well they are measured, are held fixed within a step.
+slope that of the line which fits logit p to ℓ over the sequence, κ < 0 the cost of a logit. Both features of the
+network of costs that hold them change likewise. Boxes, and how well they are measured, are held fixed within a step.
 """
 
 from __future__ import annotations

@@ -137,7 +137,7 @@ class AssociationData(lightning.LightningDataModule):
         frame_rate: frames a second of layouts that do not tell it, as Okutama-Action's.
         tracker: whose costs the training starts from, and who takes what it learns: track ``people`` or ``drone``,
             which takes the camera's motion from the images.
-        action: exported action streams, which say what people do; costs of ``drone`` alone have a price for it.
+        action: exported action streams, which say what people do; only ``drone`` has a cost for it.
         seconds: length of a window.
         windows: steps of an epoch.
         seed: of windows and of simulated detections.
@@ -171,7 +171,7 @@ class AssociationData(lightning.LightningDataModule):
             raise RequestError("expected --data.detector ONNX with --data.heads, for its heads to learn; got none")
         self.train, self.validation, self.held_back, self.frames = train, validation, held_back, frames
         if action and tracker != "drone":
-            raise RequestError("expected --data.tracker drone with --data.action, for people have no price of actions")
+            raise RequestError("expected --data.tracker drone with --data.action, for people have no cost of actions")
         self.detections, self.detector, self.appearance = detections, detector, appearance
         self.frame_rate = frame_rate
         self.tracker, self.settings, self.action = tracker, FLOWS[tracker], action or []

@@ -494,7 +494,7 @@ class ClipScores:
     Attributes:
         auc_11, auc_21: ``(S,)`` by seed, areas under the success curve with so many thresholds, percent.
         success: ``(S, 21)`` success curves.
-        losses: stretches of ten frames and more without any overlap, of all seeds together.
+        losses: segments of ten frames and more without any overlap, of all seeds together.
         noticed: of them, those called lost within ten frames.
         followed: frames with an overlap above 0.5.
         alarms: of them, those called lost.
@@ -530,7 +530,7 @@ def count_losses(overlaps: FloatArray, lost: BoolArray) -> tuple[int, int, int, 
     """Losses, those noticed, followed frames, and those called lost, of one pass.
 
     Args:
-        overlaps: ``(T,)`` with the true box, in [0, 1]; NaN without label, which ends a stretch.
+        overlaps: ``(T,)`` with the true box, in [0, 1]; NaN without label, which ends a segment.
         lost: ``(T,)`` whether the status was ``lost``.
     """
     gone = np.concatenate([[False], overlaps <= 0, [False]]).astype(np.int8)

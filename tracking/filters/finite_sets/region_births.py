@@ -1,6 +1,6 @@
 """Proposals of new targets in an image, (51): anywhere, or where the colour is and nothing explains it yet.
 
-Which new targets are believed: those at which a patch of the colour is seen in several frames.
+Which new targets are confirmed: those with a patch of the colour in several frames.
 
 The ratio of a likelihood to its value on background may be so great that one frame makes a target certain. Where
 patches flash, every flash begins a false target, which then rests on the next spot of the colour. So a new target has
@@ -131,17 +131,17 @@ SHARED = 0.5
 
 
 class Confirmation:
-    """The targets that are believed, and what was seen of the others.
+    """The confirmed targets, and the hits of the others.
 
     Args:
-        hits: a target is believed once it was supported in so many frames,
+        hits: a target is confirmed once it was supported in so many frames,
         frames: of its first so many, at least ``hits``.
     """
 
     def __init__(self, hits: int, frames: int) -> None:
         self.hits, self.frames = hits, frames
         self._confirmed: set[int] = set()
-        self._seen: dict[int, tuple[int, int]] = {}  # frames and hits of each target not believed yet
+        self._seen: dict[int, tuple[int, int]] = {}  # frames and hits of each target not confirmed yet
 
     def update(self, labels: IntArray, supported: BoolArray) -> IntArray:
         """Take the targets of the next frame; the labels of those that cannot be confirmed any more.

@@ -13,7 +13,7 @@ const app = {
   state: null,
   frame: 0,
   chosen: [], // up to two {id, frame}
-  stretch: null, // {id, first, last}
+  segment: null, // {id, first, last}
   flashes: new Map(), // first and last changed frame by id
   question: null,
   skipped: new Set(),
@@ -89,7 +89,7 @@ const app = {
     const said = this.chosen.map((one) => `${this.nameOf(one.id)} in frame ${one.frame + 1}`);
     $("chosen").textContent = said.join(" and ") || "Click a box. A second click, here or in another frame, chooses two.";
     $("called").value = this.tracks?.get(this.last()?.id)?.name ?? "";
-    if (this.stretch && this.stretch.id !== this.last()?.id) this.stretch = null;
+    if (this.segment && this.segment.id !== this.last()?.id) this.segment = null;
     this.settled();
     this.draw();
   },
@@ -114,7 +114,7 @@ const app = {
       called: last,
       from: last,
       to: last,
-      right: this.stretch,
+      right: this.segment,
       undo: this.state?.answered,
       redo: true,
       yes: this.question,
@@ -137,13 +137,13 @@ const app = {
   },
 
   mark(id, first, last) {
-    this.stretch = { id, first, last };
+    this.segment = { id, first, last };
     this.enable();
     this.draw();
   },
 
   markEnd(which) {
-    const { id } = this.last(), old = this.stretch?.id === id ? this.stretch : { first: this.frame, last: this.frame };
+    const { id } = this.last(), old = this.segment?.id === id ? this.segment : { first: this.frame, last: this.frame };
     const now = { ...old, [which]: this.frame };
     this.mark(id, which === "last" ? Math.min(now.first, now.last) : now.first, which === "first" ? Math.max(now.first, now.last) : now.last);
   },
@@ -224,7 +224,7 @@ const app = {
     $("progress").textContent = `${state.answered} answered, ${state.left} likely ${state.left === 1 ? "error" : "errors"} left`;
     $("scrub").max = state.frames - 1;
     this.chosen = this.chosen.filter((one) => this.tracks.has(one.id));
-    this.stretch = null;
+    this.segment = null;
     this.timeline.renew();
     this.ask();
     if (first && !this.question) this.go(0);
@@ -324,7 +324,7 @@ const ACTIONS = {
   add: () => app.addMode(!app.stage.adding),
   from: () => app.markEnd("first"),
   to: () => app.markEnd("last"),
-  right: () => app.one("right", { frame: app.stretch.first, last: app.stretch.last }),
+  right: () => app.one("right", { frame: app.segment.first, last: app.segment.last }),
   play: () => app.play(),
   back: () => app.go(app.frame - 1),
   forth: () => app.go(app.frame + 1),

@@ -5,7 +5,7 @@ import { colourOf, css, dashOf, fitted } from "./paint.js";
 const LANE = 18, GUTTER = 76, HEAD = 14;
 
 export class Timeline {
-  /** `app` as in `Stage`, with `stretch` and `mark(id, first, last)`. */
+  /** `app` as in `Stage`, with `segment` and `mark(id, first, last)`. */
   constructor(app) {
     this.app = app;
     this.box = document.getElementById("lanes");
@@ -100,7 +100,7 @@ export class Timeline {
       context.lineWidth = 2;
       context.strokeRect(from, y + 2, Math.max(to - from, 2), LANE - 4);
     };
-    if (app.stretch?.id === track.id) outline(app.stretch.first, app.stretch.last, ink.mark);
+    if (app.segment?.id === track.id) outline(app.segment.first, app.segment.last, ink.mark);
     const flash = app.flashes.get(track.id);
     if (flash) outline(...flash, ink.warn);
   }
