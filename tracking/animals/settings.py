@@ -77,7 +77,7 @@ class SkeletonSettings(Shared):
 
     Attributes:
         points: points seen in every frame: SLEAP's .slp, .h5 or analysis CSV, or DeepLabCut's CSV; the image is not
-            looked at.
+            read.
         labels: points that you marked in a few frames of this video, likewise; they teach where on the body each lies.
         line: names of a point at the back and one at the front of the body, such as tail,nose; by default found.
         centre: name of the point whose place is reported; by default the middle of the body.

@@ -9,7 +9,7 @@
     - name: door
       from: [100, 400]
       to: [300, 400]
-      directions: [in, out]    # optional: from the left of the line to its right, as one looks from `from`; and back
+      directions: [in, out]    # optional: from the left of the line to its right, as seen from `from`; and back
     zones:
     - name: shop
       corners: [[400, 100], [800, 100], [800, 500], [400, 500]]
@@ -50,7 +50,7 @@ class SceneLine:
     Attributes:
         name: unique in a scene.
         ends: ``(2, 2)`` in the unit of the scene.
-        directions: what a crossing from left to right is called, as one looks from the first end to the second; and one
+        directions: what a crossing from left to right is called, as seen from the first end; and one
             back.
     """
 

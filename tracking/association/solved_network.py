@@ -48,6 +48,11 @@ class SolvedNetwork:
     def __len__(self) -> int:
         return len(self.frames)
 
+    @property
+    def given(self) -> bool:
+        """Whether it is a `network_of_tracks`, in which nothing is in doubt."""
+        return bool((self.graph.observation == -ALONE).all())
+
     def write(self, path: Path) -> None:
         """Write it as ``.npz``, costs as whole multiples of ``1 / SCALE``."""
         graph = self.graph

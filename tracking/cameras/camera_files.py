@@ -1,4 +1,4 @@
-"""`cameras.yaml`: the cameras of a run, projective or omnidirectional, and the floor that they look at.
+"""`cameras.yaml`: the cameras of a run, projective or omnidirectional, and their floor.
 
 It has a list ``cameras`` with one entry per source, in the order of the sources::
 

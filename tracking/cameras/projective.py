@@ -43,7 +43,7 @@ class PosedCamera:
         return np.asarray((np.asarray(points, dtype=np.float64) - self.position) @ self.rotation.T)
 
     def rays(self, pixels: NDArray[Any]) -> NDArray[Any]:
-        """Unit directions ``(N, 3)`` in the world in which ``(N, 2)`` pixels look, in their floating type."""
+        """Unit directions ``(N, 3)`` in the world of the rays of ``(N, 2)`` pixels, in their floating type."""
         raise NotImplementedError
 
     def ground(self, pixels: FloatArray, height: float = 0.0) -> FloatArray:
@@ -153,7 +153,7 @@ class PinholeCamera(PosedCamera):
         return undistort(ideal, self.distortion) if self.distortion.any() else ideal
 
     def rays(self, pixels: NDArray[Any]) -> NDArray[Any]:
-        """Directions ``(N, 3)`` in the world, of unit length, in which ``(N, 2)`` pixels look.
+        """Directions ``(N, 3)`` in the world, of unit length, of the rays of ``(N, 2)`` pixels.
 
         The result has the floating type of ``pixels``: float32 is enough to draw.
         """

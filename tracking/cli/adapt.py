@@ -41,7 +41,7 @@ class AdaptSettings(Shared):
     """How a camera is learnt.
 
     Attributes:
-        rounds: at most; each looks, learns and looks again, as long as that gets better.
+        rounds: at most; each detects, learns and detects again, as long as agreement rises.
         steps: of learning in each round.
         pictures: of the videos together, evenly spread; labels are taken from them.
         score_threshold: of the detections that are tracked, in (0, 1).
@@ -100,7 +100,7 @@ def adapt(
         detector: exported detector to start from, which is also left where no round is better; by default
             detector_figures.onnx starts, and detector_people.onnx is left. A bare word, such as street, names a shipped
             one.
-        teacher: detector of any project that looks first, where the one to start from sees too little.
+        teacher: detector of any project for the first round, where the one to start from misses too many.
         corrections: reviewed result of the only video, or its corrections.jsonl. Who was corrected is certain to be a
             person, what was deleted to be background.
         view: tiles of a frame, as in track people.
@@ -128,15 +128,15 @@ def _adapt(
     from tsuiseki.trainers.exporting.exported_weights import layout_of
 
     start = _detector(detector)
-    # What cannot be learnt from, or looked with, is refused before anything is looked at.
+    # What cannot be learnt from, or used, is refused before any detection.
     layout_of(start)
-    looking = _teacher(teacher, options, settings.device)
+    first = _teacher(teacher, options, settings.device)
     teacher = None if teacher is None else shipped_or_file("detector", teacher)
     sources, work = request["sources"], output.out / WORK
     said = None if corrections is None else corrections_in(corrections, sources)
     contents = contents_of(sources, start, teacher=teacher, corrections=said)
     with output.run() as run:
-        run.facts |= report_models(looking)
+        run.facts |= report_models(first)
         if resumed(work, {**request, "settings": asdict(settings), **contents}):
             print("going on with what an earlier run has finished")
         with _kept(work):
@@ -145,7 +145,7 @@ def _adapt(
                 print(line, flush=True)
             default = shipped(PEOPLE_DETECTOR)
             certain = None if said is None else certain_boxes(said, camera.videos[0].size)
-            adaptation = Adaptation(camera, start, work, settings, default, looking, certain)
+            adaptation = Adaptation(camera, start, work, settings, default, first, certain)
             _run(run, adaptation, default if detector is None else start)
     if not run.status:
         shutil.rmtree(work, ignore_errors=True)
@@ -180,7 +180,7 @@ def _motion_lines(camera: CameraVideos) -> list[str]:
 
 
 def _teacher(given: Path | None, options: DetectorOptions, device: Device) -> SizedDetect | None:
-    """The detector that looks first."""
+    """The detector of the first round."""
     from tsuiseki.tracking.features.exported import open_detector
     from tsuiseki.trainers.adapt.find import LOWEST_SCORE
 

@@ -199,10 +199,10 @@ TILE = (480, 640)
 
 
 def ceiling_detector(
-    detector: Detect, camera: FloorCamera, look: CeilingInput, unrolling: UnrollingSettings | None = None
+    detector: Detect, camera: FloorCamera, view: CeilingInput, unrolling: UnrollingSettings | None = None
 ) -> Detect:
     """``detector`` on a ceiling camera's images: as they are, or on the views they unroll into."""
-    if look == "image":
+    if view == "image":
         return detector
     # A function does not say the size of its input.
     size: tuple[int, int] | None = getattr(detector, "input_size", None)

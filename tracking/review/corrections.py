@@ -21,12 +21,12 @@ CORRECTIONS_FILE = "corrections.jsonl"
 Kind = Literal["same", "not_same", "next", "switch", "real", "not_person", "box", "name", "delete", "right", "several"]
 # How many boxes each kind names, at least and at most, and what it says of them.
 KINDS: Mapping[Kind, tuple[int, float, str]] = {
-    "same": (2, 2, "{two} are the same person"),
-    "not_same": (2, 2, "{two} are not the same person"),
-    "next": (2, 2, "{two} are the same person, seen nowhere between"),
-    "switch": (4, 4, "two people are exchanged from frame {last} on"),
-    "real": (1, 1, "{one} is a person"),
-    "not_person": (1, 1, "{one} is no person"),
+    "same": (2, 2, "{two} are the same"),
+    "not_same": (2, 2, "{two} are not the same"),
+    "next": (2, 2, "{two} are the same, not detected between"),
+    "switch": (4, 4, "two tracks are exchanged from frame {last} on"),
+    "real": (1, 1, "{one} is right"),
+    "not_person": (1, 1, "{one} is a false positive"),
     "box": (1, 2, "{one} is {drawn}"),
     "name": (1, 1, "{one} is called {name}"),
     "delete": (1, math.inf, "the track of {one} is deleted"),

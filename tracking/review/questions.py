@@ -96,12 +96,14 @@ class Questioner:
         flow: settled as far as a person did.
         ids: ``(N,)`` ids of detections, 0 for none.
         parted: detections at which a person parted tracks.
+        noun: what is tracked, in the questions.
     """
 
     def __init__(
-        self, network: SolvedNetwork, flow: ResidualFlow, ids: IntArray, parted: Set[int] = frozenset()
-    ) -> None:
-        self.network, self.flow, self.ids = network, flow, ids
+        self, network: SolvedNetwork, flow: ResidualFlow, ids: IntArray, parted: Set[int] = frozenset(),
+        noun: str = "person",
+    ) -> None:  # fmt: skip
+        self.network, self.flow, self.ids, self.noun = network, flow, ids, noun
         self._parted = np.isin(np.arange(flow.count), list(parted))
         first, graph = 3 * flow.count, flow.graph
         here = (ids[graph.tail] > 0) & (ids[graph.head] > 0) & ~flow.used[first:]
@@ -184,8 +186,8 @@ class Questioner:
     def _ask_of_join(self, arc: int, wrong: float, _: set[int]) -> Question:
         i, j = (int(end[0]) for end in self._ends(np.array([arc])))
         sentence = (
-            f"Are {self._name(i)}, last found in frame {self._frame(i) + 1}, and {self._name(j)}, first found in frame "
-            f"{self._frame(j) + 1}, two people?"
+            f"Are {self._name(i)}, last detected in frame {self._frame(i) + 1}, and {self._name(j)}, first detected in "
+            f"frame {self._frame(j) + 1}, different?"
         )
         said = self._one("not_same", i, j), self._one("next", i, j)
         return self._question("end", ((), [(i, j)]), [i, j], arc, wrong, sentence, said)
@@ -244,7 +246,7 @@ class Questioner:
 
     def _ask_of_track(self, n: int, wrong: float, _: set[int]) -> Question:
         said = self._one("real", n), self._one("delete", *np.flatnonzero(self._labels == self._labels[n]))
-        sentence = f"Is {self._name(n)} a person?"
+        sentence = f"Is {self._name(n)} a real {self.noun}?"
         if not self.ids[n]:
             sentence, said = f"Is the dropped track around frame {self._frame(n) + 1} a false positive?", said[::-1]
         return self._question("detection", ((), ()), [n], n, wrong, sentence, said)
@@ -285,7 +287,7 @@ class Questioner:
         return int(self.network.frames[n])
 
     def _name(self, n: int) -> str:
-        return f"person {self.ids[n]}"
+        return f"{self.noun} {self.ids[n]}"
 
     def _cut(self, follower: IntArray, rows: IntArray, about: list[int]) -> tuple[ShownBox, ...]:
         """Boxes of the tracks that go through some detections, as far as they lie in some rows."""

@@ -129,6 +129,7 @@ class Reviewed:
             "tracks": [{"id": t.id, "name": session.names.get(t.id, ""), "spans": _spans(t)} for t in tracks],
             "questions": [_shown(question) for question in questions[:SHOWN]],
             "answered": session.answered,
+            "noun": session.noun,
             "single": (session.folder / "boxes.txt").is_file() and len(tracks) == 1,
             # As many of the questions would probably be answered with no.
             "left": math.ceil(sum(question.wrong for question in questions) - 0.5),

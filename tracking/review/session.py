@@ -47,8 +47,10 @@ ACTIONS_FILE, SOLVED_ACTIONS = "tracks.json", "tracks.solved.json"
 STATES_FILE, SOLVED_STATES = "states.csv", "states.solved.csv"
 # Seconds of a gap that is filled where the result does not say it.
 FILL = 2.0
-# Questions that are found at a time.
+# Questions that are ranked at a time.
 MOST_ASKED = 100
+# What commands track; others, and classes of choice, are targets.
+NOUNS = {"people": "person", "drone": "person", "fisheye": "person", "animals": "animal"}
 
 
 class Changes(NamedTuple):
@@ -69,6 +71,7 @@ class Session:
         folder: the result.
         corrections_file: where everything that is said is appended.
         names: of tracks, by id.
+        noun: what is tracked, by the command of the result: person, animal or target.
         source: the video; None where there is none, or no pictures.
         frame_rate: frames a second; 25 where not known.
         size: width and height in pixels; None where not known.
@@ -103,6 +106,9 @@ class Session:
         last = max((int(track.frames[-1]) for track in solved), default=-1)
         self.n_frames = max([last, *self._result.frames.get("frame", ())]) + 1
         self.size = self._result.size
+        record = self._record()
+        chosen = self._result.settings.get("classes")
+        self.noun = "target" if chosen else NOUNS.get(record.get("command", ["people"])[-1], "target")
         self._find_video(source)
         self._video = CorrectedVideo(self._result.name if self._result.source else "", self.size, self.n_frames)
         path, fill = self.folder / NETWORK_FILE, round(FILL * self.frame_rate)
@@ -154,10 +160,11 @@ class Session:
         return len(self._log.given)
 
     def questions(self) -> list[Question]:
-        """What to ask next, the least certain first."""
+        """What to ask next, the least certain first; nothing of tracks that no flow solved."""
         if self._asked is None:
             flow = self._flow
-            self._asked = Questioner(flow.network, flow.settled(), self._ids, flow.parted()).ranked(MOST_ASKED)
+            asker = Questioner(flow.network, flow.settled(), self._ids, flow.parted(), self.noun)
+            self._asked = [] if self._network.given else asker.ranked(MOST_ASKED)
         return self._asked
 
     def answer(self, key: str, yes: bool) -> Changes:
@@ -308,9 +315,12 @@ class Session:
         with output_file(self.folder / name, overwrite=True) as work:
             write(work)
 
-    def _note_in_record(self, tracks: Sequence[Track]) -> None:
+    def _record(self) -> dict[str, Any]:
         path = self.folder / RUN_FILE
-        record = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+        return cast(dict[str, Any], json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+
+    def _note_in_record(self, tracks: Sequence[Track]) -> None:
+        path, record = self.folder / RUN_FILE, self._record()
         record.setdefault("facts", {}).update(corrections=self.answered, track_names=self.names)
         kept = {SOLVED_ACTIONS: ACTIONS_FILE, SOLVED_STATES: STATES_FILE}
         ours = [SOLVED_FILE, "tracks.txt", *(name for name, of in kept.items() if (self.folder / of).is_file())]

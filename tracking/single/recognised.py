@@ -128,7 +128,7 @@ class Recognised:
         if likenesses[best] >= max(likeness + BETTER, ALIKE * median(self._likenesses)):
             tracker.go_on_at(places[best])
             self.repeated_detections += 1
-            self._strange = self._lost = 0  # the box counts as the target until it looks otherwise
+            self._strange = self._lost = 0  # the box counts as the target for now
 
     def _near(self, box: FloatArray) -> bool:
         """Whether the target can be at ``box`` ``(4,)``, by its place and size."""

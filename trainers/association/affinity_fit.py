@@ -253,7 +253,7 @@ def fit_affinity(
     A network that was trained on the same frames does better there than in video it has not seen, and the costs would
     learn to trust it too much. One that says so of itself is refused. With ``cross_fit`` or ``cross_fit_detectors`` the
     frames are cut into as many equal parts as there are networks, and network k, which must not have seen part k,
-    looks at it.
+    runs on it.
 
     Args:
         out: ONNX file to write.

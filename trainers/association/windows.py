@@ -233,7 +233,7 @@ def graphs_of(
 ) -> list[Graphs]:
     """The networks of sequences, without links that are far too dear.
 
-    With ``check`` sequences that teach nothing are named and left out, and those are named whose labels look foreign.
+    With ``check`` sequences that teach nothing are named and left out, and those are named whose labels seem foreign.
 
     Raises:
         RequestError: no sequence has two people that could be taken for each other; only with ``check``.

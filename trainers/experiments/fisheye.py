@@ -283,7 +283,7 @@ def _deepsort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> 
 
 # Chosen values are meant to lie within these. A cosine distance of 1 is as good as no gate, an overlap of .01 as any.
 # Heights and metres are of the image and of the floor; what grows does so in a second.
-LOOKS = {"feature_gate": (0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)}
+GATES = {"feature_gate": (0.2, 0.3, 0.4, 0.5, 0.65, 0.8, 1.0)}
 WORLD = {"reach": (0.25, 0.5, 0.9, 1.4, 2.0, 2.8), "speed": (0.4, 0.8, 1.4, 2.0, 3.0)}
 OVERLAP = {"min_iou": (0.01, 0.03, 0.1, 0.2, 0.3), "walk": (0.03, 0.1, 0.3, 1.0, 3.0)}
 IMAGE = {"reach": (0.25, 0.5, 1.0, 2.0), "growth": (0.5, 1.0, 2.0, 4.0), "walk": (0.03, 0.1)}
@@ -292,13 +292,13 @@ GATED = "both, appearance in both stages"
 # What `track fisheye` takes of its detector.
 SHIPPED_SCORE = 0.3
 _ROWS: tuple[RoomRow, ...] = (
-    RoomRow("baseline", "image", _hungarian(True, False), LOOKS),
+    RoomRow("baseline", "image", _hungarian(True, False), GATES),
     RoomRow("SORT", "none", _sort, OVERLAP),
-    RoomRow("DeepSORT", "image", _deepsort, {**LOOKS, **IMAGE}),
-    RoomRow("rectification", "upright", _hungarian(True, False), LOOKS),
+    RoomRow("DeepSORT", "image", _deepsort, {**GATES, **IMAGE}),
+    RoomRow("rectification", "upright", _hungarian(True, False), GATES),
     RoomRow("world", "none", _hungarian(False, True), WORLD),
-    RoomRow("both", "upright", _hungarian(True, True), {**LOOKS, **WORLD}),
-    RoomRow(GATED, "upright", _hungarian(True, True, place_feature_gate=PLACE_GATE), {**LOOKS, **WORLD}, like="both"),
+    RoomRow("both", "upright", _hungarian(True, True), {**GATES, **WORLD}),
+    RoomRow(GATED, "upright", _hungarian(True, True, place_feature_gate=PLACE_GATE), {**GATES, **WORLD}, like="both"),
     # As the command does it, whatever validation says.
     RoomRow("track fisheye", "upright", lambda found, rate, _: _online(found, rate, FisheyeSettings()), {},
              least_score=SHIPPED_SCORE),

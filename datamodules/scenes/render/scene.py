@@ -40,7 +40,7 @@ class StandIn(Protocol):
 
 @dataclass(frozen=True)
 class Thing:
-    """Solids that belong together; a person's carry a look. A ``cutout`` is shown instead; the solids cast shadows."""
+    """Solids that belong together, a person's with an outfit. A ``cutout`` is shown instead; solids cast shadows."""
 
     solids: Solids
     outfit: Outfit | None = None

@@ -123,6 +123,8 @@ def test_identities_are_corrected_and_done_again(film, tmp_path, capsys):
     assert main([*words, "--scale", "0.5", "--out", str(tmp_path / "out")]) == 0
     before = {(row["frame"], row["id"]): row for row in states(tmp_path / "out")}
     session = Session(tmp_path / "out")
+    assert session.noun == "animal"
+    assert session.questions() == [], "no flow of candidates solved them"
     session.correct(session.made("switch", [1, 2], 15))
     session.correct(session.made("box", [2], 20, box=(50, 60, 40, 40)))
     session.correct(session.made("name", [1], 3, name="Anna"))

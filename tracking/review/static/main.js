@@ -152,7 +152,7 @@ const app = {
     this.stage.adding = on;
     $("add").setAttribute("aria-pressed", on);
     $("boxes").style.cursor = on ? "crosshair" : "";
-    if (on) this.say(`Drag a box${this.last() ? ` of ${this.nameOf(this.last().id)}; Esc first for somebody new` : " of somebody new"}.`);
+    if (on) this.say(`Drag a box${this.last() ? ` of ${this.nameOf(this.last().id)}; Esc first for a new track` : " of a new track"}.`);
   },
 
   addBox(box) {
@@ -219,6 +219,7 @@ const app = {
     this.pictures.there = state.pictures;
     document.title = `Review ${state.name}`;
     $("name").textContent = state.name;
+    for (const word of document.querySelectorAll(".noun")) word.textContent = state.noun;
     $("note").textContent = state.note;
     $("note").hidden = !state.note;
     $("progress").textContent = `${state.answered} answered, ${state.left} likely ${state.left === 1 ? "error" : "errors"} left`;
