@@ -218,7 +218,7 @@ def render_people(seed: int, identities: int, views: int, height: int = 96) -> I
     the tilt of the camera stay for half of a person's views and then change.
 
     Args:
-        seed: of all chance.
+        seed: of all random numbers.
         identities: number of people.
         views: of each, in other poses and from other sides.
         height: of a person, pixels.

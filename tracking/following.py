@@ -57,7 +57,7 @@ class SourceOptions(Shared):
         source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
             webcam (0, 1, …) or the address of a stream.
         frames: these only, counted from 1 with both ends, such as 301-400.
-        fps: frames a second, where the source does not say or is wrong; by default what it says, or 25.
+        fps: frames a second, where the source does not state it or is wrong; by default 25 without a stated rate.
     """
 
     source: str = field(metadata=BY_PLACE)

@@ -20,8 +20,8 @@ class AnimalSettings:
 
     Attributes:
         smallest: share of the usual animal's core from which a region holds one, in (0, 1).
-        area: usual pixels of the core of one animal; by default found in the video.
-        shortest: seconds that an animal must be seen.
+        area: pixels of the core of one animal; by default measured in the video.
+        shortest: least time for which an animal is detected, seconds.
         forward: how far ahead of the middle the reported place lies, in lengths of the animal; from -0.5 (tail) to 0.5
             (head).
         evidence: log-likelihood ratio of appearance that exchanges two animals after a contact.
@@ -76,10 +76,10 @@ class SkeletonSettings(Shared):
     """What is known of the animals' points.
 
     Attributes:
-        points: points seen in every frame: SLEAP's .slp, .h5 or analysis CSV, or DeepLabCut's CSV; the image is not
-            read.
+        points: points of a skeleton in every frame: SLEAP's .slp, .h5 or analysis CSV, or DeepLabCut's CSV; the image
+            is not read.
         labels: points that you marked in a few frames of this video, likewise; they teach where on the body each lies.
-        line: names of a point at the back and one at the front of the body, such as tail,nose; by default found.
+        line: names of a point at the back and one at the front of the body, such as tail,nose; by default measured.
         centre: name of the point whose place is reported; by default the middle of the body.
     """
 

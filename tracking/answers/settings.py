@@ -18,13 +18,13 @@ class CountSettings(Shared):
     """How people are counted.
 
     Attributes:
-        anchor: what of a box stands for its person: feet (middle of the lower edge), centre, head (middle of the upper
-            edge), or floor (the feet, in metres on the floor); by default floor for scenes in metres, else feet.
-        band: of a line or border, to each side, in heights of the person (on a floor, of 1.7 m): going to and fro
-            within it counts for nothing.
+        anchor: point of a box that stands for its person: feet (middle of the lower edge), centre, head (middle of the
+            upper edge), or floor (the feet, in metres on the floor); by default floor for scenes in metres, else feet.
+        band: of a line or border, to each side, in heights of the person (on a floor, of 1.7 m): steps to and fro
+            within it are not counted.
         interval: seconds over which flows are summed.
-        waiting: in a zone waits who is slower than this, in heights a second.
-        gathering: people this near to each other, in heights, gather where they are three or more.
+        waiting: speed below which a person in a zone waits, heights a second.
+        gathering: largest distance between people who gather, in heights; three or more gather.
     """
 
     anchor: Anchor | None = None

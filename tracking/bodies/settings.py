@@ -29,12 +29,12 @@ class DeformableSettings:
     """Settings of the tracker of bodies.
 
     Attributes:
-        particles: of each body.
-        spread: ``sigma_d`` of (7), pixels squared.
-        hidden_cost: of a contour that is hidden behind other bodies in full, in units of log-likelihood.
+        particles: number of particles of each body.
+        spread: ``sigma_d`` of (7), the scale of squared distances to edges, pixels squared.
+        hidden_cost: cost of a contour that other bodies hide in full, in units of log-likelihood.
         margin: pixels around another body's expected contour that count as that body.
-        searching_beyond: a body whose contour is farther than this from the edges is not seen there, pixels.
-        patience: frames unseen until a body is lost.
+        searching_beyond: distance of a contour to the edges beyond which its body counts as missed, pixels.
+        patience: frames without support until a body is lost.
         smooth: side in pixels of the median filter of the extraction; 1 leaves it out.
     """
 

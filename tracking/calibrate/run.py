@@ -312,7 +312,7 @@ def pose(
         name: of the camera.
         stand: X,Y on the floor, metres, where somebody stands: also print the upright and the rotated box that the
             model of a person has there, to compare with a picture.
-        person_height: of the model of a person, metres.
+        person_height: height of the model of a person, metres.
     """
     from tsuiseki.tracking.calibrate.places import floor_about, standing
     from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, write_cameras

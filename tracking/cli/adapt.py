@@ -41,15 +41,15 @@ class AdaptSettings(Shared):
     """How a camera is learnt.
 
     Attributes:
-        rounds: at most; each detects, learns and detects again, as long as agreement rises.
-        steps: of learning in each round.
-        pictures: of the videos together, evenly spread; labels are taken from them.
-        score_threshold: of the detections that are tracked, in (0, 1).
+        rounds: largest number of rounds; each detects, learns and detects again, as long as agreement rises.
+        steps: training steps in each round.
+        pictures: number of pictures of all videos, evenly spread, from which labels are taken.
+        score_threshold: least score of the detections that are tracked, in (0, 1).
         sitting: people may sit or stand through most of the video; what never moves is then left out of the learning.
-        seed: of all chance.
+        seed: of all random numbers.
         threads: CPU cores; 0 takes all.
         device: what the exported networks run on, as in track people; learning stays on the CPU.
-        fps: frames a second, where the videos do not say or are wrong.
+        fps: frames a second, where the videos do not state it or are wrong.
     """
 
     rounds: int = 3

@@ -42,8 +42,8 @@ class DroneSettings:
     """Settings of the drone tracker.
 
     Attributes:
-        flow: of the flow tracker.
-        window: λ of the actions that are reported, seconds.
+        flow: settings of the flow tracker.
+        window: time over which reported actions are averaged, λ, seconds.
     """
 
     flow: FlowSettings = field(default_factory=lambda: DRONE_FLOW)

@@ -49,8 +49,8 @@ class DetectorOptions:
     """What a detector of others cannot tell by itself; None leaves it to the file and its layout.
 
     Attributes:
-        layout: of the outputs, where several fit.
-        classes: their names in order; people are found by name.
+        layout: name of the outputs' layout, where several fit.
+        classes: names of the classes in order; people are recognised by name.
         person: number of the class of people, as the network's outputs count it.
         scores: what the class values are: ``probabilities``, or logits of a ``sigmoid`` a class or, in layouts detr and
             corners, of one ``softmax`` with a class for no object.

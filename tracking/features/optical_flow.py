@@ -44,11 +44,11 @@ class TvL1Settings:
         smoothing: standard deviation of the blur that takes the sensor's finest noise away, pixels.
         attachment: weight of the brightness differences (in grey levels of 255) against the total variation, lambda.
         tightness: coupling of u and v, theta; the smaller, the tighter.
-        step: of the dual, tau; at most 0.25.
-        scale: of a level's size to the one before, below 1.
-        levels: of the pyramid at most; none has a side under 16 pixels.
-        warps: of the second image at each level.
-        iterations: after each warp at most.
+        step: step size of the dual variable, tau; at most 0.25.
+        scale: size of a level over the one before, below 1.
+        levels: largest number of levels of the pyramid; none has a side under 16 pixels.
+        warps: number of warps of the second image at each level.
+        iterations: largest number of iterations after each warp.
         tolerance: mean squared change of the flow in an iteration, square pixels, under which a warp is done.
         median: side of the median filter after each warp, 3 or 5; 0 for none.
     """

@@ -58,7 +58,7 @@ class FisheyeSettings:
         feature_gate: ε_feat, the largest cosine distance of a match by appearance, in [0, 2].
         reach: ε_pos right after a detection, metres, at least 0.
         speed: growth of ε_pos with the time since the last detection, m/s, at least 0.
-        place_feature_gate: the largest cosine distance of a match by place, in [0, 2]; 2 asks nothing, as the thesis,
+        place_feature_gate: the largest cosine distance of a match by place, in [0, 2]; 2 has no gate, as in the thesis,
             and the track of a person who is missed may go on with furniture.
         memory: time constant with which a track's velocity decays, seconds, above 0.
         noise: time constant over which measured places are averaged, seconds, above 0.
@@ -132,11 +132,12 @@ class CeilingOptions(Drawing):
     Attributes:
         view: input of the detector: the image unrolled into views in which people stand upright, or the image as
             it is. In the first, any detector of ordinary pictures will do.
-        detector_options: what the file of another project's detector does not tell.
+        detector_options: reading of another project's detector, where its file leaves it open.
         unrolling: the unrolled views.
-        crops: what it sees: people turned upright, as on a standing screen without perspective, or as in the image.
-        person_height: of the model of a person, metres.
-        body_radius: of the model of a person, metres.
+        crops: input of the appearance network: people turned upright, as on a standing screen without perspective, or
+            as in the image.
+        person_height: height of the model of a person, metres.
+        body_radius: radius of the model of a person, metres.
         resize: where images have another size than the calibration, scale it: cut, where they show a part of what was
             calibrated, widen, where they show more at the sides.
         tables: folder that keeps the tables of the cameras.

@@ -48,7 +48,7 @@ class OneFloorSettings(Shared):
     """How people are followed on one floor.
 
     Attributes:
-        method: flow links the whole video at the end; lmb decides at each moment, and knows nothing of certain ids.
+        method: flow links the whole video at the end; lmb decides at each moment, and does not use certain ids.
         tolerance: frames of different cameras within so many seconds count as taken together; by default a quarter of
             the shortest time between frames.
         floor: X1,Y1,X2,Y2 of the plan, metres; by default that of cameras.yaml, or what the measurements span.

@@ -33,7 +33,7 @@ class ByteTrackSettings:
 
     Attributes:
         high_score: τ, the score from which on a detection takes part in the first matching, in the detector's units.
-        low_score: detections below this are clutter and take part in nothing.
+        low_score: score below which a detection counts as a false positive.
         min_iou: least overlap of a match with a detection of high score, in (0, 1].
         min_iou_low: least overlap of a match with a detection of low score, in (0, 1].
         lifecycle: when tracks are confirmed and deleted; the paper starts them at τ + 0.1, confirms them after two
@@ -62,7 +62,7 @@ class ByteTrackKeywords(LifecycleKeywords, total=False):
 
     Attributes:
         high_score: score from which on a detection takes part in the first matching, 0.6 by default.
-        low_score: detections below this take part in nothing, 0.1 by default.
+        low_score: score below which a detection counts as a false positive, 0.1 by default.
         min_iou: least overlap of a match in the first matching, 0.2 by default.
         min_iou_low: least overlap of a match with a detection of low score, 0.5 by default.
     """

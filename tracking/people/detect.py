@@ -27,8 +27,8 @@ class DetectSettings(Shared):
     Attributes:
         detector: detector as ONNX; by default the shipped detector_people.onnx. A bare word names another shipped one,
             or a downloaded one, such as yolox-s (tsuiseki models list).
-        detector_options: what the file of another project's detector does not tell.
-        score_threshold: what scores at least this is kept, from 0 to 1; trackers tell what low scores are worth.
+        detector_options: reading of another project's detector, where its file leaves it open.
+        score_threshold: least score of a detection that is kept, from 0 to 1.
         classes: detect these classes, by number or name, such as person,car; by default people.
         view: overlapping tiles of a frame for the detector; see track people.
         threads: CPU cores of the network; 0 takes all.

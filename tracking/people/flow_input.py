@@ -46,8 +46,8 @@ class InputSettings:
     """How detections are prepared.
 
     Attributes:
-        detection: what scores are worth.
-        follow_camera: take the camera's motion out of the boxes; otherwise it is taken to stand still.
+        detection: how scores become probabilities.
+        follow_camera: remove the camera's motion from the boxes; otherwise the camera is taken to stand still.
         any_speed: links are weighed for targets as fast as those of the video; otherwise for those of the settings.
     """
 
@@ -344,15 +344,15 @@ class FlowSettings:
     """Settings of the flow tracker. Times are in seconds, so that they hold at any frame rate.
 
     Attributes:
-        input: how detections are prepared: the worth of their scores, the motion of the camera, duplicates.
-        costs: of the flow over detections.
-        min_detections: tracks of fewer detections are dropped, unless the video itself has fewer frames.
-        min_time: and so are those of fewer than this many seconds of detections.
+        input: how detections are prepared: their probabilities, the motion of the camera, duplicates.
+        costs: costs of the flow over detections.
+        min_detections: fewest detections of a track, unless the video itself has fewer frames.
+        min_time: shortest time of detections of a track, seconds.
         least: mean logit of the probability of a track's detections, under which it is taken for clutter; only where
             something says what scores are worth. None takes 1.0, or 0.5 where scores are probabilities.
-        fill: longest gap that is filled, on a straight line.
+        fill: longest gap that is filled on a straight line, seconds.
         smoothing: smooth boxes by as much as suits the video; otherwise they are reported as detected.
-        decide_every: least time between two decisions; None solves all frames at once in the end.
+        decide_every: least time between two decisions, seconds; None solves all frames at once in the end.
     """
 
     input: InputSettings = field(default_factory=InputSettings)

@@ -36,7 +36,7 @@ class LifecycleSettings:
         min_hits: detections in a row that confirm a new track; an earlier miss drops it.
         max_age: inferences for which a confirmed track is kept without a detection.
         start_score: lowest score of a detection that may start a track; one without a score may.
-        boxes: what a track that was seen reports: the box of its filter after the update, or the detected one.
+        boxes: box that a detected track reports: the box of its filter after the update, or the detected one.
     """
 
     min_hits: int = 3
@@ -55,8 +55,8 @@ class LifecycleKeywords(TypedDict, total=False):
     """What all online trackers take by name, before their settings; each says its defaults.
 
     Attributes:
-        max_age: frames that a person is kept without a detection.
-        min_hits: detections in a row from which on a person is shown; 1 shows everyone at once.
+        max_age: frames for which a person is kept without a detection.
+        min_hits: detections in a row that confirm a person; 1 confirms at once.
         start_score: lowest score of a detection that may start a track.
         boxes: ``filtered`` boxes of the Kalman filter, as by default, or those ``detected``.
     """

@@ -56,7 +56,7 @@ class OcSortSettings:
     """Settings of OC-SORT.
 
     Attributes:
-        min_score: detections below this take part in nothing, in the detector's units.
+        min_score: score below which a detection is not used, in the detector's units.
         min_iou: least overlap of a match with the prediction or with the last observation, in (0, 1].
         direction_weight: λ of OCM, at least 0.
         direction_span: Δt of OCM, frames between the two observations that give a track's direction.
@@ -85,7 +85,7 @@ class OcSortKeywords(LifecycleKeywords, total=False):
     """What `OcSort` takes by name; by default ``max_age`` is 30, ``min_hits`` 3 and ``start_score`` ``min_score``.
 
     Attributes:
-        min_score: detections below this take part in nothing, 0.6 by default.
+        min_score: score below which a detection is not used, 0.6 by default.
         min_iou: least overlap of a match, 0.3 by default.
         direction_weight: how much the direction of a track counts beside the overlap, 0.2 by default.
         direction_span: frames between the two observations that give it, 3 by default.

@@ -33,7 +33,7 @@ class Detecting(Shared):
     Attributes:
         detector: exported detector; by default the shipped one. A bare word names another shipped one, such as street,
             or a downloaded one, such as yolox-s (see tsuiseki models list).
-        score_threshold: the detector keeps what scores at least this, from 0 to 1; by default 0.3. In track people the
+        score_threshold: least score of a detection, from 0 to 1; by default 0.3. In track people the
             beginning of the video tells it for detectors of other projects.
         score_range: smallest and largest score that the rows of --detections may have; by default any.
         appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
@@ -68,7 +68,7 @@ class FindingOptions(Detecting):
 
     Attributes:
         detections: MOTChallenge detections (det.txt) to use instead of a detector.
-        detector_options: what the file of another project's detector does not tell.
+        detector_options: reading of another project's detector, where its file leaves it open.
         view: overlapping tiles of a frame for the detector: 1 is the whole frame alone, tiles across
             such as 2, across and down such as 3x2, tiles (as many as show more), or auto (as many as find more people).
         batch_size: frames of one call of the detector.

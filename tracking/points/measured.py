@@ -49,7 +49,7 @@ def track_measurements(
         measured: a CSV of measurements (`tracking.formats.measurements`), or scans in order of time.
         model: of sensor, targets and clutter: a YAML file, what stands in one, or `SensingModel`.
         method: labelled multi-Bernoulli filter, or phd.
-        particles: of each target.
+        particles: number of particles of each target.
         shortest: tracks of fewer scans are left out.
         period: seconds from one frame to the next, for a CSV with frames instead of times.
         seed: of the particles.
@@ -205,7 +205,7 @@ def points(
             alone says that nothing was measured then.
         model: YAML with the keys sensor, motion, detection, survival, clutter, region, births (docs/methods/points.md).
         method: labelled multi-Bernoulli filter, or phd.
-        particles: of each target.
+        particles: number of particles of each target.
         period: seconds from one frame to the next, where the file has frames.
         shortest: tracks of fewer scans are left out.
         lag: 1 judges each scan with the next one, too, which places targets better and ends them in time (labelled

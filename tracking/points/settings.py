@@ -44,13 +44,13 @@ class PointSettings:
         method: ``labelled`` or ``phd``.
         survival: probability that a target goes on, in [0, 1].
         detection: probability that it is measured, in [0, 1].
-        clutter: expected false measurements a frame, >= 0.
-        births: expected new targets a frame, > 0.
-        acceleration: standard deviation of the change of velocity.
-        speed: standard deviation of a new target's velocity, along each axis.
-        growth: standard deviation of the change of size.
-        particles: of each target.
-        min_score: detections below it are not used.
+        clutter: expected false measurements in a frame, >= 0.
+        births: expected new targets in a frame, > 0.
+        acceleration: standard deviation of the change of velocity, heights a frame squared.
+        speed: standard deviation of a new target's velocity along each axis, heights a frame.
+        growth: standard deviation of the change of size, heights a frame.
+        particles: number of particles of each target.
+        min_score: score below which a detection is not used.
         box: width and height in pixels of points without a size.
     """
 
@@ -80,7 +80,7 @@ PLACE_NOISE = 1.5
 SIZE_NOISE = 1.0
 """Standard deviation of the change of its size, ``tau_d`` and ``tau_h``, pixels."""
 LOST_BELOW = 0.2
-"""With the preset ``single``, likelihood below which the object is not seen."""
+"""With the preset ``single``, likelihood below which the object counts as missed."""
 
 
 @dataclass(frozen=True)
@@ -90,17 +90,17 @@ class BlobSettings:
     Attributes:
         preset: ``calibrated`` follows any number, by the likelihood's ratio to background; ``paper`` does so by the
             printed likelihood, equalised between targets; ``single`` follows one by an ordinary particle filter.
-        particles: of each target.
-        targets: expected at most; with ``paper`` the number of particles is this times ``particles``.
-        size: typical width and height, for births anywhere.
+        particles: number of particles of each target.
+        targets: largest expected number; with ``paper`` the number of particles is this times ``particles``.
+        size: typical width and height in pixels, for births anywhere.
         survival: probability that a target goes on, in [0, 1].
-        detection: probability that a target looks like itself, in [0, 1].
-        margin: of the frame around a box whose colour counts against it, as a share of its sides.
-        sharpness: power of the likelihood ratio.
+        detection: probability that a target shows its colour, in [0, 1].
+        margin: width of the frame around a box whose colour counts against it, as a share of its sides.
+        sharpness: exponent of the likelihood ratio.
         smallest: least side of a target, and of a patch of colour that may be a new one.
         confirm: with ``calibrated``, a new target is confirmed once a patch of the colour was at it in so many of its
             first so many frames, and dropped when that cannot be any more; ``(1, 1)`` confirms at once.
-        patience: with ``single``, frames unseen before the search begins anew.
+        patience: with ``single``, frames without support before the search begins anew.
     """
 
     preset: BlobPreset = "calibrated"
@@ -138,7 +138,7 @@ class BlobChoice(Shared):
         preset: for colours: calibrated follows any number; paper uses the likelihood as printed, whose expected count
             means nothing; single follows one.
         method: for measurements: labelled multi-Bernoulli filter, or phd.
-        particles: of each target.
+        particles: number of particles of each target.
         size: width and height in pixels, of objects that appear with paper and single, and of points.
         smallest: least side in pixels of an object, and of a patch of colour that may be a new one.
         confirm: M,N: with calibrated, a new object is confirmed once a patch of the colour was at it in M of its first

@@ -256,7 +256,7 @@ class MeasurementTracker(FiniteSetTracker[Scan]):
     Args:
         model: of the sensor and the targets, with a region.
         method: labelled multi-Bernoulli filter, or phd.
-        particles: of each target.
+        particles: number of particles of each target.
         seed: of the particles.
         lag: 0 answers a scan at once; 1, of the labelled filter, after the next one, which tells whether a target has
             ended or was missed, and better where it was.

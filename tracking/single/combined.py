@@ -60,7 +60,7 @@ class CombinedSettings:
     """Constants.
 
     Attributes:
-        filter: constants of the filter that goes on alone.
+        filter: settings of the correlation filter.
         doubt: share of its running median under which a response is low, in [0, 1].
         reach: windows searched to each side of the one about the target; 1 gives 3 x 3.
         certain: share of the median response from which on a frame is learnt at full rate, in [0, 1].

@@ -52,10 +52,10 @@ class KcfSettings:
         template: longer side of the window in template pixels.
         cell: side of a cell in template pixels.
         features: ``hog`` or ``grey``.
-        kernel: between windows.
-        regularisation: of the ridge regression.
+        kernel: kernel between two windows.
+        regularisation: weight λ of the ridge regression.
         learning_rate: share of a new frame in the running filter, in [0, 1].
-        label_sigma: of the wanted response, as a share of the target's mean side.
+        label_sigma: standard deviation of the wanted response, as a share of the target's mean side.
         scale_step: ratio of neighbouring sizes that are tried; 1 keeps the size.
         smallest: least relative size.
         largest: greatest relative size.

@@ -34,15 +34,15 @@ class KcfParticleSettings:
     """Constants; the defaults are Table 3.2 and the choices of 3.3.3, as they are printed.
 
     Attributes:
-        kcf: of the correlation filters.
+        kcf: settings of the correlation filters.
         switch: epsilon_1, the search starts when the greatest response is at most this.
         plain_frames: H, frames after a search in which none starts.
-        stored: U, filters of the past.
-        particles: N.
+        stored: U, number of stored filters of the past.
+        particles: N, number of particles.
         past_share: mu, probability of a filter of the past.
         convergence: epsilon_2, the search ends when V / (w1 h1) is below.
         response_share: alpha of equation (3.4); 1 leaves objectness out.
-        hypotheses: M, maxima of the response.
+        hypotheses: M, number of maxima of the response.
         past_by_score: filters of the past are drawn by the response that each had when it was stored, not all alike.
         additions: those of `kcf_particle.ROBUST`, which are not the thesis's.
     """

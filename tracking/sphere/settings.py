@@ -37,17 +37,17 @@ class SphereSettings(Shared):
             background difference (2.2.1), multiplied over the cameras, and particles weighed at once. It needs a start,
             never searches, and takes no camera for covered.
         spread: standard deviation of the start, metres.
-        particles: how many; more are more exact and slower.
+        particles: number of particles; more are more exact and slower.
         motion: how the ball moves: with a velocity, by random steps as in the paper, or in free flight with bounces; by
             default constant-velocity, with the preset paper random-walk.
-        agitation: how restless the motion is: change of velocity in one second, m/s (random walk: of position, m); by
+        agitation: standard deviation of the change of velocity in one second, m/s (random walk: of position, m); by
             default 1.5 (random walk 0.15, ballistic 1).
         floor: height of the floor off which a ballistic ball bounces, metres.
         bounce: speed after a bounce over the speed before, 0 to 1.
-        drag: of a ballistic ball by the air: deceleration over the speed squared, 1/m; a tennis ball's is about 0.02.
+        drag: deceleration of a ballistic ball by the air over the speed squared, 1/m; a tennis ball's is about 0.02.
         spin: X,Y,Z of a ballistic ball: its acceleration is the cross product of this with the velocity, 1/s.
         likelihood: the ball's outline, or the difference from the background.
-        faint: the ball's outline is faint, as with a lens out of focus: what says nothing is measured beside the ball;
+        faint: the ball's outline is faint, as with a lens out of focus: the clutter is measured beside the ball;
             by default where the ball is less than 12 pixels across. Covered cameras are noticed less surely then.
         tolerance: frames of different videos within so many seconds count as taken together; by default a quarter of
             the shortest time between frames, half of it with live cameras.

@@ -42,13 +42,13 @@ class ContourSettings:
     """What is sampled and how it counts.
 
     Attributes:
-        angles: A rays around the centre.
-        radii: R samples along each ray.
+        angles: A, number of rays around the centre.
+        radii: R, number of samples along each ray.
         reach: half the sampled range of r / r0.
         width: standard deviation of the Gaussian over r / r0.
-        contrast: grey levels (summed over the three channels) of variation along a ray at which an edge counts half.
+        contrast: variation along a ray at which an edge counts half, grey levels summed over the three channels.
         steepness: log-likelihood of a perfect outline over none.
-        clutter: support at which a view speaks neither for a particle nor against, [0, 1]; by default what strong and
+        clutter: support of a view that changes no weight, in [0, 1]; by default what strong and
             even texture gives, the mean of the Gaussian over the sampled range.
     """
 

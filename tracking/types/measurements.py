@@ -113,7 +113,7 @@ class SensorSettings:
         deviation: standard deviation of each measured number; of one alone for all. Measurements with covariances of
             their own need none.
         dimensions: 2 or 3.
-        position: of the sensor; by default the origin.
+        position: place of the sensor; by default the origin.
     """
 
     model: Literal["linear", "bearing-range"] = "linear"
@@ -189,7 +189,7 @@ class BirthSettings:
     """New targets.
 
     Attributes:
-        rate: expected ones a second, anywhere in the region.
+        rate: expected new targets a second, anywhere in the region.
         speed: standard deviation of their velocity along each axis, units a second.
         places: known places of birth instead of anywhere.
     """

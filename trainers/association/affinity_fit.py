@@ -257,7 +257,7 @@ def fit_affinity(
 
     Args:
         out: ONNX file to write.
-        seed: of all chance.
+        seed: of all random numbers.
         overwrite: replace an existing file.
 
     Raises:

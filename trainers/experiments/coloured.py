@@ -49,7 +49,7 @@ def blobs(bench: Bench, seeds: int = 5, particles: int = 300) -> Outcome:
     Args:
         bench: where it works.
         seeds: clips of each kind.
-        particles: of each target.
+        particles: number of particles of each target.
 
     Raises:
         RequestError: a number below 1.
@@ -136,7 +136,7 @@ def equalisation(bench: Bench, seeds: int = 20, frames: int = 150, particles: in
         bench: where it works.
         seeds: clips.
         frames: length of each clip.
-        particles: of each target.
+        particles: number of particles of each target.
 
     Raises:
         RequestError: a number below 1.

@@ -57,7 +57,7 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int 
     Args:
         bench: where it works.
         data: folder that holds phd/phd_scenario_*.json.
-        particles: of each target.
+        particles: number of particles of each target.
         runs: Monte-Carlo runs of each scenario; at most as many as it has.
 
     Raises:
@@ -307,7 +307,7 @@ def unseen(
     Args:
         bench: where it works.
         seeds: scenarios of each kind.
-        particles: of each target.
+        particles: number of particles of each target.
         peer: python of an environment with stonesoup and multisensor-lmb-filters-rs; by default this one, if it has
             them.
         seed: of the first scenario.

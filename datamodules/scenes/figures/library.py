@@ -122,7 +122,7 @@ def write_sprites(
         folder: does not exist yet or is empty, unless ``overwrite``.
         assets: the unpacked packages, see `assets.Assets`.
         settings: how many and how large.
-        seed: of all chance.
+        seed: of all random numbers.
         overwrite: a library that the folder holds is replaced.
         watch: passes people on as they are drawn, to show how far it is.
 
