@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.geometry import areas, clip_boxes
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -20,11 +20,13 @@ class Example:
         image: ``(H, W, 3)`` uint8 RGB.
         boxes: ``(N, 4)`` pixels.
         ignored: ``(N,)`` neither an example nor a counter-example.
+        classes: ``(N,)`` from 1; None where all boxes are of one class.
     """
 
     image: ImageArray
     boxes: FloatArray
     ignored: BoolArray
+    classes: IntArray | None = None
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def augment(
     if rng.random() < settings.compression:
         image = _compress(rng, image)
     too_small = example.boxes[:, 3] - example.boxes[:, 1] < settings.smallest
-    return Example(image, example.boxes, example.ignored | too_small)
+    return replace(example, image=image, ignored=example.ignored | too_small)
 
 
 def fitted_scale(source: tuple[int, ...], size: tuple[int, int]) -> float:
@@ -173,7 +175,8 @@ def _warp(
     inside = clip_boxes(boxes, size[1], size[0])
     share = areas(inside) / areas(boxes)
     kept = share > 0.02
-    return Example(image, inside[kept], (example.ignored | (share < 0.3))[kept])
+    classes = None if example.classes is None else example.classes[kept]
+    return Example(image, inside[kept], (example.ignored | (share < 0.3))[kept], classes)
 
 
 def _of_pixel_centres(affine: FloatArray) -> FloatArray:
@@ -206,7 +209,7 @@ def _paint_holes(rng: np.random.Generator, example: Example, max_holes: int) -> 
             np.minimum(example.boxes[:, 2:], hole[2:]) - np.maximum(example.boxes[:, :2], hole[:2]), 0, None
         ).prod(axis=1)
         ignored |= shared > 0.6 * areas(example.boxes)
-    return Example(image, example.boxes, ignored)
+    return replace(example, image=image, ignored=ignored)
 
 
 def _hue_rotation(angle: float) -> FloatArray:

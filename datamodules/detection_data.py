@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -18,6 +18,7 @@ from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, te
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
 from tsuiseki.datamodules.training_images import FixedView, TrainingImages, TrainingSource, check_source, write_pictures
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.label_checks import PEOPLE
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import ImageArray
@@ -50,6 +51,7 @@ class Composition:
 
 
 STRONG = Augmentation()
+PERSON_ALONE = [PEOPLE]
 NO_COMPOSITION = Composition()
 
 
@@ -59,7 +61,7 @@ class DetectionBatch(NamedTuple):
     Attributes:
         images: ``(B, H, W, 3)`` uint8 RGB.
         boxes: ``(B, M, 4)`` float32 x1, y1, x2, y2 in input pixels, padded.
-        labels: ``(B, M)`` int64 `PERSON`, `IGNORED` or `PADDING`.
+        labels: ``(B, M)`` int64 class from 1 on (`PERSON`), `IGNORED` or `PADDING`.
     """
 
     images: Tensor
@@ -147,7 +149,7 @@ class ValidationExamples(Dataset[Example]):
         videos, index = self.items[number]
         example = videos.example(index)
         image, scale = fit_image(example.image, self.card)
-        return Example(image, example.boxes * np.tile(scale, 2), example.ignored)
+        return replace(example, image=image, boxes=example.boxes * np.tile(scale, 2))
 
 
 class EpochSampler(DistributedSampler[int]):
@@ -158,7 +160,7 @@ class EpochSampler(DistributedSampler[int]):
 
 
 class DetectionData(lightning.LightningDataModule):
-    """Labelled people in images of one size.
+    """Labelled people, or objects of other classes, in images of one size.
 
     Args:
         train: labelled video to learn from.
@@ -166,6 +168,7 @@ class DetectionData(lightning.LightningDataModule):
         height: of the network's input, pixels.
         width: likewise.
         resize: how validation images are fitted into the input; as the exported model will.
+        classes: names of those to learn, as the labels call them; ``person`` is people as a layout counts them.
         batch_size: images a step and device.
         examples_per_epoch: training images of an epoch, over all devices.
         workers: processes that prepare images.
@@ -181,6 +184,7 @@ class DetectionData(lightning.LightningDataModule):
         height: int = 384,
         width: int = 512,
         resize: Literal["letterbox", "stretch"] = "letterbox",
+        classes: list[str] = PERSON_ALONE,
         batch_size: int = 16,
         examples_per_epoch: int = 1600,
         workers: int = 1,
@@ -193,6 +197,9 @@ class DetectionData(lightning.LightningDataModule):
             raise RequestError("expected at least one labelled folder in data.train and in data.val")
         for source in [*train, *val]:
             check_source(source)
+        if classes != PERSON_ALONE and composition.generated_people:
+            raise RequestError("`composition`: expected no people to compose with where other classes are learnt")
+        self.classes = classes
         self.sources = {"train": train, "val": val}
         self.card = ModelCard("detector", "", input_height=height, input_width=width, resize=resize)
         self.size = (height, width)
@@ -217,7 +224,7 @@ class DetectionData(lightning.LightningDataModule):
         """Read the labels, decode what fits into memory, cut people out and render others."""
         if stage == "fit":
             self.training = TrainingExamples(
-                [TrainingImages(source) for source in self.sources["train"]],
+                [TrainingImages(source, self.classes) for source in self.sources["train"]],
                 self.examples_per_epoch,
                 self.size,
                 self.augmentation,
@@ -225,7 +232,8 @@ class DetectionData(lightning.LightningDataModule):
                 self.seed,
             )
         if stage in ("fit", "validate", "test"):
-            self.validation = ValidationExamples([TrainingImages(source) for source in self.sources["val"]], self.card)
+            validated = [TrainingImages(source, self.classes) for source in self.sources["val"]]
+            self.validation = ValidationExamples(validated, self.card)
 
     def train_dataloader(self) -> DataLoader[Example]:
         """Batches of an epoch."""
@@ -257,7 +265,8 @@ def collate(examples: list[Example]) -> DetectionBatch:
     labels = np.full((len(examples), padded), PADDING, dtype=np.int64)
     for n, example in enumerate(examples):
         boxes[n, : len(example.boxes)] = example.boxes
-        labels[n, : len(example.boxes)] = np.where(example.ignored, IGNORED, PERSON)
+        kinds = PERSON if example.classes is None else example.classes
+        labels[n, : len(example.boxes)] = np.where(example.ignored, IGNORED, kinds)
     images = torch.from_numpy(np.stack([e.image for e in examples]))
     return DetectionBatch(images, torch.from_numpy(boxes), torch.from_numpy(labels))
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TypeAlias
 
@@ -11,8 +11,10 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.label_checks import PEOPLE, NothingLabelledError
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types.labels import GroundTruth
 
 # Shares of a video in [0, 1]: where a part begins, and where it ends.
 Part: TypeAlias = tuple[float, float]
@@ -20,16 +22,17 @@ Part: TypeAlias = tuple[float, float]
 
 @dataclass(frozen=True)
 class LabelledFrame:
-    """One image and the people labelled in it.
+    """One image and what is labelled in it.
 
     Attributes:
         path: of the image.
         sequence: name of the sequence it belongs to.
         frame: 0-based.
-        boxes: ``(N, 4)`` pixels, of evaluated and ignored people.
+        boxes: ``(N, 4)`` pixels, of evaluated and ignored objects.
         ids: ``(N,)`` one number a person within the sequence.
         ignored: ``(N,)`` boxes that are neither an example nor a counter-example.
         visibility: ``(N,)`` visible share in [0, 1].
+        classes: ``(N,)`` places from 1 among the classes that were asked for; of ignored boxes it may be any.
     """
 
     path: Path
@@ -39,10 +42,15 @@ class LabelledFrame:
     ids: IntArray
     ignored: BoolArray
     visibility: FloatArray
+    classes: IntArray
 
 
 def labelled_images(
-    folder: str | Path, frames: tuple[int, int] | None = None, part: Part = (0.0, 1.0), single: bool = True
+    folder: str | Path,
+    frames: tuple[int, int] | None = None,
+    part: Part = (0.0, 1.0),
+    single: bool = True,
+    classes: Sequence[str] = (PEOPLE,),
 ) -> list[LabelledFrame]:
     """The labelled images of every video in ``folder``.
 
@@ -51,11 +59,14 @@ def labelled_images(
         frames: first and last frame of each video, 1-based and both included as the files count; by default all.
         part: of each video, in shares of its length.
         single: boxes need no ids, as in pictures that were labelled one by one.
+        classes: names of those that count.
 
     Raises:
         RequestError: there is no video, one has no images or no usable label, or no frame is left.
     """
-    samples = [sample for video in open_labelled(Path(folder)) for sample in _images_of(video, frames, part, single)]
+    samples = [
+        sample for video in open_labelled(Path(folder)) for sample in _images_of(video, frames, part, single, classes)
+    ]
     if not samples:
         within = f"{part[0]:.0%} to {part[1]:.0%} of a video" if frames is None else f"{frames}; frames count from 1"
         raise RequestError(f"{folder}: no frame lies within {within}")
@@ -63,17 +74,40 @@ def labelled_images(
 
 
 def _images_of(
-    video: LabelledVideo, frames: tuple[int, int] | None, part: Part, single: bool
+    video: LabelledVideo, frames: tuple[int, int] | None, part: Part, single: bool, classes: Sequence[str]
 ) -> Iterator[LabelledFrame]:
     if video.length is None or len(video.files) != video.length:
         raise RequestError(f"{video.name}: expected images in img1/ or images/, found none; training needs them")
-    truth = video.people(single=single)
-    truth = truth.select(truth.evaluated | truth.ignored)
+    truth, kinds = _of_classes(video, single, classes)
     first, last = frames or (1, video.length)
     start, end = (round(share * video.length) for share in part)
     for frame in range(max(first - 1, start), min(last, end)):
-        rows = truth.between(frame, frame)
-        yield LabelledFrame(video.files[frame], video.name, frame, rows.boxes, rows.ids, rows.ignored, rows.visibility)
+        here = truth.frames == frame
+        rows = truth.select(here)
+        yield LabelledFrame(
+            video.files[frame], video.name, frame, rows.boxes, rows.ids, rows.ignored, rows.visibility, kinds[here]
+        )
+
+
+def _of_classes(video: LabelledVideo, single: bool, classes: Sequence[str]) -> tuple[GroundTruth, IntArray]:
+    """The boxes that count or are ignored, and the place from 1 of the class of each.
+
+    Raises:
+        RequestError: none of the classes is labelled.
+    """
+    found, missing = list[tuple[int, GroundTruth]](), list[NothingLabelledError]()
+    for kind, name in enumerate(classes, start=1):
+        try:
+            truth = video.people(wanted=name, single=single)
+        except NothingLabelledError as error:
+            missing.append(error)
+            continue
+        found.append((kind, truth.select(truth.evaluated | truth.ignored)))
+    if not found:
+        raise missing[0]
+    columns = {each.name: [getattr(truth, each.name) for _, truth in found] for each in fields(GroundTruth)}
+    kinds = np.repeat([kind for kind, _ in found], [len(truth) for _, truth in found])
+    return GroundTruth(**{name: np.concatenate(some) for name, some in columns.items()}), kinds
 
 
 def read_image(path: Path) -> ImageArray:

@@ -5,6 +5,7 @@ Generated pictures lie in folders of the MOTChallenge layout.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -29,6 +30,7 @@ from tsuiseki.datamodules.scenes.training_pictures import (
     settings_of_scene,
 )
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.label_checks import PEOPLE
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.output import output_folder
@@ -44,7 +46,7 @@ class TrainingSource:
     """Labelled video to learn from or to validate on.
 
     Attributes:
-        folder: a MOTChallenge sequence or a folder of sequences, VisDrone-MOT or Okutama-Action.
+        folder: labels of any layout, see `open_labelled`.
         frames: first and last frame of each sequence, 1-based and both included; null for all.
         part: likewise in shares of its length, such as [0, 0.9].
         share: how often examples come from here, relative to the other sources.
@@ -108,13 +110,17 @@ class FixedView:
 class TrainingImages:
     """The labelled images of one source.
 
+    Args:
+        source: where they are.
+        classes: names of those to learn.
+
     Raises:
         RequestError: the source has no usable labelled image, or an image cannot be read.
     """
 
-    def __init__(self, source: TrainingSource) -> None:
+    def __init__(self, source: TrainingSource, classes: Sequence[str] = (PEOPLE,)) -> None:
         self.source = source
-        self.labels = labelled_images(source.folder, source.frames, source.part)
+        self.labels = labelled_images(source.folder, source.frames, source.part, classes=classes)
         first = read_image(self.labels[0].path)
         self._decoded: list[ImageArray] | None = None
         if first.nbytes * len(self.labels) <= _MEMORY:
@@ -131,7 +137,8 @@ class TrainingImages:
         """The labelled image at ``index``."""
         label = self.labels[index]
         image = read_image(label.path) if self._decoded is None else self._decoded[index]
-        return Example(image, label.boxes, label.ignored | (label.visibility < self.source.least_visible))
+        ignored = label.ignored | (label.visibility < self.source.least_visible)
+        return Example(image, label.boxes, ignored, label.classes)
 
     def view(self, index: int) -> FixedView | None:
         """The fixed view that image ``index`` belongs to, if the source says that the camera stands still."""

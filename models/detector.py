@@ -126,7 +126,9 @@ class TopDown(nn.Module):
         return maps
 
 
-def people_detector(trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorSizes, width: int = 96) -> AnchorDetector:
+def people_detector(
+    trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorSizes, width: int = 96, classes: int = 1
+) -> AnchorDetector:
     """SSDLite that sees small people: stride 8 by a top-down path, an input of any shape, anchors as given.
 
     Args:
@@ -134,6 +136,7 @@ def people_detector(trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorSiz
         size: height and width of the input, pixels.
         anchor_sizes: ``(w, h)`` in input pixels of the anchors at strides 8, 16, 32 and, where there are four, 64.
         width: channels of the top-down path.
+        classes: without the background.
 
     Raises:
         ValueError: the anchors are for another number of maps, or the size is no multiple of the coarsest stride.
@@ -145,11 +148,11 @@ def people_detector(trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorSiz
             f"got anchors for {len(anchor_sizes)} maps and {size[1]}x{size[0]}"
         )
     anchors = grid_anchors([(size[0] // s, size[1] // s) for s in strides], strides, anchor_sizes)
-    class_heads = [_lite_head(width, len(shapes) * 2) for shapes in anchor_sizes]
+    class_heads = [_lite_head(width, len(shapes) * (classes + 1)) for shapes in anchor_sizes]
     box_heads = [_lite_head(width, len(shapes) * 4) for shapes in anchor_sizes]
     for head in class_heads:
-        _set_prior(head[-1], classes=1)
-    return AnchorDetector(TopDown(trunk, width, len(anchor_sizes)), class_heads, box_heads, anchors, 1, size)
+        _set_prior(head[-1], classes)
+    return AnchorDetector(TopDown(trunk, width, len(anchor_sizes)), class_heads, box_heads, anchors, classes, size)
 
 
 def separable(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:

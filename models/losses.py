@@ -31,11 +31,13 @@ class Matches:
         positive: ``(B, A)`` bool, the anchor stands for a box.
         neutral: ``(B, A)`` bool, the anchor learns nothing.
         box: ``(B, A)`` int64, which box the anchor stands for; meaningless elsewhere.
+        classes: ``(B, A)`` int64, the class of that box, from 1; 0 elsewhere.
     """
 
     positive: Tensor
     neutral: Tensor
     box: Tensor
+    classes: Tensor
 
 
 def match_anchors(anchors: Tensor, boxes: Tensor, labels: Tensor, threshold: float = 0.5) -> Matches:
@@ -44,26 +46,26 @@ def match_anchors(anchors: Tensor, boxes: Tensor, labels: Tensor, threshold: flo
     Args:
         anchors: ``(A, 4)`` centre form.
         boxes: ``(B, M, 4)`` x1, y1, x2, y2, padded.
-        labels: ``(B, M)`` `PERSON`, `IGNORED` or `PADDING`. An anchor on an ignored box is neutral.
+        labels: ``(B, M)`` class from 1 on, `IGNORED` or `PADDING`. An anchor on an ignored box is neutral.
         threshold: on the IoU from which an anchor stands for a box.
     """
     batch, count = labels.shape
     if count == 0:
         nothing = torch.zeros(batch, len(anchors), dtype=torch.bool, device=anchors.device)
-        return Matches(nothing, nothing, nothing.long())
+        return Matches(nothing, nothing, nothing.long(), nothing.long())
     overlap = box_iou(boxes.reshape(-1, 4), corners_from_centres(anchors)).view(batch, count, -1)
-    person = labels == PERSON
-    of_people = overlap.masked_fill(~person[..., None], -1.0)
-    best, box = of_people.max(dim=1)
+    real = labels > PADDING
+    of_real = overlap.masked_fill(~real[..., None], -1.0)
+    best, box = of_real.max(dim=1)
     positive = best >= threshold
-    favourite = of_people.argmax(dim=2)
-    image, which = person.nonzero(as_tuple=True)
+    favourite = of_real.argmax(dim=2)
+    image, which = real.nonzero(as_tuple=True)
     # Where two boxes share their favourite anchor the last one written keeps it.
     box[image, favourite[image, which]] = which
     positive[image, favourite[image, which]] = True
     of_ignored = overlap.masked_fill(labels[..., None] != IGNORED, 0.0).amax(dim=1)
     neutral = ~positive & (of_ignored >= threshold / 2)
-    return Matches(positive, neutral, box)
+    return Matches(positive, neutral, box, labels.gather(1, box) * positive)
 
 
 # Offsets, anchors (centre form) and boxes (x1, y1, x2, y2) of P positive anchors, each (P, 4), to the sum of losses.
@@ -100,7 +102,7 @@ class DetectionLoss(nn.Module):
             offsets: ``(B, A, 4)``.
             anchors: ``(A, 4)`` centre form.
             boxes: ``(B, M, 4)`` x1, y1, x2, y2, padded.
-            labels: ``(B, M)`` `PERSON`, `IGNORED` or `PADDING`.
+            labels: ``(B, M)`` class from 1 on, `IGNORED` or `PADDING`.
 
         Returns:
             Score loss and box loss, scalars; their sum (the box term weighted) is what training minimises.
@@ -135,7 +137,7 @@ class MinedEntropy:
     def __call__(self, logits: Tensor, matches: Matches, overlap: Tensor) -> Tensor:
         """The sum, whatever the ``overlap``."""
         del overlap
-        entropy = functional.cross_entropy(logits.transpose(1, 2), matches.positive.long(), reduction="none")
+        entropy = functional.cross_entropy(logits.transpose(1, 2), matches.classes, reduction="none")
         return entropy[matches.positive | self._hard_negatives(entropy.detach(), matches)].sum()
 
     def _hard_negatives(self, entropy: Tensor, matches: Matches) -> Tensor:
@@ -167,7 +169,7 @@ def complete_iou(offsets: Tensor, anchors: Tensor, boxes: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class QualityFocal:
-    """A score that is to be the IoU of its own box, 0 for background.
+    """A score that is to be the IoU of its own box, 0 for background and for the other classes.
 
     No negatives are chosen: the focal factor leaves the easy ones without weight.
 
@@ -181,13 +183,15 @@ class QualityFocal:
         """The sum over all anchors that are not neutral.
 
         Args:
-            logits: ``(B, A, 2)``: the score is the sigmoid of their difference.
+            logits: ``(B, A, C + 1)``: the score of a class is the sigmoid of the difference to the background.
             matches: what the anchors stand for.
             overlap: ``(P,)`` IoU of the positive anchors' boxes.
         """
-        quality = torch.zeros_like(matches.positive, dtype=torch.float32)
-        quality[matches.positive] = overlap
-        focal = quality_focal(logits[..., 1] - logits[..., 0], quality, self.focus)
+        margins = logits[..., 1:] - logits[..., :1]
+        quality = torch.zeros_like(margins, dtype=torch.float32)
+        image, anchor = matches.positive.nonzero(as_tuple=True)
+        quality[image, anchor, matches.classes[image, anchor] - 1] = overlap
+        focal = quality_focal(margins, quality, self.focus)
         return focal[~matches.neutral].sum()
 
 

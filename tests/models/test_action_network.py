@@ -12,6 +12,7 @@ from tsuiseki.models.action_network import ActionNetwork, ActionStream, StreamPr
 
 @pytest.mark.parametrize("channels", [2, 3, 6])
 def test_a_stream_takes_its_channels_and_gives_a_logit_an_action(channels: int) -> None:
+    torch.manual_seed(0)
     stream = ActionStream(5, channels, "mobilenet_v3_small").eval()
     crops = torch.randn(3, channels, 32, 32)
     logits = stream(crops)

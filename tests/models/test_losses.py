@@ -8,7 +8,16 @@ import pytest
 import torch
 
 from tsuiseki.models.anchors import corners_from_centres, encode, grid_anchors
-from tsuiseki.models.losses import IGNORED, PADDING, PERSON, DetectionLoss, MinedEntropy, match_anchors, smooth_l1
+from tsuiseki.models.losses import (
+    IGNORED,
+    PADDING,
+    PERSON,
+    DetectionLoss,
+    MinedEntropy,
+    QualityFocal,
+    match_anchors,
+    smooth_l1,
+)
 
 ANCHORS = grid_anchors([(4, 6)], [16], [[(16, 32)]])
 MULTIBOX = DetectionLoss(MinedEntropy(), smooth_l1)
@@ -98,3 +107,17 @@ def test_a_batch_without_people_still_has_a_finite_loss() -> None:
     )
     assert float(class_loss) == pytest.approx(2 * 16 * math.log(2), rel=1e-5)
     assert float(box_loss) == 0
+
+
+def test_an_anchor_learns_the_class_of_its_box() -> None:
+    boxes = torch.tensor([[[0.0, 0, 16, 16], [32, 0, 48, 16]]])
+    matches = match_anchors(ANCHORS, boxes, torch.tensor([[2, 1]]))
+    assert matches.classes[matches.positive].unique().tolist() == [1, 2]
+    assert (matches.classes[~matches.positive] == 0).all()
+    logits = torch.zeros(1, len(ANCHORS), 3, requires_grad=True)
+    for term in (MinedEntropy(), QualityFocal()):
+        term(logits, matches, torch.ones(int(matches.positive.sum()))).backward()
+        assert logits.grad is not None
+        falling = -logits.grad[matches.positive][:, 1:]
+        assert (falling.argmax(dim=1) + 1).tolist() == matches.classes[matches.positive].tolist()
+        logits.grad = None

@@ -99,6 +99,37 @@ def evaluate_detections(
     return scores_of_matches(right[counted], scores[counted], count)
 
 
+def evaluate_classes(
+    boxes: Sequence[FloatArray],
+    labels: Sequence[IntArray],
+    detections: Sequence[Detections],
+    names: Sequence[str],
+    iou_threshold: float = 0.5,
+) -> dict[str, DetectionScores]:
+    """By name the scores of each class that is labelled; see `evaluate_detections`.
+
+    Args:
+        boxes: ``(N, 4)`` of each image.
+        labels: ``(N,)`` of each, places from 1 among the names; -1 of boxes to ignore.
+        detections: likewise, with classes, or without where there is one.
+        names: of the classes.
+        iou_threshold: overlap from which a detection is right.
+
+    Raises:
+        RequestError: see `evaluate_detections`; or none of the classes is labelled.
+    """
+    scores = {}
+    for kind, name in enumerate(names, start=1):
+        which = [(own == kind) | (own < 0) for own in labels]
+        truth = [LabelledBoxes(each[w], own[w] < 0) for each, own, w in zip(boxes, labels, which, strict=True)]
+        if len(names) == 1 or any((own == kind).any() for own in labels):
+            found = [d if d.classes is None else d.select(d.classes == kind) for d in detections]
+            scores[name] = evaluate_detections(truth, found, iou_threshold)
+    if not scores:
+        raise RequestError(f"expected labelled boxes of {', '.join(names)} to evaluate against, got none that counts")
+    return scores
+
+
 def _scored(detections: Sequence[Detections]) -> Sequence[Detections]:
     """The detections with a score each: 1 where none is known of any."""
     total, unknown = sum(map(len, detections)), sum(int(np.isnan(found.scores).sum()) for found in detections)

@@ -78,7 +78,8 @@ class Detector:
         iou_threshold: of the non-maximum suppression; in [0, 1].
         threads: CPU threads; 0 takes all cores.
         device: what to run on, see `opened_on`; afterwards what it runs on.
-        classes: that are detected, numbered from 1; by default all, whose detections then bear no class.
+        classes: that are detected, numbered from 1; by default people, or all where no class is called so, whose
+            detections then bear no class.
 
     Attributes:
         wanted: names by number of the classes that are detected; empty where they are not distinguished.
@@ -115,6 +116,7 @@ class Detector:
         self.wanted: Mapping[int, str] = (
             {} if classes is None else {n: names[n] for n in classes.numbers(names, names, path)}
         )
+        self._usual = [n for n in names if only_people({n: names[n]})] or list(names)
         self.people_only = only_people(self.wanted)
 
     @property
@@ -161,7 +163,7 @@ class Detector:
         candidates = np.flatnonzero(margin >= np.log(threshold / (1 - threshold)))
         exponentials = np.exp(logits[candidates] - logits[candidates].max(axis=1, keepdims=True))
         wanted = np.array([*self.wanted], dtype=np.int64)
-        every = exponentials[:, wanted] if len(wanted) else exponentials[:, 1:].max(axis=1, keepdims=True)
+        every = exponentials[:, wanted] if len(wanted) else exponentials[:, self._usual].max(axis=1, keepdims=True)
         every = every / exponentials.sum(axis=1, keepdims=True)
         rows, columns = np.nonzero(every >= self.score_threshold)
         candidates, scores = candidates[rows], every[rows, columns]

@@ -77,6 +77,7 @@ class LabelledVideo:
         read_actions: who does what, in pixels of a size; None without such labels.
         size: width and height of the pictures, where the sequence says.
         classes: names of the classes by the numbers that results bear, where the layout has numbers.
+        every: these are the classes that somebody labelled, and no layout's own.
     """
 
     name: str
@@ -86,6 +87,7 @@ class LabelledVideo:
     read_actions: Callable[[Size], ActionLabels] | None = None
     size: Size = None
     classes: Mapping[int, str] = field(default_factory=dict)
+    every: bool = False
 
     def people(
         self, protocol: Protocol = "lenient", size: Size = None, wanted: Wanted = None, single: bool = False
@@ -289,4 +291,4 @@ def _exported(path: Path) -> LabelledVideo:
         return known.in_pixels(path, size).labels(path, wanted)
 
     names = {number: kind for kind, number in known.kinds.items()}
-    return LabelledVideo(name, files, length, read, None, known.size, names)
+    return LabelledVideo(name, files, length, read, None, known.size, names, every=True)

@@ -99,6 +99,10 @@ def detector_of(path: Path) -> tuple[DetectorTraining, dict[str, Any]]:
     """
     if path.suffix != ".onnx":
         detector, made_of = load_module(DetectorTraining, path), _made_of(DetectorTraining, path)
+        if len(detector.card.class_names) > 1:
+            raise RequestError(
+                f"{path}: expected a detector of people alone, got {', '.join(detector.card.class_names)}"
+            )
         return heads_only(detector), {**made_of, "weights": None, "start": None, "teacher": {}}
     layout = layout_of(path)
     height, width = layout.size

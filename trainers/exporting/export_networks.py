@@ -34,7 +34,7 @@ class RawHeads(nn.Module):
     """A detector with its anchors as a third output, as the exported file has it.
 
     Args:
-        detector: of one class.
+        detector: of one class where scores are calibrated.
         calibration: scale and shift of the logit of its score.
     """
 
@@ -44,7 +44,7 @@ class RawHeads(nn.Module):
         self.calibration = calibration
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """``(B, 3, H, W)`` to logits ``(B, A, 2)``, offsets ``(B, A, 4)`` and anchors ``(A, 4)``."""
+        """``(B, 3, H, W)`` to logits ``(B, A, C + 1)``, offsets ``(B, A, 4)`` and anchors ``(A, 4)``."""
         logits, offsets = self.detector(images)
         scale, shift = self.calibration
         if self.calibration != (1.0, 0.0):
@@ -63,7 +63,7 @@ def export_detector(
     width: int | None = None,
     blend: Path | None = None,
 ) -> float:
-    """Write a person detector as ONNX, and check that it gives what torch gives.
+    """Write a detector as ONNX, and check that it gives what torch gives.
 
     Either from a checkpoint of your own, or from torchvision's COCO-trained weights, of which the person class is kept:
     with those, your own street video works on the first day.
@@ -117,11 +117,11 @@ def _exported(path: Path, size: tuple[int, int] | None) -> tuple[AnchorDetector,
     """What was written to ``path``, the calibration of its scores folded into its weights."""
     if not path.is_file():
         raise RequestError(f"expected a checkpoint at {path}, found none; `tsuiseki train` writes best.ckpt")
-    layout = layout_of(path)
+    layout = layout_of(path, people=False)
     card = layout.card
     height, width = layout.size if size is None else size
     trunk = build_trunk(cast(TrunkName, layout.trunk))
-    network = people_detector(trunk, (height, width), layout.anchors, layout.channels)
+    network = people_detector(trunk, (height, width), layout.anchors, layout.channels, len(card.class_names))
     missing = network.load_state_dict(exported_weights(path), strict=False).missing_keys
     missing = [name for name in missing if not name.endswith("num_batches_tracked")]
     if missing:
@@ -166,6 +166,8 @@ def _written(network: AnchorDetector | OneClass, card: ModelCard, output: ModelF
     example = torch.zeros(2, 3, card.input_height, card.input_width)
     calibration = (1.0, 0.0)
     if calibrate is not None:
+        if len(card.class_names) > 1:
+            raise RequestError(f"`calibrate`: expected a detector of one class, got {', '.join(card.class_names)}")
         check_output_file(output.out, output.overwrite)
         with tempfile.TemporaryDirectory() as folder:
             raw = Path(folder) / "raw.onnx"

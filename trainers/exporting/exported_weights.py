@@ -50,18 +50,24 @@ class ExportedLayout:
         return high, wide
 
 
-def layout_of(path: Path) -> ExportedLayout:
+def layout_of(path: Path, people: bool = True) -> ExportedLayout:
     """The layout of the exported detector at ``path``.
 
+    Args:
+        path: of the file.
+        people: it must be of one class.
+
     Raises:
-        RequestError: it is no detector of this toolkit's default architecture, or has a map of stride 4, which is no
-            longer learnt.
+        RequestError: it is no such detector of this toolkit's default architecture, or has a map of stride 4, which
+            is no longer learnt.
     """
     model, card = opened_onnx(path)
     tensors = {x.name: x for x in model.graph.initializer}
     kind, _, trunk = card.name.partition("-")
     if kind != "people":
         raise RequestError(f"{path}: expected a detector of the architecture people to learn from, got {card.name}")
+    if people and len(card.class_names) > 1:
+        raise RequestError(f"{path}: expected a detector of people alone, got one of {', '.join(card.class_names)}")
     if "anchors" not in tensors:
         raise RequestError(f"{path}: expected a detector of `tsuiseki export detector`, got one without anchors")
     if any(name.startswith("detector.features.fine.") for name in tensors):
@@ -110,7 +116,8 @@ def exported_weights(path: Path) -> dict[str, Tensor]:
     scale, shift = card.settings.get("score_calibration", (1.0, 0.0))
     for name in [n for n in weights if re.fullmatch(r"class_heads\.\d+\.1\.bias", n)]:
         weights[name.replace("bias", "weight")] *= scale
-        weights[name] = (weights[name].view(-1, 2) * scale + torch.tensor([0.0, shift])).flatten()
+        moved = torch.tensor([0.0] + [shift] * len(card.class_names))
+        weights[name] = (weights[name].view(-1, len(moved)) * scale + moved).flatten()
     return weights
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from tsuiseki.models.anchors import VARIANCES
 from tsuiseki.models.backbones import TrunkName, build_trunk
@@ -15,6 +16,7 @@ from tsuiseki.models.detector import AnchorDetector, people_detector
 from tsuiseki.models.losses import SoftTargets, soft_targets
 from tsuiseki.models.ssd import coco_start, ssd300, ssd512, ssdlite320
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.label_checks import PEOPLE
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
 from tsuiseki.trainers.networks.modules import read_checkpoint
@@ -41,8 +43,9 @@ def build_detector(
     size: tuple[int, int],
     anchors: list[list[tuple[float, float]]],
     channels: int,
+    classes: int = 1,
 ) -> AnchorDetector:
-    """The person detector that a configuration names.
+    """The detector of a number of classes that a configuration names.
 
     Raises:
         RequestError: the parts do not fit together, or weights cannot be downloaded.
@@ -52,23 +55,27 @@ def build_detector(
         raise RequestError(f"{architecture} takes {side}x{side} images, got height {size[0]} and width {size[1]}")
     if weights == "coco" and architecture not in ("ssdlite320", "ssd300"):
         raise RequestError(f"weights coco exist for ssdlite320 and ssd300, not for {architecture}")
+    if weights == "coco" and classes > 1:
+        raise RequestError("weights coco start a detector of people alone; give `start` for other classes")
     try:
         if weights == "coco":
             return coco_start("ssd300" if architecture == "ssd300" else "ssdlite320")
         start: Literal["imagenet"] | None = "imagenet" if weights == "imagenet" else None
         if architecture == "people":
-            return people_detector(build_trunk(trunk, start), size, anchors, channels)
+            return people_detector(build_trunk(trunk, start), size, anchors, channels, classes)
         if architecture == "ssd512":
-            return ssd512(trunk=build_trunk("vgg16", start))
+            return ssd512(classes, trunk=build_trunk("vgg16", start))
         if architecture == "ssd300":
-            return ssd300(trunk=build_trunk("vgg16", start))
-        return ssdlite320(trunk=None if start is None else build_trunk("mobilenet_v3_large", start))
+            return ssd300(classes, trunk=build_trunk("vgg16", start))
+        return ssdlite320(classes, trunk=None if start is None else build_trunk("mobilenet_v3_large", start))
     except (ValueError, ConnectionError) as error:
         raise RequestError(str(error)) from error
 
 
-def take_over(network: nn.Module, checkpoint: Path) -> int:
+def take_over(network: AnchorDetector, checkpoint: Path) -> int:
     """Fill ``network`` with the tensors of a detector's ``checkpoint`` that fit; returns how many do.
+
+    Every class of ``network`` starts as people, where the checkpoint is of them alone.
 
     Args:
         network: to fill.
@@ -85,8 +92,13 @@ def take_over(network: nn.Module, checkpoint: Path) -> int:
     return _fill(network, {name.removeprefix("network."): value for name, value in found.items()}, checkpoint)
 
 
-def _fill(network: nn.Module, weights: dict[str, Tensor], checkpoint: Path) -> int:
+def _fill(network: AnchorDetector, weights: dict[str, Tensor], checkpoint: Path) -> int:
     own = network.state_dict()
+    for name, value in weights.items() if network.classes > 1 else ():
+        heads = name.startswith("class_heads") and name in own and value.ndim > 0
+        if heads and 2 * len(own[name]) == (network.classes + 1) * len(value):
+            rows = value.view(-1, 2, *value.shape[1:])
+            weights[name] = torch.cat((rows[:, :1], *[rows[:, 1:]] * network.classes), dim=1).flatten(0, 1)
     fitting = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
     if not fitting:
         raise RequestError(f"{checkpoint}: none of its weights fit this detector; start from one with the same trunk")
@@ -94,13 +106,19 @@ def _fill(network: nn.Module, weights: dict[str, Tensor], checkpoint: Path) -> i
     return len(fitting)
 
 
-def detector_card(name: str, size: tuple[int, int], resize: Resize, normalisation: Normalisation) -> ModelCard:
+def detector_card(
+    name: str,
+    size: tuple[int, int],
+    resize: Resize,
+    normalisation: Normalisation,
+    classes: Sequence[str] = (PEOPLE,),
+) -> ModelCard:
     """What the exported detector will say about its input."""
     mean, std = _NORMALISATIONS[normalisation]
     return ModelCard(
         kind="detector",
         name=name,
-        class_names=("person",),
+        class_names=tuple(classes),
         input_height=size[0],
         input_width=size[1],
         resize=resize,

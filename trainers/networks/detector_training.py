@@ -5,18 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import torch
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
 from torchvision.ops import batched_nms
 
-from tsuiseki.datamodules.detection_data import DetectionBatch
+from tsuiseki.datamodules.detection_data import PERSON_ALONE, DetectionBatch
 from tsuiseki.models import losses
 from tsuiseki.models.anchors import decode
 from tsuiseki.models.backbones import TrunkName
-from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.detection import evaluate_classes
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.trainers.exporting.exported_weights import restore_normalisations
 from tsuiseki.trainers.networks.detector_network import (
     COCO_NORMALISATIONS,
@@ -50,9 +52,10 @@ _NORM_EXAMPLES = 32
 
 
 class DetectorTraining(Tested):
-    """A person detector, its loss and its schedule; validates by AP50.
+    """A detector of people or other classes, its loss and its schedule; validates by AP50, its mean over the classes.
 
     Args:
+        classes: names of what is detected, as the labels call them.
         architecture: ``people`` (stride 8, any input), ``ssdlite320``, ``ssd300`` or ``ssd512``.
         trunk: of ``people``.
         weights: start from torchvision's ``imagenet`` trunk, its ``coco`` detector, or null for scratch.
@@ -76,6 +79,7 @@ class DetectorTraining(Tested):
 
     def __init__(
         self,
+        classes: list[str] = PERSON_ALONE,
         architecture: Architecture = "people",
         trunk: TrunkName = "mobilenet_v3_large",
         weights: Literal["imagenet", "coco"] | None = None,
@@ -95,7 +99,7 @@ class DetectorTraining(Tested):
         super().__init__()
         self.save_hyperparameters()
         plain_hyperparameters(self)
-        self.network = build_detector(architecture, trunk, weights, (height, width), anchors, channels)
+        self.network = build_detector(architecture, trunk, weights, (height, width), anchors, channels, len(classes))
         self._foreign_norms = start is not None and start.suffix == ".onnx"
         if start is not None:
             take_over(self.network, start)
@@ -104,12 +108,14 @@ class DetectorTraining(Tested):
             normalisation = COCO_NORMALISATIONS[architecture] if weights == "coco" else "imagenet"
         # A checkpoint is loaded without its starting weights, which must not change its normalisation.
         self.hparams["normalisation"] = normalisation
-        self.card = detector_card(name, (height, width), resize, normalisation)
+        self.card = detector_card(name, (height, width), resize, normalisation, classes)
         self.loss = losses.DetectionLoss(*LOSSES[loss], box_weight=box_weight)
+        if teacher.file is not None and len(classes) > 1:
+            raise RequestError("expected one class with a `teacher`, which knows people alone")
         self.teacher = None if teacher.file is None else SoftTeacher(teacher.file, self.network, self.card)
         self.teacher_weight = teacher.weight
         self.optimisation, self.features_rate = optimisation, features_rate
-        self._validated: list[tuple[LabelledBoxes, Detections]] = []
+        self._validated: list[tuple[FloatArray, IntArray, Detections]] = []
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
         self.network.to(memory_format=torch.channels_last)
 
@@ -150,15 +156,19 @@ class DetectorTraining(Tested):
         truth = zip(batch.boxes.double().cpu().numpy(), batch.labels.cpu().numpy(), strict=True)
         for (boxes, labels), here in zip(truth, found, strict=True):
             real = labels != losses.PADDING
-            self._validated.append((LabelledBoxes(boxes[real], labels[real] == losses.IGNORED), here))
+            self._validated.append((boxes[real], labels[real], here))
 
     def on_validation_epoch_end(self) -> None:
         """Log AP50 over the validation images of all devices."""
         if not self.trainer.sanity_checking:
-            truth, found = zip(*gathered(self, self._validated), strict=True)
-            scores = evaluate_detections(truth, found)
-            self.log(f"{self.stage}/ap50", scores.average_precision, prog_bar=True, sync_dist=True)
-            self.log(f"{self.stage}/f1", scores.best_f1, sync_dist=True)
+            boxes, labels, found = zip(*gathered(self, self._validated), strict=True)
+            scores = evaluate_classes(boxes, labels, found, self.card.class_names)
+            means = [(one.average_precision, one.best_f1) for one in scores.values()]
+            precision, f1 = np.mean(means, axis=0).tolist()
+            self.log(f"{self.stage}/ap50", precision, prog_bar=True, sync_dist=True)
+            self.log(f"{self.stage}/f1", f1, sync_dist=True)
+            for name, one in scores.items() if len(self.card.class_names) > 1 else ():
+                self.log(f"{self.stage}/ap50_{name}", one.average_precision, sync_dist=True)
         self._validated = []
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
@@ -176,19 +186,22 @@ def detections(logits: Tensor, offsets: Tensor, anchors: Tensor, card: ModelCard
     """The best boxes of each image after suppression at IoU 0.5, in input pixels, cut off at its border.
 
     Args:
-        logits: ``(B, A, 2)``.
+        logits: ``(B, A, C + 1)``.
         offsets: ``(B, A, 4)``.
         anchors: ``(A, 4)`` centre form.
         card: says the size of the input.
     """
-    scores, which = logits.float().softmax(dim=-1)[..., 1].topk(min(_CANDIDATES, len(anchors)), dim=1)
+    count = logits.shape[-1] - 1
+    scores, place = logits.float().softmax(dim=-1)[..., 1:].flatten(1).topk(min(_CANDIDATES, len(anchors)), dim=1)
+    which, kind = place // count, place % count + 1
     chosen = torch.gather(offsets.float(), 1, which[..., None].expand(-1, -1, 4))
     boxes = decode(chosen, anchors[which])
     limit = torch.tensor([card.input_width, card.input_height] * 2, device=boxes.device)
     boxes = torch.minimum(boxes.clamp(min=0), limit)
     image = torch.arange(len(boxes), device=boxes.device)[:, None].expand_as(scores)
     real = (boxes[..., 2:] - boxes[..., :2]).amin(dim=-1) >= 1
-    flat = [x[real] for x in (boxes, scores, image)]
-    kept = batched_nms(flat[0], flat[1], flat[2], 0.5)
-    found, score, owner = (x[kept].double().cpu().numpy() for x in flat)
-    return [Detections(found[owner == n], score[owner == n]) for n in range(len(logits))]
+    flat = [x[real] for x in (boxes, scores, image, kind)]
+    kept = batched_nms(flat[0], flat[1], flat[2] * count + flat[3], 0.5)
+    found, score, owner, kinds = (x[kept].double().cpu().numpy() for x in flat)
+    here = [owner == n for n in range(len(logits))]
+    return [Detections(found[mine], score[mine], classes=kinds[mine].astype(np.int64)) for mine in here]

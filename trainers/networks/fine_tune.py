@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from tsuiseki.datamodules.labelled_images import LabelledFrame, Part, labelled_images, read_image
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
+from tsuiseki.tracking.evaluation.detection import evaluate_classes
 from tsuiseki.tracking.features.exported import Detector
+from tsuiseki.tracking.formats.label_checks import PEOPLE, same_class
+from tsuiseki.tracking.formats.labelled import open_labelled
+from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
 from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.exporting.export_networks import export_detector
@@ -58,17 +63,20 @@ def fine_tune(arguments: Sequence[str], folder: Path, fit: Callable[[Sequence[st
             next(words)
         elif not word.startswith(f"{DATA}="):
             rest.append(word)
-    held_out = labelled_images(folder, part=HELD_OUT)
+    classes = classes_of(folder, rest)
+    print(f"learning {', '.join(classes)}", flush=True)
+    held_out = labelled_images(folder, part=HELD_OUT, classes=classes)
     start = shipped(LEARNING_DETECTOR)
     config = resources.files("tsuiseki.configs") / CONFIG
     model = yaml.safe_load(config.read_text(encoding="utf-8"))["model"]
     anchors, line = anchor_choice(
-        labelled_images(folder, part=LEARNT), model["anchors"], (model["height"], model["width"])
+        labelled_images(folder, part=LEARNT, classes=classes), model["anchors"], (model["height"], model["width"])
     )
     print(line, flush=True)
     usual = [
         f"--config={config}",
         f"--model.start={start}",
+        f"--model.classes={json.dumps(classes)}",
         f"--model.anchors={json.dumps(anchors)}",
         *(
             f"--data.{name}={json.dumps([_source(folder, part)])}"
@@ -82,22 +90,57 @@ def fine_tune(arguments: Sequence[str], folder: Path, fit: Callable[[Sequence[st
     export_detector(
         ModelFile(out=out, training_data=f"{folder.name}, {LEARNT[1]:.0%} of each video", overwrite=True), best
     )
-    print(_compared({"shipped": start, "yours": out}, held_out))
+    print(_compared({"shipped": start, "yours": out}, held_out, classes))
     return best
+
+
+def classes_of(folder: Path, arguments: Sequence[str] = ()) -> list[str]:
+    """Names of the classes to learn: those that ``--model.classes`` names, or all where the labels name their own.
+
+    Of the layout of a benchmark people alone are learnt.
+
+    Args:
+        folder: labelled video of any layout, see `open_labelled`.
+        arguments: of the command.
+    """
+    words = list(arguments)
+    for number, word in enumerate(words):
+        if word.startswith("--model.classes"):
+            text = word.partition("=")[2] or " ".join(words[number + 1 : number + 2])
+            given = yaml.safe_load(text)
+            if not isinstance(given, list) or not given or not all(isinstance(name, str) for name in given):
+                raise RequestError(f"`model.classes`: expected names such as [person,car], got {text or 'nothing'}")
+            return given
+    named = {number: name for video in open_labelled(folder) if video.every for number, name in video.classes.items()}
+    return list(dict.fromkeys(named[number] for number in sorted(named))) or [PEOPLE]
 
 
 def _source(folder: Path, part: Part) -> dict[str, object]:
     return {"folder": str(folder), "part": part}
 
 
-def _compared(files: dict[str, Path], held_out: Sequence[LabelledFrame]) -> str:
-    """A line on the average precision of detectors on pictures that none learnt from."""
-    truth = [LabelledBoxes(frame.boxes, frame.ignored) for frame in held_out]
+def _compared(files: dict[str, Path], held_out: Sequence[LabelledFrame], classes: Sequence[str]) -> str:
+    """A line on the average precision of detectors, its mean over classes, on pictures that none learnt from.
+
+    A detector's classes are those of the labels by their names.
+    """
+    boxes = [frame.boxes for frame in held_out]
+    labels = [np.where(frame.ignored, -1, frame.classes) for frame in held_out]
     values: dict[str, tuple[float, float]] = {}
     for name, file in files.items():
-        detector = Detector(file, LOWEST_SCORE)
-        found = [detector.detect([read_image(frame.path)])[0] for frame in held_out]
-        fifty, strict = (evaluate_detections(truth, found, iou).average_precision for iou in (0.5, 0.75))
+        own = Detector(file).model.card.class_names
+        places = [next((k for k, kind in enumerate(classes, start=1) if same_class(kind, one)), 0) for one in own]
+        detector = Detector(file, LOWEST_SCORE, classes=ClassChoice(own))
+        every = [detector.detect([read_image(frame.path)])[0] for frame in held_out]
+        found = [replace(one, classes=np.array([0, *places])[one.classes], names={}) for one in every]
+        fifty, strict = (
+            float(
+                np.mean(
+                    [one.average_precision for one in evaluate_classes(boxes, labels, found, classes, iou).values()]
+                )
+            )
+            for iou in (0.5, 0.75)
+        )
         values[name] = fifty, strict
     better = sum(values["yours"]) > sum(values["shipped"])
     shown = "; ".join(f"{name} AP50 {a:.3f}, AP75 {b:.3f}" for name, (a, b) in values.items())

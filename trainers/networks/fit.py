@@ -53,7 +53,7 @@ DETECTOR = Task(
     "trainers.networks.detector_training:DetectorTraining",
     "datamodules.detection_data:DetectionData",
     "val/ap50",
-    {"height": "height", "width": "width", "resize": "resize"},
+    {"classes": "classes", "height": "height", "width": "width", "resize": "resize"},
 )
 APPEARANCE = Task(
     "appearance",

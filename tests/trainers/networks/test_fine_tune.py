@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.cli.parser import named_config
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Detector
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.trainers.networks.detector_labels import anchor_choice
-from tsuiseki.trainers.networks.fine_tune import HELD_OUT, LEARNT, folder_of
+from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
+from tsuiseki.trainers.networks.fine_tune import HELD_OUT, LEARNT, classes_of, folder_of
 
 
 def walk(folder: Path, frames: int = 10, size: tuple[int, int] = (48, 112)) -> Path:
@@ -32,16 +37,70 @@ def walk(folder: Path, frames: int = 10, size: tuple[int, int] = (48, 112)) -> P
     return folder
 
 
+def of_two_classes(folder: Path) -> Path:
+    """The walk of a person and a car that stands, as COCO keeps pictures: no tracks."""
+    walk(folder)
+    kinds = [{"id": 3, "name": "car"}, {"id": 1, "name": "person"}]
+    images = [{"id": n, "file_name": f"img1/{n + 1:06d}.png"} for n in range(10)]
+    rows = [{"image_id": n, "category_id": 1, "bbox": [10 + 20 * n, 60, 48, 112]} for n in range(10)]
+    rows += [{"image_id": n, "category_id": 3, "bbox": [200, 200, 80, 30]} for n in range(10)]
+    (folder / "annotations.json").write_text(json.dumps({"images": images, "categories": kinds, "annotations": rows}))
+    (folder / "gt" / "gt.txt").unlink()
+    return folder
+
+
 @pytest.mark.slow
-def test_a_folder_of_labels_becomes_a_detector(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_classes_that_the_labels_name_are_learnt_and_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--trainer.max_epochs", "1", "--data.examples_per_epoch", "2", "--data.batch_size", "2"]
     words += ["--data.workers", "0", "--model.height", "96", "--model.width", "128", "--trainer.accelerator", "cpu"]
-    out = tmp_path / "out"
-    assert main(["train", "detector", "--data", str(walk(tmp_path / "walk")), "--out", str(out), *words]) == 0
+    out, folder = tmp_path / "out", of_two_classes(tmp_path / "set")
+    assert main(["train", "detector", "--data", str(folder), "--out", str(out), *words]) == 0
     shown = capsys.readouterr().out
+    assert shown.startswith("learning person, car")
     assert "on 1 held-out pictures: shipped AP50" in shown
-    card = Detector(out / "detector.onnx").model.card
-    assert (card.input_height, card.input_width, card.training_data) == (96, 128, "walk, 90% of each video")
+    found = Detector(out / "detector.onnx", 0.0, classes=ClassChoice(["car"]))
+    card = found.model.card
+    assert (card.input_height, card.input_width, card.training_data) == (96, 128, "set, 90% of each video")
+    assert card.class_names == ("person", "car")
+    (cars,) = found.detect([np.full((240, 320, 3), 200, np.uint8)])
+    assert cars.names == {2: "car"}
+    assert set(cars.classes.tolist()) == {2}
+    again = tmp_path / "again.onnx"
+    assert main(["export", "detector", "--checkpoint", str(out / "detector.onnx"), "--out", str(again)]) == 0
+    for place in (["adapt", "x.mp4", "--detector"], ["export", "detector", "--calibrate", str(folder), "--checkpoint"]):
+        assert main([*place, str(again), "--out", str(tmp_path / "c.onnx")]) == 2
+
+
+def test_classes_are_those_that_labels_name_or_that_are_given(tmp_path: Path) -> None:
+    folder = of_two_classes(tmp_path / "set")
+    assert classes_of(folder) == ["person", "car"]
+    assert classes_of(folder, ["--model.classes", "[car]"]) == ["car"]
+    assert classes_of(walk(tmp_path / "mot")) == ["person"]
+    with pytest.raises(RequestError, match="expected names such as"):
+        classes_of(folder, ["--model.classes=car"])
+    (first, *_) = labelled_images(folder, classes=["car", "person"])
+    assert first.classes.tolist() == [1, 2]
+    assert first.boxes.tolist() == [[200, 200, 280, 230], [10, 60, 58, 172]]
+    assert [len(one.boxes) for one in labelled_images(folder, classes=["person"])] == [1] * 10
+
+
+def test_every_class_starts_as_people(tmp_path: Path) -> None:
+    anchors: list[list[tuple[float, float]]] = [[(12, 28)], [(20, 50)], [(30, 60)]]
+    layout = {"trunk": "mobilenet_v3_small", "height": 64, "width": 64, "anchors": anchors, "channels": 16}
+    one = DetectorTraining(**layout)
+    torch.save({"state_dict": one.state_dict()}, tmp_path / "one.ckpt")
+    three = DetectorTraining(["person", "car", "dog"], **layout, start=tmp_path / "one.ckpt")
+    images = torch.zeros(1, 64, 64, 3, dtype=torch.uint8)
+    people, every = one.eval()(images)[0], three.eval()(images)[0]
+    torch.testing.assert_close(every, people[..., [0, 1, 1, 1]])
+    assert three.card.class_names == ("person", "car", "dog")
+    found = detections(torch.tensor([0.0, 1, 5, 1]).expand(1, len(three.network.anchors), 4), *_heads(three))
+    assert set(found[0].classes.tolist()) == {2}
+
+
+def _heads(model: DetectorTraining) -> tuple[torch.Tensor, torch.Tensor, ModelCard]:
+    anchors = model.network.anchors
+    return torch.zeros(1, len(anchors), 4), anchors, model.card
 
 
 def test_parts_of_a_video_share_no_picture(tmp_path: Path) -> None:
