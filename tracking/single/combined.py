@@ -7,12 +7,13 @@ recovers by itself. So here
 * the filter is `regularised`, with the target's colours and size;
 * the target is in doubt when two measures, the response and the colours, are both low against their own running
   medians; doubt ends at higher values than it begins (hysteresis);
-* the filter's learning rate falls with its response, and in doubt it is low; the filter goes on all the same and stays
-  one of the hypotheses;
+* in doubt the filter goes on learning all the same and stays one of the hypotheses: it is never worse than alone;
 * the particles of 3.2.3 to 3.2.5, each a place and the number of a filter (the present, the first, or a stored one),
-  search the target all around. Where the best one's response is higher elsewhere for several frames in a row, it takes
-  over, with that filter. The witness may undo this, then or ten frames later. All particles have the present size;
-* where the witness takes the box for surroundings, the status is lost (`witness`).
+  search the target all around. Where the best one's response is higher elsewhere, and would end the doubt, for several
+  frames in a row, it takes over, with that filter. The witness may undo this, then or ten frames later. All particles
+  have the present size;
+* where the witness takes the box for surroundings, the status is lost (`witness`), and it looks at the heaviest
+  particles' places. Where it sees the target in two looks, that place takes over.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from statistics import median
 
 import numpy as np
 
+from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.filters.base import bootstrap
 from tsuiseki.tracking.filters.kernelised_correlation import ComplexArray
 from tsuiseki.tracking.filters.motion.points import PlaneWalk
@@ -32,17 +34,15 @@ from tsuiseki.tracking.single import regularised, witness
 from tsuiseki.tracking.single.regularised import Model, RegularisedSettings, RegularisedTarget
 from tsuiseki.tracking.single.response import ResponseMaps, maxima_of_each, peak
 from tsuiseki.tracking.single.tracker import TargetState, box_centre
-from tsuiseki.tracking.single.witness import Witness
+from tsuiseki.tracking.single.witness import KNOWN, Describe, Witness
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
+from tsuiseki.tracking.weights import shipped
 
 COLOUR_DOUBT, SURE = 0.95, 0.75
 """Shares of running medians: doubt begins where the colours, too, are below the first, and ends with a response from
 the second on."""
 MEMORY = 50
 """Frames of the running medians."""
-CERTAIN, HIDDEN, DOUBTFUL_RATE = 0.8, 0.4, 0.25
-"""Shares of the median response from which on a frame is learnt at full speed, and under which the target is hidden and
-nothing is learnt; speed of learning at the beginning of a doubt."""
 LOST_AFTER = 5
 """Frames of doubt after which the target counts as lost."""
 STORED, STORE_INTERVAL = 3, 25
@@ -53,6 +53,8 @@ target's sides; factor on the response in the log-likelihood."""
 MARGIN, WINS, PROBATION = 0.1, 3, 10
 """How much more than the filter's a challenger's response must be, and for how many frames in a row; frames after which
 what was won can be given back."""
+PLACES, SEEN = 4, 2
+"""Places that the witness looks at while the target is lost, and in how many looks in a row it must see it."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +65,11 @@ class CombinedSettings:
         filter: settings of the correlation filter.
         doubt: share of its running median under which a response is low, in [0, 1].
         reach: windows searched to each side of the one about the target; 1 gives 3 x 3.
-        certain: share of the median response from which on a frame is learnt at full rate, in [0, 1].
     """
 
     filter: RegularisedSettings = field(default_factory=RegularisedSettings)
     doubt: float = 0.6
     reach: int = 1
-    certain: float = CERTAIN
 
 
 class Evidence:
@@ -103,8 +103,11 @@ class Combined:
         searched_frames: in how many frames particles ran.
     """
 
-    def __init__(self, settings: CombinedSettings | None = None, seed: int = 0) -> None:
+    def __init__(
+        self, settings: CombinedSettings | None = None, seed: int = 0, describe: Describe | None = None
+    ) -> None:
         self.settings = settings or CombinedSettings()
+        self._describe = describe or Appearance(shipped("appearance_people"), threads=1).describe
         self._rng = np.random.default_rng(seed)
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
@@ -117,8 +120,8 @@ class Combined:
         self._evidence = Evidence()
         self._particles: ParticleState | None = None
         self._former: RegularisedTarget | None = None
-        self._wins = self._frame = self.doubted = self.searched_frames = 0
-        self._witness = Witness(self._model, image, self.target)
+        self._wins = self._seen = self._frame = self.doubted = self.searched_frames = 0
+        self._witness = Witness(self._describe, image, np.asarray(box, dtype=np.float64))
 
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
@@ -131,7 +134,9 @@ class Combined:
         if self._former is not None:
             self._reconsider(image, self._former)
         if self._frame % witness.EVERY == 0:
-            self._witness.update(image, self.target, sure=not self.doubted)
+            self._witness.update(image, self.box(self.target), sure=not self.doubted)
+            if self._witness.lost:
+                self._find_again(image)
         return self.state()
 
     def state(self) -> TargetState:
@@ -165,7 +170,7 @@ class Combined:
     def go_on_at(self, there: RegularisedTarget) -> None:
         """Take the target to be where one of `heaviest_places` is; the doubt ends."""
         self.target = there
-        self.doubted, self._particles = 0, None
+        self.doubted, self._particles, self._seen = 0, None, 0
         self._witness.moved()
 
     def take_over(self, there: RegularisedTarget) -> None:
@@ -180,7 +185,7 @@ class Combined:
         return response < self.settings.doubt and colours < COLOUR_DOUBT
 
     def _go_on(self, image: ImageArray, found: RegularisedTarget) -> None:
-        self.target = self._learn(found, image, self._certainty(found, self.settings.certain))
+        self.target = regularised.update(self._model, found, image)
         self._evidence.add(found)
         self.doubted, self._particles = 0, None
         if self._frame % STORE_INTERVAL == 0:
@@ -190,17 +195,8 @@ class Combined:
         if not self.doubted:
             self._stored.append(self.target.filters)  # the last filter from before the doubt
         self.doubted += 1
-        rate = DOUBTFUL_RATE * self._certainty(found, self.settings.doubt)
-        self.target = self._learn(found, image, rate)
+        self.target = regularised.update(self._model, found, image)
         self._search(image)
-
-    def _certainty(self, found: RegularisedTarget, full: float) -> float:
-        """In [0, 1]: 1 where the response is from ``full`` of its running median, 0 where it says `hidden`."""
-        share = self._evidence.shares(found)[0]
-        return float(np.clip((share - HIDDEN) / max(full - HIDDEN, 1e-6), 0, 1))
-
-    def _learn(self, found: RegularisedTarget, image: ImageArray, rate: float) -> RegularisedTarget:
-        return regularised.update(self._model, found, image, rate) if rate > 0 else found
 
     def _search(self, image: ImageArray) -> None:
         """One frame of the particles; where they have won often enough, the target is theirs."""
@@ -214,17 +210,17 @@ class Combined:
         there = self._climbed(image, self._at(heaviest, bank))
         moved = bool((np.abs(there.centre - target.centre) > 0.5 * self._model.target * target.size).any())
         elsewhere = moved or int(heaviest[2]) > 0
-        plausible = self._evidence.shares(there)[0] >= HIDDEN
         better = there.peak > target.peak + MARGIN
-        won = elsewhere and plausible and better and self._likelier(image, there, target)
+        accepted = not self._doubts(there)
+        won = elsewhere and better and accepted and self._likelier(image, there, target)
         self._wins = self._wins + 1 if won else 0
         if self._wins >= WINS:
             self.take_over(there)
 
     def _likelier(self, image: ImageArray, there: RegularisedTarget, target: RegularisedTarget) -> bool:
-        """Whether the witness, where it is heard, takes ``there`` for the target rather than ``target``."""
-        witness = self._witness
-        return not witness.heard or witness.answer(image, there) > witness.answer(image, target)
+        """Whether the witness takes ``there`` for the target rather than ``target``."""
+        answers = self._witness.answers(image, np.stack([self.box(there), self.box(target)]))
+        return bool(answers[0] > answers[1])
 
     def _reconsider(self, image: ImageArray, former: RegularisedTarget) -> None:
         """Follow on from where the filter was before a challenge won; after the probation the likelier place stays."""
@@ -232,8 +228,17 @@ class Combined:
         if self._frame < self._until:
             return
         former, self._former = self._former, None
-        if self._witness.heard and self._likelier(image, former, self.target):
+        if self._likelier(image, former, self.target):
             self.go_on_at(former)
+
+    def _find_again(self, image: ImageArray) -> None:
+        """Of a target that is lost: where the witness takes a place for it often enough, the target is there."""
+        places = self.heaviest_places(image, PLACES)
+        answers = self._witness.answers(image, np.stack([self.box(there) for there in places]))
+        best = int(np.argmax(answers))
+        self._seen = self._seen + 1 if answers[best] > KNOWN else 0
+        if self._seen >= SEEN:
+            self.take_over(places[best])
 
     def _renewed(self, state: ParticleState, maps: ResponseMaps) -> ParticleState:
         """``state`` with a share of its particles at the present maxima: a target may come back where none are left."""

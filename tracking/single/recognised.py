@@ -16,7 +16,6 @@ person.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from statistics import median
 
@@ -24,10 +23,9 @@ import numpy as np
 
 from tsuiseki.tracking.single.combined import Combined
 from tsuiseki.tracking.single.tracker import SingleTracker, TargetState, box_centre
+from tsuiseki.tracking.single.witness import Describe
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
-Describe = Callable[[ImageArray, FloatArray], FloatArray]
-"""Appearance features ``(N, D)`` of boxes ``(N, 4)`` in an image."""
 MEMORY, HEARD = 15, 0.6
 """Likenesses of the running median, and its value from which on the network counts."""
 EXPECTED = 0.9

@@ -197,8 +197,8 @@ GROUPS: Mapping[str, ClipGroup] = {
         {"kcf-particle, printed": PRINTED, "kcf-particle, robust": replace(ROBUST, kcf=kcf.THESIS),
          "filter alone": RegularisedSettings(sizes=1), "combined as shipped": _combined(sizes=1)},
         {
-            f"colours {share:g}, certain {certain:g}": replace(_combined(colour_share=share, sizes=1), certain=certain)
-            for share in (0.2, 0.3) for certain in (0.4, 0.8)
+            f"colours {share:g}, doubt {doubt:g}": replace(_combined(colour_share=share, sizes=1), doubt=doubt)
+            for share in (0.2, 0.3) for doubt in (0.5, 0.6)
         },
     ),
 }  # fmt: skip

@@ -46,3 +46,11 @@ def run(tracker, images, box):
 
 def overlaps(seen, boxes):
     return iou_pairs(np.array([s.box for s in seen]), boxes[1:])
+
+
+def mean_colours(image, boxes):
+    """Features ``(N, 3)`` of boxes: their mean colours, around the middle of the range."""
+    found = []
+    for x1, y1, x2, y2 in np.clip(boxes.astype(int), 0, np.tile(image.shape[1::-1], 2) - 1):
+        found.append(image[y1 : max(y2, y1 + 1), x1 : max(x2, x1 + 1)].mean(axis=(0, 1)) - 127)
+    return np.array(found)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.tracking.single.moving_texture import clip, overlaps, run, walk
+from tests.tracking.single.moving_texture import clip, mean_colours, overlaps, run, walk
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.single.combined import Combined, CombinedSettings, Evidence
 from tsuiseki.tracking.single.regularised import RegularisedTracker
@@ -89,3 +89,15 @@ def test_a_challenger_that_looks_like_the_surroundings_does_not_win():
     elsewhere = replace(tracker.target, centre=tracker.target.centre + 60)
     assert not tracker._likelier(images[-1], elsewhere, tracker.target)
     assert tracker._likelier(images[-1], tracker.target, elsewhere)
+
+
+def test_a_lost_target_is_found_where_the_witness_sees_it_again():
+    """It is hidden for a second and comes back two of its sides away, where the filter alone does not look."""
+    path = np.concatenate([walk(20), np.tile([[150.0, 110.0]], (40, 1))])
+    images, boxes = clip(path, hidden=range(20, 40))
+    assert overlaps(run(RegularisedTracker(), images, boxes[0]), boxes)[-1] == 0
+    tracker = Combined(describe=mean_colours)
+    seen = run(tracker, images, boxes[0])
+    assert {s.status for s in seen[34:39]} == {"lost"}
+    assert seen[-1].status == "tracking"
+    assert overlaps(seen, boxes)[-1] > 0.6
