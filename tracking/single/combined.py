@@ -53,8 +53,9 @@ target's sides; factor on the response in the log-likelihood."""
 MARGIN, WINS, PROBATION = 0.1, 3, 10
 """How much more than the filter's a challenger's response must be, and for how many frames in a row; frames after which
 what was won can be given back."""
-PLACES, SEEN = 4, 2
-"""Places that the witness looks at while the target is lost, and in how many looks in a row it must see it."""
+PLACES, SEEN, LEAST_SIDE = 4, 2, 8.0
+"""Places that the witness looks at while the target is lost, in how many looks in a row it must see it, and sides of
+the first box, in pixels, from which on it can."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ class Combined:
             self._reconsider(image, self._former)
         if self._frame % witness.EVERY == 0:
             self._witness.update(image, self.box(self.target), sure=not self.doubted)
-            if self._witness.lost:
+            if self._witness.lost and self._model.target.min() >= LEAST_SIDE:
                 self._find_again(image)
         return self.state()
 
