@@ -43,7 +43,7 @@ class CostChange(nn.Module):
 
     def forward(self, rows: Tensor) -> Tensor:
         """``(P, F)`` features to ``(P, K)`` changes."""
-        # What was never seen in training is no reason for a change beyond what was.
+        # What was never in the training is no reason for a change beyond what was.
         standard = ((rows - self.mean) / self.deviation).clamp(-5.0, 5.0)
         bounded: Tensor = LARGEST * torch.tanh(self.linear(standard) / LARGEST)
         return bounded if self.training else bounded * self.trust

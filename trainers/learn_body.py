@@ -132,7 +132,7 @@ FEWEST = 10
 # Outlines are lined up on this many times the points that are kept.
 FINER = 4
 ROUNDS = 8
-# Bends beyond those seen are allowed by this share.
+# Bends beyond those in the data are allowed by this share.
 BEYOND = 0.15
 # A body whose outline varies by less than this, in pixels, is rigid: what varies is where pixels fall.
 RIGID = 0.5
@@ -320,7 +320,7 @@ def train_body(
 
     Args:
         clips: folders with silhouettes/000001.png and so on, as tsuiseki simulate goldfish makes them; with --colour
-            any videos or folders of images, in which each body is mostly seen alone and whole.
+            any videos or folders of images, in which each body is mostly alone and whole.
         out: file to write, JSON.
         colour: of the bodies: red, orange, yellow, green, cyan, blue, magenta, black, white, or H1-H2,S1-S2,V1-V2 with
             hues in degrees.

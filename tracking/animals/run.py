@@ -55,7 +55,7 @@ def track_animals(
 
     Args:
         source: a video file, a folder of images, a MOTChallenge sequence folder, or images in a list.
-        contrast: how animals differ from what lies behind them; ``auto`` finds out.
+        contrast: how animals differ from the background; ``auto`` measures it.
         threshold: difference in grey levels from which a pixel belongs to an animal; by default found.
         skeleton: what is known of their points.
         frames: these only, counted from 1 with both ends, such as ``"301-400"``.
@@ -183,7 +183,7 @@ def _corrected(
 
 
 def _poses_by_points(table: PointTable, skeleton: SkeletonSettings, frames: Sequence[int]) -> list[list[AnimalPose]]:
-    """Poses of frames ``frames``, which follow each other, from points seen in them."""
+    """Poses of frames ``frames``, which follow each other, from their points."""
     inside = (table.frames >= frames[0]) & (table.frames <= frames[-1])
     if not inside.any():
         raise RequestError(

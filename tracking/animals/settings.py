@@ -50,7 +50,7 @@ class AnimalChoice(Shared):
     """How animals are distinguished from the background, and followed.
 
     Attributes:
-        contrast: how animals differ from what lies behind them: bright, dark or any; auto finds out.
+        contrast: how animals differ from the background: bright, dark or any; auto measures it.
         threshold: difference in grey levels from which a pixel belongs to an animal; by default found in the video.
         corrections: corrections.jsonl of tsuiseki review, to do again on this result what still applies.
         scale: millimetres of a pixel; adds a_mm,b_mm,length_mm,width_mm,speed_mm_s.

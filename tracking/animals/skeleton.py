@@ -1,8 +1,8 @@
-"""A skeleton as a body: mean places of its points and how they vary, fitted to points that were seen, some wrongly.
+"""A skeleton as a body: mean places of its points and how they vary, fitted to detected points, some of them wrong.
 
 Points are complex numbers ``x + i y``. A state puts them at ``c + w (mean_k + sum_m b_m mode_mk)``, where ``c`` is the
 place, ``w`` turn and size together, and ``b`` are bends of unit variance. Points that lie far from where the others put
-them count little (Cauchy's weights), and those not seen not at all: the fit says where they are.
+them count little (Cauchy's weights), and missing ones not at all: the fit gives their places.
 
 Poses and points go two ways round. Where points were found in every frame, by SLEAP or DeepLabCut, each animal's points
 are observations of a `Skeleton`, and the fit is its pose. Where a person labelled a few frames, poses of these frames
@@ -67,7 +67,7 @@ class Skeleton:
         """Places ``(N,)``, turns with sizes ``(N,)``, bends ``(N, M)`` and how well each point fits ``(N, K)``, 0 to 1.
 
         Args:
-            points: ``(N, K, 2)`` pixels, NaN where not seen; at least two of each animal.
+            points: ``(N, K, 2)`` pixels, NaN where missing; at least two of each animal.
         """
         seen = np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
         given = np.where(seen, np.nan_to_num(points[..., 0]) + 1j * np.nan_to_num(points[..., 1]), 0)
@@ -101,12 +101,12 @@ def learn_skeleton(
 
     Args:
         nodes: K names.
-        points: ``(N, K, 2)`` pixels, NaN where not seen.
+        points: ``(N, K, 2)`` pixels, NaN where missing.
         line: names of a point at the back and one at the front; by default found by their names.
         modes: most bends; fewer where there are too few animals to learn them from.
 
     Raises:
-        RequestError: no point is known to be front or back, or a point is never seen with others.
+        RequestError: no point is known to be front or back, or a point is never detected with others.
     """
     back, front = line_of(nodes, line)
     seen = np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
@@ -199,7 +199,7 @@ class BodyPoints:
 def poses_of_points(
     table: PointTable, skeleton: Skeleton, first: int, count: int, centre: str | None = None
 ) -> list[list[AnimalPose]]:
-    """Poses of each frame from points seen in it.
+    """Poses of each frame from its points.
 
     Args:
         table: the points; who they are of is found anew.

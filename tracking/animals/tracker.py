@@ -157,7 +157,7 @@ def _nearest_axis(covariance: FloatArray, before: float) -> float:
 
 # Of the sizes of an animal, how much a frame in which nothing touches it changes what is remembered.
 REMEMBERED = 0.1
-# Frames that an animal is expected where it was last seen.
+# Frames that an animal is expected where it was last detected.
 PATIENCE = 5
 
 

@@ -127,7 +127,7 @@ def _company(tracks: Sequence[Track], hiding: dict[int, float], number: int, end
 
 
 def _along(own: Track, other: Track, end: bool, steps: int) -> bool:
-    """Whether two people walk, and keep their places to each other, while the last or first steps of one are seen."""
+    """Whether two people walk, and keep their places to each other, during the last or first steps of one."""
     frames = own.frames[-steps:] if end else own.frames[:steps]
     _, mine, theirs = np.intersect1d(frames, other.frames, return_indices=True)
     if len(mine) < 0.9 * steps:

@@ -1,8 +1,8 @@
 """How sure a count is: from the doubt in the tracks to an interval.
 
 A crossing is real with a probability that falls with what was filled in at the line and how short the path is. Where
-tracks break off near a line, a crossing may have been missed. Who is seen in a share s of their frames has a track at
-all with probability p = 1 - (1 - s)^n, and stands for (1 - p) / p people without one (Horvitz and Thompson, A
+tracks break off near a line, a crossing may have been missed. A person who is detected in a share s of the frames has a
+track at all with probability p = 1 - (1 - s)^n, and stands for (1 - p) / p people without one (Horvitz and Thompson, A
 generalization of sampling without replacement, 1952, eq. 4). The true count is the number found, less the false ones,
 plus the missed ones. The false are Poisson; the mean of the missed is itself doubtful, gamma, which makes them negative
 binomial.
@@ -31,7 +31,7 @@ BROKEN, CHANCES, SHAPE, ANY = 0.1, 1.9, 0.9, 0.05
 # Likewise: of what is filled in, the share by which a stay errs and the share of people who are not there; seconds by
 # which it errs anyhow.
 FILLED, ABSENT, ENDS = 0.6, 0.25, 0.2
-# A share seen that is taken for the least.
+# Least share of frames with a detection.
 LEAST_SEEN = 0.02
 # Seconds that a broken path is thought on, and heights from the border of the picture within which it leaves.
 REACH, EDGE = 2.0, 0.3

@@ -211,7 +211,7 @@ class DetectionCost:
 
 @dataclass
 class ScoreCalibration:
-    """The probability of every score, from the detections seen so far.
+    """The probability of every score, from the detections so far.
 
     Attributes:
         settings: of the fit.

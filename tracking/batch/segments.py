@@ -363,7 +363,7 @@ class Again:
 def again(
     run: Run, opened: OpenedPeople, plan: SegmentPlan, files: Sequence[Path], tracker: PeopleTracker | None = None
 ) -> tuple[OpenedPeople, Iterator[tuple[int, Detections]]]:
-    """What was seen in every frame, for ``run``, in order; see `Again`. Another ``tracker`` may take it."""
+    """The observations of every frame, for ``run``, in order; see `Again`. Another ``tracker`` may take it."""
     video = Again(plan, files, opened, run.times)
     pairs = ((frame, video.detections) for frame in run.frames(video))
     found = ((frame.index, here) for frame, here in opened.inputs.in_order(pairs, run.times))

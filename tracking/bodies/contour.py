@@ -144,14 +144,14 @@ class BodyView:
 class ContourLikelihood:
     """``exp(-d_max^2 / spread)`` (7), and what becomes of it where another body is in the way.
 
-    Contour points inside a neighbour are not seen: the image there is explained by the neighbour, so they take no part
+    Contour points inside a neighbour are hidden: the image there is explained by the neighbour, so they take no part
     in ``d_max``, and the share of the contour that is hidden beyond what was expected costs ``hidden_cost``. Without
     the cost a particle would fit best with all of itself inside the neighbour, and without the exclusion it would fit
     best on the neighbour's outline. Where bodies are expected to cross, being hidden is no fault.
 
     Attributes:
         spread: ``sigma_d``, pixels squared.
-        hidden_cost: subtracted from the log-likelihood of a contour that is hidden in full and was to be seen in full.
+        hidden_cost: subtracted from the log-likelihood of a contour that is hidden in full and was expected in view.
     """
 
     spread: float = 40.0

@@ -34,7 +34,7 @@ class LearntBody:
         mean: ``(K, 2)`` pixels about the centroid, the heading on +x.
         modes: ``(M, K, 2)`` pixels for one standard deviation, the greatest first.
         curves: ``(M, K, 2)`` pixels.
-        bends: ``(M, 2)`` least and greatest bend that was seen.
+        bends: ``(M, 2)`` least and greatest bend in the data.
     """
 
     name: str

@@ -60,7 +60,7 @@ PIXEL_COLUMNS = 2
 def plot_states(path: Path, body: Body, tracks: Sequence[BodyTrack], truth: Sequence[BodyTrack] = ()) -> None:
     """Write one panel for each column of the state, a line for each body in the colour of its id.
 
-    Frames in which a body was not seen are shaded in its colour along the bottom of each panel. Angles run on over
+    Frames in which a body was missed are shaded in its colour along the bottom of each panel. Angles run on over
     180 degrees instead of jumping.
 
     Args:
@@ -85,7 +85,7 @@ def plot_states(path: Path, body: Body, tracks: Sequence[BodyTrack], truth: Sequ
         unit = "degrees" if column in body.angles else "pixels" if column < PIXEL_COLUMNS else ""
         axes.set_ylabel(f"{body.fields[column]}\n{unit}".strip())
         axes.grid(visible=True, alpha=0.3)
-    panels[-1].set_xlabel("frame; marks at the bottom: not seen" if tracks else "frame")
+    panels[-1].set_xlabel("frame; marks at the bottom: missed" if tracks else "frame")
     if 0 < len(tracks) <= 10:
         figure.legend(*panels[0].get_legend_handles_labels(), title="id", loc="outside right upper", frameon=False)
     figure.savefig(path, dpi=100, facecolor="white")

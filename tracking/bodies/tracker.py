@@ -35,7 +35,7 @@ from tsuiseki.tracking.types import FloatArray, Frame, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 
 MOSTLY = 0.8
-"""A body of which a greater share is hidden is not seen."""
+"""A body of which a greater share is hidden counts as missed."""
 SEARCH_EVERY = 5
 """Frames between two searches of the whole image for a lost body."""
 
@@ -52,7 +52,7 @@ class BodyTarget:
         score: likelihood (7) of the estimate, in [0, 1].
         distance: ``d_max`` of the estimate, pixels.
         status: whether it is confirmed.
-        undetected: frames in a row it was not seen.
+        undetected: frames in a row in which it was missed.
     """
 
     id: int

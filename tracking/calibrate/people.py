@@ -152,7 +152,7 @@ def calibrate_people(
         image_size: width and height of the pictures, where a source does not say.
 
     Raises:
-        RequestError: a source cannot be read, two are the same, too few people are seen or only at one distance, or a
+        RequestError: a source cannot be read, two are the same, too few people or only at one distance, or a
             camera sees too few together with the others.
     """
     people = BodyHeights(person_height, person_spread)

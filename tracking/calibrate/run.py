@@ -253,7 +253,7 @@ def convert(
     Args:
         file: calib_results.txt of OCamCalib, JSON of py-OCamCalib, camchain YAML of Kalibr (omni with radtan, or
             pinhole with equidistant), ROS's camera YAML (equidistant), or OpenCV's fisheye K and D or omnidir with xi;
-            which one is seen from what is there.
+            which one is recognised by its content.
         to: the format to write. ocam and py-ocam hold Scaramuzza's model, which every file is read as; of the others
             the nearest lens is fitted.
         image_size: WIDTH,HEIGHT of the calibration, where the file does not say, as py-OCamCalib's.

@@ -45,7 +45,7 @@ TURN = np.pi / 2
 
 
 def read_lens(path: Path, image_size: tuple[int, int] | None = None) -> OmnidirectionalLens:
-    """The lens in ``path``, whose format is seen from what is there.
+    """The lens in ``path``, whose format is recognised by its content.
 
     Args:
         path: one of the formats of this module.

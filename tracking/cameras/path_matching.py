@@ -50,7 +50,7 @@ class Alignment:
 
 
 def places_at(view: PeopleView, places: FloatArray, times: FloatArray) -> FloatArray:
-    """``(tracks, T)`` complex places at increasing ``times`` of the camera's clock, NaN where a person is not seen."""
+    """``(tracks, T)`` complex places at increasing ``times`` of the camera's clock, NaN where a person is missed."""
     found = np.full((view.count, len(times)), complex(np.nan, np.nan))
     edges = np.searchsorted(view.people, np.arange(view.count + 1))
     for k, (a, b) in enumerate(pairwise(edges)):

@@ -27,7 +27,7 @@ WALK = 4.0
 # Metres a second and its deviation in the logarithm: of all, of each walker, of a step; heights of a box a second
 # from which somebody walks.
 SPEED, SPEED_OF_ALL, SPEED_OF_ONE, SPEED_OF_STEP, WALKING = 1.3, 0.25, 0.2, 0.3, 0.2
-# Before any person is seen: focal length over the longer side, its deviation in the logarithm; roll in radians.
+# Before any detection: focal length over the longer side, its deviation in the logarithm; roll in radians.
 FOCAL, FOCAL_SPREAD, ROLL_SPREAD, POINT_SPREAD = 1.0, 0.35, np.radians(3.0), 0.04
 # Deviation of log heights of one person's boxes.
 NOISE, LEAST_NOISE, MOST_NOISE = 0.04, 0.01, 0.1
@@ -113,7 +113,7 @@ def residuals(view: PeopleView, people: BodyHeights, noise: float) -> Callable[[
 
 
 def longest(view: PeopleView, most: int) -> PeopleView:
-    """The ``most`` people who are seen longest."""
+    """The ``most`` people with the longest tracks."""
     counts = np.bincount(view.people)
     rows = np.isin(view.people, np.argsort(-counts, kind="stable")[:most])
     numbers = np.unique(view.people[rows], return_inverse=True)[1].astype(np.int64)

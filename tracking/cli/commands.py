@@ -159,7 +159,7 @@ COMMANDS: Tree = {
     "adapt": Command("tracking.cli.adapt:adapt", f"learn a camera from its unlabelled video {EXTRA}"),
     "export": Group(f"turn a trained model into ONNX {EXTRA}", "trainers.exporting", EXPORT),
     "models": Group("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
-    "calibrate": Group("find out where cameras are and how they see", "tracking.calibrate.run", CALIBRATE),
+    "calibrate": Group("calibrate the lens and pose of cameras", "tracking.calibrate.run", CALIBRATE),
     "track": Group("follow something through a video with exported models", "tracking", TRACK),
     "detect": Command("tracking.people.detect:detect", "write what a network detects in a video, without tracking"),
     "scene": Command("tracking.answers.run:scene", "draw lines and zones to count in, on a page in the browser"),

@@ -106,7 +106,7 @@ def target_coverage(boxes: np.ndarray, tracks: Sequence[Track], overlap: float =
     """Which of ``tracks`` are on a target when.
 
     Args:
-        boxes: ``(T, 4)`` of the target, NaN where it is not to be seen.
+        boxes: ``(T, 4)`` of the target, NaN where it is out of view.
         tracks: of everybody.
         overlap: of boxes from which a track is on the target, in (0, 1].
     """

@@ -115,7 +115,7 @@ def read_views(folder: Path) -> Views:
     """The views in a folder of Market-1501, or of labelled video with pictures.
 
     Raises:
-        RequestError: there are no labels, no pictures, or fewer than two people seen twice.
+        RequestError: there are no labels, no pictures, or fewer than two people with two crops.
     """
     views = _market(folder) if is_market(folder) else _videos(folder)
     if len(np.intersect1d(views.ids[views.query], views.ids[~views.query])) < 2:

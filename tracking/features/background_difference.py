@@ -147,7 +147,7 @@ def learn_background(
 
     Args:
         images: ``(H, W, 3)`` uint8 RGB, at least one; some twenty are enough.
-        contrast: how animals differ from it; ``auto`` finds out.
+        contrast: how animals differ from it; ``auto`` measures it.
         share: of the animals' own contrast, from which a pixel belongs to one; in (0, 1).
         threshold: the same in grey levels; by default found by ``share``.
 

@@ -93,7 +93,7 @@ class HeightLine:
 class GroundPlane:
     """The line of a video's people, learnt frame by frame, and the scores of boxes by it.
 
-    Nothing is changed until enough was seen and unless one line explains most of it. A box cut off at the upper or
+    Nothing is changed before enough detections and unless one line explains most of them. A box cut off at the upper or
     lower border neither votes nor loses score for being short.
 
     Args:
@@ -103,7 +103,7 @@ class GroundPlane:
 
     Attributes:
         line: that explains most by now; None before the first vote.
-        frames: seen so far.
+        frames: so far.
         used: frames whose scores went by a line.
         dropped: boxes whose scores fell below the threshold.
 

@@ -133,8 +133,8 @@ class ViewHistory:
         frame_rate: frames a second.
         choice: the view by now.
         somebody: choices of the trials that detected people.
-        changes: 0-based frame, counted from the first one seen, from which each view was taken.
-        frames: seen so far.
+        changes: 0-based frame, counted from the first one, from which each view was taken.
+        frames: so far.
         due: frame of the next trial; None where none is needed any more.
         enlarge: see `choose_view`.
     """

@@ -1,4 +1,4 @@
-"""Labelled video of every layout that is known; the layout is seen from what is there.
+"""Labelled video of every layout that is known; the layout is recognised by its files.
 
 | at the path | layout |
 |---|---|

@@ -61,7 +61,7 @@ class SingleSequence:
     Attributes:
         name: of the sequence.
         images: ``T`` paths, one a box; empty where only labels are there.
-        boxes: ``(T, 4)`` pixels, NaN where the target is not to be seen.
+        boxes: ``(T, 4)`` pixels, NaN where the target is out of view.
         attributes: short names of `ATTRIBUTES`.
         unused_images: how many images have no box.
     """
@@ -285,7 +285,7 @@ RECTANGLE, POLYGON = 4, 8
 
 
 def read_boxes(path: str | Path) -> FloatArray:
-    """``(T, 4)`` corners, 0-based; a frame in which the target is not to be seen is a row of NaN.
+    """``(T, 4)`` corners, 0-based; a frame in which the target is out of view is a row of NaN.
 
     Raises:
         RequestError: the file is missing or empty, a row is not four or eight numbers, a number is infinite or only

@@ -85,7 +85,7 @@ HALF_PIXEL = 0.5
 
 
 def read_ball_points(path: Path) -> FloatArray:
-    """``(T, 2)`` pixels of frames 0 to T - 1, NaN where the ball was not seen.
+    """``(T, 2)`` pixels of frames 0 to T - 1, NaN where the ball was missed.
 
     Raises:
         RequestError: the file or a column is missing, a value is no number, or a frame stands twice.

@@ -96,7 +96,7 @@ class Survivors:
     Attributes:
         matched: rows of the earlier tracks that were matched.
         detected: the detections they were matched to.
-        kept: rows of the earlier tracks that were not seen and live on.
+        kept: rows of the earlier tracks that were missed and live on.
         started: detections that started a track.
         lost: rows of the earlier tracks that were confirmed and are deleted.
     """
@@ -175,7 +175,7 @@ class Lifecycle:
 
     @property
     def targets(self) -> Targets:
-        """The confirmed tracks of the last frame: those seen, those kept, and those deleted in it."""
+        """The confirmed tracks of the last frame: those detected, those kept, and those deleted in it."""
         return self._targets
 
     def tracks(self) -> list[Track]:
@@ -279,7 +279,7 @@ class Lifecycle:
             scores = np.append(scores, np.zeros(len(lost)))
             origin = np.concatenate([origin, np.column_stack([np.full(len(lost), -1), lost_classes])])
             status = np.append(status, _STATUSES[np.full(len(lost), 2)])
-        # Only a box that was not seen can have shrunk.
+        # Only a box that was missed can have shrunk.
         boxes = with_area(boxes) if len(lost) or searched.any() else boxes
         frame, ids = self.clock.frame - 1, self._record.ids(numbers)
         return Targets(frame, ids, boxes, scores, status, origin, self._votes.names)
@@ -377,7 +377,7 @@ class Record:
         self._pruned = len(self._frames)
 
     def append(self, frame: int, numbers: IntArray, boxes: FloatArray, scores: FloatArray) -> None:
-        """Add the ``(K, 4 + …)`` boxes of the K tracks seen in a frame, and scores, 0 for those not known."""
+        """Add the ``(K, 4 + …)`` boxes of the K tracks detected in a frame, and scores, 0 for those not known."""
         self._frames.append(frame)
         self._numbers.append(numbers)
         self._boxes.append(boxes)

@@ -4,7 +4,7 @@ Cao et al., "Observation-Centric SORT: rethinking SORT for robust multi-object t
 Kalman filter drifts during a gap, and its velocity is its noisiest part. Three additions to SORT use the observations z
 instead:
 
-* ORU, observation-centric re-update (section 4.1): a track last seen at t₁ and found again at t₂ is filtered once more
+* ORU, observation-centric re-update (section 4.1): a track detected at t₁ and again at t₂ is filtered once more
   from t₁ on, along the virtual observations z̃_t = z_t₁ + (t − t₁)/(t₂ − t₁) · (z_t₂ − z_t₁).
 * OCM, observation-centric momentum (section 4.2): the cost of a match is C = C_IoU + λ C_v. C_v compares two
   directions: that of the track between two of its observations Δt frames apart, and that from its last observation to
@@ -239,7 +239,7 @@ def re_updated(
     motion: BoxMotion,
     passed: FloatArray,
 ) -> BoxBelief:
-    """ORU: what tracks found again predict for this frame, had they been seen on the straight way there.
+    """ORU: what tracks detected again predict for this frame, had they been detected on the straight way there.
 
     Args:
         history: of all tracks.

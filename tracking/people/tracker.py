@@ -234,7 +234,7 @@ def run_tracker(detections: Iterable[DetectionsLike], tracker: PeopleTracker) ->
 
     Args:
         detections: of each frame in order, frames without any included.
-        tracker: it goes on from whatever it has seen before.
+        tracker: it goes on from its earlier frames.
     """
     for found in detections:
         tracker.update(found)

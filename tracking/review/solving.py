@@ -30,7 +30,7 @@ DRAWN, DRIFT = 0.1, 0.03
 LONGEST, RETURN, PARTED, WAITING = 30.0, 2.5, 0.5, 0.15
 # How far people get, heights and heights a second, for how long, by how much they look larger, and what is too much.
 NEAR, WALK, SETTLED, RESIZED, LEAST_LIKELY = 0.5, 0.5, 4.0, 0.3, 4.0
-# How often pairs are seen to, since one way may break another.
+# How often pairs are handled, since one way may break another.
 MOST_ROUNDS = 50
 # After so many corrections, and every time as many more, costs are fitted anew.
 EVERY = 20
@@ -48,7 +48,7 @@ class CorrectedFlow:
         network: with a detection for each box that was drawn where none is.
         flow: of it.
         demands: of the corrections.
-        notes: how pairs of boxes were seen to, and which corrections do not apply.
+        notes: how pairs of boxes were handled, and which corrections do not apply.
     """
 
     def __init__(self, network: SolvedNetwork) -> None:
@@ -108,7 +108,7 @@ class CorrectedFlow:
         return flow
 
     def _solve(self, demands: Demands) -> list[str]:
-        """Solve, and say how pairs were seen to."""
+        """Solve, and note how pairs were handled."""
         pairs, before = demands.wanted_pairs(), self.flow
         ways = {pair: way for pair, way in self._ways.items() if pair in pairs}
         # Ways that were found before may not suit any more.

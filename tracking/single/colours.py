@@ -23,7 +23,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 
 LEVELS = 16  # of red, green and blue each
 _BITS = 4  # 256 / LEVELS values of a channel are one level
-_RARE = 1e-4  # a colour that was never seen counts as neither
+_RARE = 1e-4  # a new colour counts as neither
 
 
 @dataclass(frozen=True)

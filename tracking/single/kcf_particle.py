@@ -16,7 +16,7 @@ The text leaves points open. That of (3.5) is settled in `particles`; of the res
 * (3.7): see `particles.dispersion` for the matrix C and the filter numbers.
 * In every frame of the search the particles are resampled systematically.
 
-The preset `ROBUST` adds to this; each addition answers a failure seen on videos:
+The preset `ROBUST` adds to this; each addition answers a failure on videos:
 
 * the colours weigh particles too, and the windows about the target's are searched (`particles`);
 * the search also starts when response or colours fall below their usual (`particles.Confidence`), and goes on while

@@ -144,7 +144,7 @@ class PointTable:
         nodes: K names.
         frames: ``(N,)`` 0-based.
         tracks: N names of who it is; empty where that is not known.
-        points: ``(N, K, 2)`` pixels; NaN where a point is not seen.
+        points: ``(N, K, 2)`` pixels; NaN where a point is missing.
         scores: ``(N, K)``; NaN where a point has none.
     """
 

@@ -199,7 +199,7 @@ _MOVED = 0.01
 # Least correlation of the edges of two pictures of one place. Measured: .8 in a street, .3 in a crowd that hides nearly
 # all that stands still; below .1 for pictures of noise, whose best shift is besides anywhere.
 _SAME_EDGES = 0.15
-# Nine of ten places of a picture in which nothing is to be seen have gradients below this (Sobel, 255 grey levels).
+# Nine of ten places of an empty picture have gradients below this (Sobel, 255 grey levels).
 _NOTHING = 15.0
 _EDGE_WIDTH = 240
 

@@ -209,7 +209,7 @@ def _read(folder: Path) -> Watched:
 
 
 def _keep(opened: Source, folder: Path, most: int) -> tuple[list[int], int, tuple[int, int]]:
-    """Frames kept, frames seen, and their width and height; every second is dropped whenever there are too many."""
+    """Frames kept, frames read, and their width and height; every second is dropped whenever there are too many."""
     folder.mkdir(parents=True, exist_ok=True)
     encoded: dict[int, bytes] = {}
     step, count, size = 1, 0, (0, 0)

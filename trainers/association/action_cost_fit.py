@@ -87,19 +87,19 @@ def link_samples(
         path.follow(one.motion or CameraStep(STANDS_STILL))
     given = FlowInput(flow.input, InferenceTimes(frame_rate), size, path)
     found = [replace(o.detections, actions=averaged(o.actions)) for o in observations if o.actions is not None]
-    seen, scores, _ = given.rows(found)
-    assert seen.actions is not None
+    table, scores, _ = given.rows(found)
+    assert table.actions is not None
     window = FlowWindow(costs, frame_rate, size)
-    window.add(seen)
+    window.add(table)
     solve_window(window, given, scores)
-    who = _people(seen.frames, seen.image, truth)
-    i, j = (np.searchsorted(seen.numbers, numbers) for numbers in (window.links.tail, window.links.head))
+    who = _people(table.frames, table.image, truth)
+    i, j = (np.searchsorted(table.numbers, numbers) for numbers in (window.links.tail, window.links.head))
     known = (who[i] != UNMATCHED) & (who[j] != UNMATCHED)
     i, j = i[known], j[known]
-    means = ActionCost("one-sided").means(seen.frames, window.labels(), seen.actions, frame_rate)
+    means = ActionCost("one-sided").means(table.frames, window.labels(), table.actions, frame_rate)
     return LinkSamples(
         window.links.cost[known],
-        action_distances(seen.actions, seen.actions, i, j),
+        action_distances(table.actions, table.actions, i, j),
         action_distances(*means, i, j),
         who[i] == who[j],
     )
@@ -189,9 +189,9 @@ def fit_action_costs(
     }
     samples = []
     for sequence in sequences:
-        seen = list(video_observations(sequence.folder, observers, key, cache))
+        table = list(video_observations(sequence.folder, observers, key, cache))
         truth, size = read_ground_truth(sequence.ground_truth_path), (sequence.width, sequence.height)
-        samples.append(link_samples(seen, truth, sequence.frame_rate, size))
+        samples.append(link_samples(table, truth, sequence.frame_rate, size))
         print(f"{sequence.folder.name}: {len(samples[-1].same)} links, {_said(samples[-1:])}")
     found = fit_action_cost(samples)
     term = {"weight": [*map(float, found.weight)], "neutral": [*map(float, found.neutral)]}

@@ -50,25 +50,25 @@ def sequence_graphs(
     """
     settings = settings or FlowSettings().alike()
     preparing = FlowInput(settings.input, InferenceTimes(video.frame_rate), video.size, video.path())
-    seen, scores, _ = preparing.rows(list(video.detections) or [Detections.empty()])
+    table, scores, _ = preparing.rows(list(video.detections) or [Detections.empty()])
     settings = replace(settings, costs=preparing.flow_costs(settings.costs))
     probability = preparing.probability(scores)
     observation = settings.input.detection(probability, video.frame_rate)
     logit = np.log(probability / (1 - probability))
     window = FlowWindow(settings.costs, video.frame_rate, video.size)
-    window.add(seen)
-    if len(seen):
+    window.add(table)
+    if len(table):
         change = window.learnt(logit, observation)
         first = preparing.first_costs(scores)
         window.solve(observation + change[:, 0], change[:, 1], change[:, 2], first_costs=first)
-    owners = owners_of(seen.frames, seen.image, video.truth)
-    labels = window.labels() if len(seen) else np.empty(0, np.int64)
-    parts = _link_parts(seen, window, labels, settings)
-    graph = _detection_graph(video, seen, owners, labels, parts, observation, logit, settings)
-    return Graphs(graph, _tracklet_graph(video, seen, owners, labels, settings))
+    owners = owners_of(table.frames, table.image, video.truth)
+    labels = window.labels() if len(table) else np.empty(0, np.int64)
+    parts = _link_parts(table, window, labels, settings)
+    graph = _detection_graph(video, table, owners, labels, parts, observation, logit, settings)
+    return Graphs(graph, _tracklet_graph(video, table, owners, labels, settings))
 
 
-def _link_parts(seen: DetectionTable, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
+def _link_parts(table: DetectionTable, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
     """All links that the tracker considers, at the costs along its tracks without learnt changes."""
     found: list[LinkParts] = []
 
@@ -76,19 +76,19 @@ def _link_parts(seen: DetectionTable, window: FlowWindow, labels: IntArray, sett
         found.append(parts)
         return np.zeros(len(parts.i))
 
-    tails, heads = (np.searchsorted(seen.numbers, part) for part in (window.links.tail, window.links.head))
-    past, future = beliefs_along(labels, seen.measured, settings.costs.link.motion)
+    tails, heads = (np.searchsorted(table.numbers, part) for part in (window.links.tail, window.links.head))
+    past, future = beliefs_along(labels, table.measured, settings.costs.link.motion)
     averaged = AVERAGED
-    means = None if seen.features is None else mean_features(seen, labels, seen.features, averaged)
+    means = None if table.features is None else mean_features(table, labels, table.features, averaged)
     cost, hidden = settings.costs.link, window.links.hidden
     by = LinkModel(cost, np.inf, change=keep)
-    link_costs(seen, (tails, heads), (past, future), by, means=means, hidden=hidden, labels=labels)
+    link_costs(table, (tails, heads), (past, future), by, means=means, hidden=hidden, labels=labels)
     return found[0]
 
 
 def _detection_graph(
     video: DetectedVideo,
-    seen: DetectionTable,
+    table: DetectionTable,
     owners: IntArray,
     tracks: IntArray,
     parts: LinkParts,
@@ -97,38 +97,38 @@ def _detection_graph(
     settings: FlowSettings,
 ) -> Graph:
     costs = settings.costs
-    features = detection_evidence(seen, observation, logit)
-    links = link_evidence(seen, parts, costs.link.motion)
+    features = detection_evidence(table, observation, logit)
+    links = link_evidence(table, parts, costs.link.motion)
     graph = Graph(
         video.name,
         video.frame_rate,
-        seen.frames,
+        table.frames,
         owners,
-        seen.image,
+        table.image,
         tracks,
-        np.concatenate([observation, np.full(len(seen), costs.entry), np.full(len(seen), costs.exit), parts.cost]),
-        np.zeros(3 * len(seen), dtype=np.bool_),
+        np.concatenate([observation, np.full(len(table), costs.entry), np.full(len(table), costs.exit), parts.cost]),
+        np.zeros(3 * len(table), dtype=np.bool_),
         features,
         parts.i,
         parts.j,
         links,
-        np.zeros(3 * len(seen) + len(parts.i)),
+        np.zeros(3 * len(table) + len(parts.i)),
         video.truth.select(video.truth.evaluated).frames,
         tuple(video.images),
-        _origin(video, seen, logit, settings) if video.anchors else None,
-        seen.features,
+        _origin(video, table, logit, settings) if video.anchors else None,
+        table.features,
     )
     graph = labelled(taken_out(graph, owners == IGNORED))
     short = short_runs(graph, settings.fewest(video.frame_rate))
     return labelled(taken_out(graph, short))
 
 
-def _origin(video: DetectedVideo, seen: DetectionTable, logit: FloatArray, settings: FlowSettings) -> Origin:
+def _origin(video: DetectedVideo, table: DetectionTable, logit: FloatArray, settings: FlowSettings) -> Origin:
     """The anchors and scores of the detections that the tracker took, which leaves out duplicates."""
-    anchors, scores = np.empty(len(seen), dtype=np.int64), np.empty(len(seen))
-    for frame in np.unique(seen.frames):
-        here, found = np.flatnonzero(seen.frames == frame), video.detections[frame]
-        which = (seen.image[here, None] == found.boxes[None]).all(axis=2).argmax(axis=1)
+    anchors, scores = np.empty(len(table), dtype=np.int64), np.empty(len(table))
+    for frame in np.unique(table.frames):
+        here, found = np.flatnonzero(table.frames == frame), video.detections[frame]
+        which = (table.image[here, None] == found.boxes[None]).all(axis=2).argmax(axis=1)
         anchors[here], scores[here] = video.anchors[frame][which], found.scores[which]
     given = np.clip(scores, CERTAIN, 1 - CERTAIN)
     given = np.log(given / (1 - given))
@@ -141,7 +141,7 @@ def _origin(video: DetectedVideo, seen: DetectionTable, logit: FloatArray, setti
 
 
 def _tracklet_graph(
-    video: DetectedVideo, seen: DetectionTable, owners: IntArray, labels: IntArray, settings: FlowSettings
+    video: DetectedVideo, table: DetectionTable, owners: IntArray, labels: IntArray, settings: FlowSettings
 ) -> Graph:
     """Tracklets in place of detections, joins of their ends in place of links; an owner has half of one."""
     ends = Ends.of(labels)
@@ -150,19 +150,19 @@ def _tracklet_graph(
     i, j, cost, rows = none, none, np.empty(0), np.empty((0, len(JOIN_FEATURES)))
     if count:
         link = replace(settings.costs.link, miss=MISS_OF_JOIN)
-        before, after, parts = join_parts(seen, labels, ends, None, link)
+        before, after, parts = join_parts(table, labels, ends, None, link)
         near = np.flatnonzero(parts.cost < 3 * MOST_FOR_JOIN)
         i, j = np.searchsorted(ends.track, before[near]), np.searchsorted(ends.track, after[near])
         cost = parts.cost[near] - MOST_FOR_JOIN
-        rows = evidence_of_joins(seen, labels, ends, parts, link)[near]
+        rows = evidence_of_joins(table, labels, ends, parts, link)[near]
     majority = _owners_of_tracks(owners, labels, int(labels.max(initial=-1)) + 1)[ends.track]
-    starts = seen.frames[ends.first] if count else none
+    starts = table.frames[ends.first] if count else none
     graph = Graph(
         f"{video.name}, tracklets",
         video.frame_rate,
         starts,
         majority,
-        seen.image[ends.first] if count else np.empty((0, 4)),
+        table.image[ends.first] if count else np.empty((0, 4)),
         np.arange(count),
         np.concatenate([np.full(count, -ALWAYS), np.zeros(2 * count), cost]),
         np.ones(3 * count, dtype=np.bool_),

@@ -59,7 +59,7 @@ class WindowImages:
     frames: ModelCard | None = None
 
     def at(self, detections: Graph, tracklets: Graph) -> TrainingWindow:
-        """The window with what is seen of it."""
+        """The window with its observations."""
         crops = None if self.crops is None else crops_of(detections, *self.crops)
         frames = None if self.frames is None else frames_of(detections, self.frames)
         return TrainingWindow(detections, tracklets, crops, frames)
@@ -73,7 +73,7 @@ class RandomWindows(Dataset[TrainingWindow]):
         seconds: length of a window.
         count: windows an epoch.
         seed: of the places, and of the epoch, asked anew for every window.
-        images: what is seen of a window.
+        images: those of a window.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class RandomWindows(Dataset[TrainingWindow]):
         chosen = self.graphs[int(rng.choice(len(self.graphs), p=self.chances))]
         graph = chosen.detections
         length, last = max(2, round(self.seconds * graph.frame_rate)), int(graph.frames.max(initial=0)) + 1
-        # A window may reach over either end of the sequence, so that its borders are seen as often as the rest.
+        # A window may reach over either end of the sequence, so that its borders are learnt from as often as the rest.
         first = int(rng.integers(-length // 2, max(last - length // 2, 1)))
         return self.images.at(window(graph, max(first, 0), min(first + length, last)), chosen.tracklets)
 

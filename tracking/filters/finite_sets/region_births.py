@@ -99,7 +99,7 @@ class PatchBirths:
         """Boxes ``(G, 4)`` of the patches that no target explains, largest first.
 
         A patch apart from all targets may be a new one. A patch much smaller than the box over it, or much larger than
-        the one box in it, shows that the box is wrong: several targets were taken for one, or one is seen in part.
+        the one box in it, shows that the box is wrong: several targets were taken for one, or a part for one.
         """
         boxes = self.components(image)
         if len(boxes) and len(explained):

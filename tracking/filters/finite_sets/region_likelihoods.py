@@ -10,8 +10,8 @@ What a frame does to the weights of coloured regions: alternatives for (46), whe
   the part of the image under it as the one measurement ``y`` there. If no target is there, ``y`` is background, with
   density proportional to ``b``; this takes the place of the clutter ``mu_C p_C(y)`` and is weighed by the probability
   ``1 - m`` that the cluster is nothing. (45) then reads ``D'(x) = {(1 - pD) + pD h(x)/b} D(x) / {(1 - m) + m <(1 - pD)
-  + pD h/b>}``: the posterior of a target that is there or not. A cluster seen well above the background weighs about
-  one however pure its colour, one seen at the level of the background keeps its weight, one not seen loses it.
+  + pD h/b>}``: the posterior of a target that is there or not. A cluster measured well above the background weighs
+  about one however pure its colour, one at the level of the background keeps its weight, a missed one loses it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How a body was seen to move, as `tsuiseki train motion` saves it and the tracker of deformable bodies loads it.
+"""How a body moves, as `tsuiseki train motion` saves it and the tracker of deformable bodies loads it.
 
 All numbers are per frame at the frame rate they were learnt at; `LearntMotion.at` converts them to another.
 """
