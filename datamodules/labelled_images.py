@@ -77,7 +77,8 @@ def _images_of(
     video: LabelledVideo, frames: tuple[int, int] | None, part: Part, single: bool, classes: Sequence[str]
 ) -> Iterator[LabelledFrame]:
     if video.length is None or len(video.files) != video.length:
-        raise RequestError(f"{video.name}: expected images in img1/ or images/, found none; training needs them")
+        there = f"the video {video.files[0]}; write its frames there" if len(video.files) == 1 else "none"
+        raise RequestError(f"{video.name}: training needs images in img1/ or images/, found {there}")
     truth, kinds = _of_classes(video, single, classes)
     first, last = frames or (1, video.length)
     start, end = (round(share * video.length) for share in part)

@@ -183,8 +183,9 @@ def detection(
         truth: whatever evaluate people takes, also labels of single pictures; or rotated boxes: the
             JSON of CEPDOF or MW-R, or a folder of HABBOF's text files.
         results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
-            NAME/detections.txt for each sequence NAME; for rotated boxes a JSON list of image_id, bbox (cx, cy, w, h,
-            degrees clockwise) and score, which is scored by the overlap of the turned boxes.
+            NAME/detections.txt for each sequence NAME; exported detectors (.onnx), which look at the labelled images;
+            for rotated boxes a JSON list of image_id, bbox (cx, cy, w, h, degrees clockwise) and score, which is scored
+            by the overlap of the turned boxes.
         iou: overlap from which a detection is right.
         score_range: smallest and largest score that the detections may have.
         json: write the scores to this file, with recall and precision at every detection.

@@ -19,6 +19,7 @@ from tsuiseki.tracking.evaluation.detection import (
 )
 from tsuiseki.tracking.evaluation.multi import MANY, SequencePair, restrict, where_labelled
 from tsuiseki.tracking.evaluation.truths import Truth
+from tsuiseki.tracking.features.exported import open_detector
 from tsuiseki.tracking.formats.exports import format_at, read_exported
 from tsuiseki.tracking.formats.label_checks import PEOPLE, compare_with_labels, compare_with_picture, same_class
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
@@ -26,7 +27,10 @@ from tsuiseki.tracking.output import RUN_FILE, is_partial
 from tsuiseki.tracking.types import Detections, IntArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.video.image_folder import read_image
 
+# Detections of a network from this score on are scored.
+LOWEST_SCORE = 0.05
 # What results of different runs are called alike tells nothing apart.
 # Shares of a person that are visible, from and below.
 VISIBLE = ((0.75, 1.01), (0.5, 0.75), (0.25, 0.5), (0.0, 0.25))
@@ -155,11 +159,11 @@ def evaluate_detection_files(
     iou: float = 0.5,
     score_range: tuple[float, float] = (0.0, 1.0),
 ) -> DetectionEvaluation:
-    """Average precision of detections in files.
+    """Average precision of detections in files, or of a detector.
 
     Args:
         truths: the labels.
-        result: a text file where there is one truth, or a folder.
+        result: a text file where there is one truth, a folder, or an exported detector, which looks at the images.
         iou: overlap from which a detection is right.
         score_range: smallest and largest score to expect.
 
@@ -168,8 +172,11 @@ def evaluate_detection_files(
     """
     every: dict[str, tuple[GroundTruth, list[int], list[Detections]]] = {}
     for truth in truths:
-        file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
-        found = read_detections(file, truth.length, score_range)
+        if result.suffix in (".onnx", ".ckpt"):
+            file, found = result, _detected(truth, result, score_range)
+        else:
+            file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
+            found = read_detections(file, truth.length, score_range)
         compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), truth.size)
         warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
         last = max(int(truth.labels.frames[-1]), len(found) - 1)
@@ -202,6 +209,27 @@ def evaluate_detection_files(
         right = round(float(sequences[name].recall.max(initial=0)) * sequences[name].boxes)
         compare_with_labels(name, right, np.concatenate([image.boxes for image in images]), labels.boxes)
     return DetectionEvaluation(sequences, scored(every.values()), visible)
+
+
+def _detected(truth: Truth, network: Path, score_range: tuple[float, float]) -> list[Detections]:
+    """The detections of an exported network in the labelled images that count.
+
+    Raises:
+        RequestError: there are no images, or the network is a checkpoint.
+    """
+    if network.suffix == ".ckpt":
+        raise RequestError(
+            f"{network}: expected an exported network; write it by `tsuiseki export detector --checkpoint {network}`"
+        )
+    if not truth.length or len(truth.files) != truth.length:
+        raise RequestError(f"{truth.name}: expected images beside the labels, to detect in, found none")
+    detector, wanted = open_detector(network, max(score_range[0], LOWEST_SCORE)), truth.frames.within(truth.length)
+    found = [Detections.empty()] * truth.length
+    assert wanted.last is not None
+    for number in range(wanted.first, wanted.last + 1):
+        here = detector.detect([read_image(truth.files[number])])[0]
+        found[number] = here.select(here.scores <= score_range[1])
+    return found
 
 
 def _warn_of_a_segment(file: Path, labels: GroundTruth, frames: IntArray) -> None:

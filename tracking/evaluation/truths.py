@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -27,6 +27,7 @@ class Truth:
         size: width and height of the pictures, where the sequence says.
         wanted: number or name of the class that the labels are of; None for people, whatever class results have.
         classes: names by number, where the layout has numbers.
+        files: one image a frame; empty where only labels are there.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Truth:
     size: Size = None
     wanted: int | str | None = None
     classes: Mapping[int, str] = field(default_factory=dict)
+    files: Sequence[Path] = ()
 
 
 def read_truths(
@@ -67,7 +69,7 @@ def read_truths(
         except NothingLabelledError as error:
             without.append(error)
             continue
-        more = video.size, wanted, video.classes
+        more = video.size, wanted, video.classes, video.files
         truths.append(Truth(video.name, labels, video.length, video.counted(protocol), *more))
     if without and (wanted is None or not truths):
         raise without[0]

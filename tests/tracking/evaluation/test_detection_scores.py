@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -16,9 +17,12 @@ from tsuiseki.tracking.evaluation.detection import (
     evaluate_detections,
     labelled_boxes,
 )
+from tsuiseki.tracking.evaluation.result_files import evaluate_detection_files
+from tsuiseki.tracking.evaluation.truths import read_truths
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
 
 BOX = np.array([[10.0, 10.0, 30.0, 60.0]])
 
@@ -168,3 +172,18 @@ def test_labels_or_detections_of_some_frames_alone_are_told(tmp_path: Path, caps
     assert "30 of 40 boxes lie outside frames 1-10" in first[1]
     assert "has detections in frames 1-40 alone, but 1-100 are scored" in all_of_100[1]
     assert every_tenth[1]  # four labelled frames show no stride, but end early
+
+
+def test_an_exported_detector_looks_at_the_labelled_images(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "img1").mkdir()
+    (tmp_path / "gt").mkdir()
+    for n in range(2):
+        cv2.imwrite(str(tmp_path / "img1" / f"{n + 1:06d}.png"), np.full((96, 128, 3), 90, np.uint8))
+    (tmp_path / "gt" / "gt.txt").write_text("1,1,20,20,20,50,1,1,1\n2,1,20,20,20,50,1,1,1\n")
+    model = shipped(LEARNING_DETECTOR)
+    scores = evaluate_detection_files(read_truths(tmp_path, single=True), model).combined
+    assert (scores.boxes, scores.recall.tolist()) == (2, [0.0] * len(scores.scores))
+    assert main(["evaluate", "detection", str(tmp_path / "gt" / "gt.txt"), str(model)]) == 2
+    assert "expected images beside the labels" in capsys.readouterr().err
+    assert main(["evaluate", "detection", str(tmp_path), str(tmp_path / "best.ckpt")]) == 2
+    assert "write it by" in capsys.readouterr().err
