@@ -16,6 +16,7 @@ from tsuiseki.tracking.answers.scene import Scene, read_scene
 from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.answers.zone_tables import counts_table, gathering_table, people, zone_tables
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import BodyTrack, boxes_about
@@ -117,6 +118,8 @@ def count(
     frames = getattr(result, "frames", {}).get("frame", ())
     first, length = min(frames, default=0), max([-1, *frames, *(int(track.frames[-1]) for track in tracks)]) + 1
     known = scene.size or getattr(result, "size", None)
+    if not bodies:
+        compare_with_picture("the result", np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]), known)
     # Animals are filmed from above: none hides another.
     every = paths if bodies else paths_of(with_hidden(tracks, known, length, rate), scene, settings)
     size = np.asarray(known or scene.pixels(paths.points).max(axis=0, initial=1.0), dtype=np.float64)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json as text
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.result_files import result_names
 from tsuiseki.tracking.formats.okutama import Protocol
 from tsuiseki.tracking.options import BY_PLACE, Files, Shared
@@ -45,10 +46,13 @@ class Comparison(Files):
         """The results, each by a name as short as tells them apart."""
         return dict(zip(result_names(self.results, self.names), self.results, strict=True))
 
-    def report(self, table: Table, values: Mapping[str, Any]) -> None:
-        """Print the scores, and write them where that is wanted."""
+    def report(self, table: Table, values: Mapping[str, Any], right: Mapping[str, float] | None = None) -> None:
+        """Print the scores, and write them where that is wanted; of ``right`` a 0 is told, which is no score."""
         from tsuiseki.tracking.evaluation.tables import show
 
+        for name in [name for name, share in (right or {}).items() if not share]:
+            told = "nothing in it is on a label; is it of another video, in another unit, or empty?"
+            warnings.warn(f"{name}: {told}", InputWarning, stacklevel=2)
         show(table)
         if self.json is not None:
             written = text.dumps(values, indent=1, default=vars) + "\n"
@@ -169,7 +173,8 @@ def coverage(given: Comparison, scored: ScoredFrames, overlap: float = 0.5) -> N
     _check(0 < overlap <= 1, "overlap", "a share above 0 and at most 1", overlap)
     sequences = find_single_sequences(given.truth)
     found = {name: cover_targets(sequences, path, overlap, scored.range) for name, path in given.named().items()}
-    given.report(coverage_table(found), found)
+    right = {name: sum(one.covered for one in every.values()) for name, every in found.items()}
+    given.report(coverage_table(found), found, right)
 
 
 def detection(
@@ -223,7 +228,7 @@ def floor(given: Comparison, distance: float = 1.0, near: float = 0.5) -> None:
     _check(distance > 0, "distance", "metres above 0", distance)
     _check(near > 0, "near", "metres above 0", near)
     scores = evaluate_floor_files(given.truth, given.named(), distance, near)
-    given.report(value_table(scores, FLOOR_COLUMNS), scores)
+    given.report(value_table(scores, FLOOR_COLUMNS), scores, {name: one.recall for name, one in scores.items()})
 
 
 def people(given: PlottedComparison, labels: Labels, classes: list[int | str] | None = None) -> None:
@@ -296,7 +301,8 @@ def points(given: Comparison, scored: ScoredFrames, cutoff: float = 100.0, windo
     _check(cutoff > 0, "cutoff", "a distance above 0", cutoff)
     _check(window >= 1, "window", "1 frame or more", window)
     scores = evaluate_point_files(given.truth, given.named(), cutoff, window, scored.range)
-    given.report(value_table(scores, POINT_COLUMNS), scores)
+    near = {name: cutoff - one.ospa1 for name, one in scores.items()}
+    given.report(value_table(scores, POINT_COLUMNS), scores, near)
 
 
 def single(
@@ -351,4 +357,5 @@ def states(given: Comparison, scored: ScoredFrames, distance: float = 20.0) -> N
 
     _check(distance > 0, "distance", "pixels above 0", distance)
     scores = evaluate_state_files(given.truth, given.named(), distance, scored.range)
-    given.report(value_table(scores, STATE_COLUMNS), {name: one.values() for name, one in scores.items()})
+    right = {name: one.success for name, one in scores.items()}
+    given.report(value_table(scores, STATE_COLUMNS), {name: one.values() for name, one in scores.items()}, right)

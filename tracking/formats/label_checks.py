@@ -60,6 +60,8 @@ def same_class(one: str, other: str) -> bool:
     return first == second or {first, second} <= set(PERSON_NAMES)
 
 
+# Pixels that no picture has.
+FARTHEST = 1e7
 # Counting from 1 moves shares of 0 to -1.
 WITHIN_A_PIXEL = 1.01
 # Shares of the boxes: from the first on a warning is given that they leave the picture, from the second on they are
@@ -78,11 +80,14 @@ def compare_with_picture(where: str | Path, boxes: FloatArray, size: tuple[int, 
         size: width and height of the picture; where it is not known, only shares are recognised.
 
     Raises:
-        RequestError: they look like shares from 0 to 1 or like corners taken for widths, or all are outside.
+        RequestError: they look like shares from 0 to 1 or like corners taken for widths, or all are outside,
+            or one is farther than any picture reaches.
     """
     boxes = boxes[np.isfinite(boxes).all(axis=1)]
     if not len(boxes):
         return
+    if np.abs(boxes).max() > FARTHEST:
+        raise RequestError(f"{where}: expected boxes in pixels, got one that reaches {np.abs(boxes).max():g}")
     if np.abs(boxes).max() <= WITHIN_A_PIXEL and (size is None or min(size) > 2):
         raise RequestError(
             f"{where}: expected boxes in pixels, got {len(boxes)} within one pixel, which look like shares of the "

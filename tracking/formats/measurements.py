@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import NamedRows, finite_number, read_named_rows, read_text, write_csv
+from tsuiseki.tracking.formats.rows import LARGEST, NamedRows, finite_number, read_named_rows, read_text, write_csv
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.measurements import (
     BirthPlace,
@@ -230,4 +230,6 @@ def _check_keys(name: str, content: Any, known: tuple[str, ...]) -> None:
 def _number(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise RequestError(f"{name}: expected a number, got {value!r}")
+    if not abs(value) <= LARGEST:
+        raise RequestError(f"{name}: expected a number up to {LARGEST:g}, got {value}")
     return float(value)

@@ -284,17 +284,21 @@ def write_csv(path: Path, heading: Iterable[str], rows: Iterable[Iterable[Any]])
         writer.writerows(rows)
 
 
+# A time in nanoseconds since 1970 is below 1e19.
+LARGEST = 1e20
+
+
 def finite_number(path: Path, line: int, name: str, text: str | None) -> float:
     """The number in column ``name`` of a line, counted from 1.
 
     Raises:
-        RequestError: ``text`` is missing, no number, or not finite.
+        RequestError: ``text`` is missing, no number, not finite, or beyond what is measured.
     """
     try:
         value = float(text or "")
     except ValueError:
         value = np.nan
-    if not np.isfinite(value):
+    if not np.isfinite(value) or abs(value) > LARGEST:
         raise RequestError(f"{path}:{line}: expected a finite number in column {name}, got {text!r}")
     return value
 

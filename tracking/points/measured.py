@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -12,7 +13,7 @@ import numpy as np
 
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.cli.run import SeededOutput
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.following import count
 from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_model, sensing_model, write_sensed_tracks
 from tsuiseki.tracking.people.detect import network_detections
@@ -30,6 +31,9 @@ from tsuiseki.tracking.video.source import frames_expected, open_source
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+# Share of the measurements outside the region that is worth a note.
+MANY = 0.2
 
 
 def track_measurements(
@@ -96,8 +100,16 @@ def as_model(model: str | Path | Mapping[str, Any] | SensingModel) -> SensingMod
 
 
 def with_region(model: SensingModel, scans: Sequence[Scan]) -> SensingModel:
-    """The model with the region where the measurements lie, if it has none of its own."""
-    return model if model.region else replace(model, region=region_of(scans))
+    """The model with the region where the measurements lie, if it has none of its own; warns of others outside."""
+    if not model.region:
+        return replace(model, region=region_of(scans))
+    every = np.concatenate([np.empty((0, len(model.region))), *(scan.measurements for scan in scans)])
+    low, high = np.array(model.region).T
+    outside = int(((every < low) | (every > high)).any(axis=1).sum())
+    if outside > MANY * len(every):
+        told = f"{outside} of {len(every)} measurements lie outside the model's region; is it in their units?"
+        warnings.warn(told, InputWarning, stacklevel=3)
+    return model
 
 
 def sensed_result(

@@ -107,7 +107,7 @@ def _opened(source: str | Path, wanted: FrameRange) -> ImageFolder | VideoFile |
         return ImageFolder.open(path, wanted)
     if path.is_file():
         return VideoFile.open(path, wanted)
-    if text.isdecimal():
+    if text.isdecimal() and len(text) < 10:
         return LiveSource.open(int(text), f"webcam {text}", wanted)
     if "://" in text:
         return LiveSource.open(text, text.split("?")[0], wanted)

@@ -291,7 +291,7 @@ class EpochLines(Callback):
     def on_train_epoch_start(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
         """Start the clock."""
         del trainer, pl_module
-        self._start = time.perf_counter()
+        self._start, self._trained = time.perf_counter(), 0.0
 
     def on_validation_start(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
         """Stop the clock of training."""
@@ -304,7 +304,8 @@ class EpochLines(Callback):
         if not trainer.is_global_zero:
             return
         values = "  ".join(f"{k} {float(v):.4g}" for k, v in sorted(trainer.callback_metrics.items()))
-        pace = f"{trainer.num_training_batches / max(self._trained, 1e-9):.2f} batches/s"
+        trained = self._trained or time.perf_counter() - self._start
+        pace = f"{trainer.num_training_batches / max(trained, 1e-9):.2f} batches/s"
         print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {values}  {pace}", flush=True)
 
 

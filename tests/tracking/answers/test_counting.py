@@ -130,6 +130,11 @@ def test_bad_requests_are_refused():
         answers(track).count("door", "in")
     with pytest.raises(RequestError, match="the video has 64x48"):
         count(Result([track], "v", 10.0, (64, 48)), SCENE)
+    beyond = replace(track, boxes=track.boxes * 1000)
+    with pytest.raises(RequestError, match="in the picture of 640x480, got all 2 outside of it"):
+        count([beyond], SCENE, frame_rate=10)
+    with pytest.raises(RequestError, match="expected boxes in pixels, got one that reaches"):
+        count([replace(track, boxes=track.boxes * 1e9)], replace(SCENE, size=None), frame_rate=10)
     with pytest.raises(RequestError, match="tracks of boxes"):
         count([object()], SCENE, frame_rate=10)
 

@@ -110,7 +110,7 @@ def test_many_tracks_stay_below_the_size_of_a_page(tmp_path):
 
 
 def test_heat_is_seconds_and_seconds_a_square_metre():
-    standing = walker([(10, 10)] * 30)
+    standing = walker([(10, 10)] * 30, height=10)
     found = count(Result([standing], "v", 10.0, SIZE), Scene())
     seconds, unit = heat_values(found, found.paths.points)
     assert seconds.shape == (36, 48)

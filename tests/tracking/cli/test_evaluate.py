@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tsuiseki.tracking.cli import main
 
@@ -192,6 +193,32 @@ def test_a_broken_ground_truth_is_no_score(tmp_path: Path, capsys: pytest.Captur
         captured = capsys.readouterr()
         assert line in captured.err
         assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("what", "row"),
+    [("points", "{k},1,{x},20"), ("floor", "{k},1,{x},20"), ("states", "{k},1,{x},20"), ("coverage", "")],
+)
+def test_a_result_of_which_nothing_is_right_is_told(
+    what: str, row: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    heading = {"points": "frame,id,x,y", "floor": "time,id,x,y", "states": "frame,id,a,b"}.get(what, "")
+    for name, x in (("there", 10), ("elsewhere", 9000)):
+        lines = [heading, *(row.format(k=k, x=x) for k in range(1, 9))]
+        if what == "coverage":
+            lines = [f"{k},1,{x},20,10,30,1,-1,-1,-1" for k in range(1, 9)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(lines) + "\n")
+    truth = tmp_path / "there.csv"
+    if what == "coverage":
+        truth = tmp_path / "sequence"
+        (truth / "img").mkdir(parents=True)
+        for k in range(8):
+            Image.new("RGB", (64, 64)).save(truth / "img" / f"{k + 1:04}.png")
+        (truth / "groundtruth_rect.txt").write_text("10,20,10,30\n" * 8)
+    assert main(["evaluate", what, str(truth), *(str(tmp_path / f"{n}.csv") for n in ("there", "elsewhere"))]) == 0
+    said = capsys.readouterr().err
+    assert "note: elsewhere: nothing in it is on a label" in said
+    assert "note: there" not in said
 
 
 @pytest.mark.integration

@@ -18,7 +18,7 @@ from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, re
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.formats.okutama import read_okutama
 from tsuiseki.tracking.formats.rotated import read_rotated_labels
-from tsuiseki.tracking.formats.rows import read_rows
+from tsuiseki.tracking.formats.rows import finite_number, read_rows
 from tsuiseki.tracking.formats.sensed_points import is_point_file, read_point_tracks
 from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.formats.world_tables import read_correspondences
@@ -199,3 +199,9 @@ def test_rows_of_boxes_keep_hidden_targets(tmp_path: Path) -> None:
         boxes = read_boxes(tmp_path / "gt.txt")
     assert np.isnan(boxes).all(axis=1).tolist() == [False, True, False]
     assert read_rows(tmp_path / "gt.txt", "boxes").lines == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("text", ["1e300", "-1e21", "inf", "nan", "", "abc"])
+def test_what_nobody_measures_is_refused_by_its_line(text: str) -> None:
+    with pytest.raises(RequestError, match=r"a\.csv:7: expected a finite number in column x"):
+        finite_number(Path("a.csv"), 7, "x", text)

@@ -11,7 +11,7 @@ import pytest
 
 import tsuiseki
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 
 MODEL = {
     "sensor": {"model": "linear", "deviation": 5},
@@ -198,6 +198,8 @@ def test_a_broken_file_gets_one_line(tmp_path: Path, header: str, rows: list[str
         ({"noise": 3}, "expected the keys sensor, motion, .* got 'noise'"),
         ({"motion": {"speed": 3}}, "motion: expected the keys model, acceleration, turn, got 'speed'"),
         ({"motion": {"acceleration": "fast"}}, "motion.acceleration: expected a number, got 'fast'"),
+        ({"sensor": {"deviation": float("inf")}}, "sensor.deviation: expected a number up to 1e\\+20, got inf"),
+        ({"clutter": 1e300}, "clutter: expected a number up to 1e\\+20, got 1e\\+300"),
         ({"detection": 1.5}, "detection: expected a probability"),
         ({"region": [[0, 1]]}, "region: expected 2 pairs"),
         ({"region": [[1, 0], [0, 1]]}, "region: expected each low below its high"),
@@ -208,6 +210,11 @@ def test_a_broken_file_gets_one_line(tmp_path: Path, header: str, rows: list[str
 def test_a_broken_model_gets_one_line(change: dict[str, object], reason: str) -> None:
     with pytest.raises(RequestError, match=reason):
         tsuiseki.track_measurements(scans(steps=3), {**MODEL, **change})
+
+
+def test_measurements_outside_the_region_are_told() -> None:
+    with pytest.warns(InputWarning, match=r"\d+ of \d+ measurements lie outside the model's region"):
+        tsuiseki.track_measurements(scans(steps=3), {**MODEL, "region": [[-1, 1], [-1, 1]]})
 
 
 def test_known_places_of_birth_and_a_late_scan() -> None:

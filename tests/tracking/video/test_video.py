@@ -149,6 +149,7 @@ def test_what_is_no_video_is_refused(tmp_path: Path, webm: Path, images: Path) -
     (tmp_path / "nothing" / "monday.mp4").touch()
     refused(tmp_path / "nothing", "found neither, but monday.mp4; give a video by its own path")
     refused("97", "pictures from webcam 97")
+    refused("99999999999999999999", "a webcam number or an address, found no 9999")
     refused(webm, "within 1-20", "400-500")
     refused(images, "within 1-5", "4-9")
     (images / "notes.txt").write_text("hello")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 from pathlib import Path
 from types import SimpleNamespace
@@ -205,6 +206,7 @@ def test_no_checkpoint_is_named_that_is_not_there(
     assert fit_detector(["--config", str(config), "--overwrite=true", change]) is None
     out = capsys.readouterr().out
     assert "no best checkpoint was kept" in out
+    assert float(re.findall(r"([\d.]+) batches/s", out)[-1]) < 1e6
     assert "best checkpoint:" not in out
 
 
