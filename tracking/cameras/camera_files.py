@@ -229,6 +229,8 @@ def _numbers(value: Any, shape: tuple[int, ...], where: str) -> FloatArray:
     """``value`` as finite numbers of ``shape``; otherwise a `RequestError` that begins with ``where``."""
     try:
         array = np.asarray(value, dtype=np.float64)
+        if any(isinstance(one, bool) for one in np.asarray(value, dtype=np.object_).flat):
+            array = np.empty(0)
     except (TypeError, ValueError):
         array = np.empty(0)
     if array.shape != shape or not np.isfinite(array).all():

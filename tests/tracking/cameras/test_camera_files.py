@@ -30,6 +30,7 @@ def test_cameras_survive_a_round_trip(tmp_path):
     [
         (lambda e: e.pop("rotation"), "camera 1: expected the field rotation, found none"),
         (lambda e: e.update(focal=[1.0]), "camera 1: focal: expected 2 finite numbers"),
+        (lambda e: e.update(focal=[True, 600.0]), "camera 1: focal: expected 2 finite numbers"),
         (lambda e: e.update(position=["a", 1, 2]), "camera 1: position: expected 3 finite numbers"),
         (lambda e: e.update(rotation=[[1, 0, 0], [0, 1, 0], [0, 0, 2]]), "expected a rotation matrix"),
         (lambda e: e.update(model="fisheye"), "expected model projective"),
