@@ -67,10 +67,9 @@ def uav_images(folder: Path) -> list[LabelledFrame]:
     for frame, (path, row) in enumerate(zip(list_images(folder / "img"), rows, strict=True)):
         if np.isfinite(row).all():
             box = corners_from_xywh(row[None] - np.array([1, 1, 0, 0]))
+            one = np.ones(1, dtype=np.int64)
             found.append(
-                LabelledFrame(
-                    path, folder.name, frame, box, np.ones(1, dtype=np.int64), np.zeros(1, dtype=np.bool_), np.ones(1)
-                )
+                LabelledFrame(path, folder.name, frame, box, one, np.zeros(1, dtype=np.bool_), np.ones(1), one)
             )
     return found
 

@@ -117,8 +117,9 @@ def count(
     paths = paths_of(tracks, scene, settings)
     frames = getattr(result, "frames", {}).get("frame", ())
     first, length = min(frames, default=0), max([-1, *frames, *(int(track.frames[-1]) for track in tracks)]) + 1
-    known = scene.size or getattr(result, "size", None)
-    if not bodies:
+    own = getattr(result, "size", None)
+    known = scene.size or own
+    if own is None and not bodies:  # one that knows its picture was tracked in it
         compare_with_picture("the result", np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]), known)
     # Animals are filmed from above: none hides another.
     every = paths if bodies else paths_of(with_hidden(tracks, known, length, rate), scene, settings)
