@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import gammaln, xlogy
 
 from tsuiseki.tracking.answers.crossings import Crossings, line_distances
 from tsuiseki.tracking.answers.paths import Paths
@@ -178,11 +179,16 @@ def interval_of(count: int, false: float, missed: float) -> tuple[int, int]:
     >>> interval_of(10, 0.0, 0.0)
     (10, 10)
     """
-    from scipy.stats import nbinom, poisson
-
-    less = poisson.pmf(np.arange(int(false + 10 * np.sqrt(false) + 10)), false)
-    far = int(missed + 10 * np.sqrt(missed + missed**2 / SHAPE) + 10)
-    more_chances = nbinom.pmf(np.arange(far), SHAPE, SHAPE / (SHAPE + missed))
+    numbers = np.arange(int(false + 10 * np.sqrt(false) + 10))
+    less = np.exp(xlogy(numbers, false) - false - gammaln(numbers + 1))
+    numbers = np.arange(int(missed + 10 * np.sqrt(missed + missed**2 / SHAPE) + 10))
+    more_chances = np.exp(
+        gammaln(numbers + SHAPE)
+        - gammaln(numbers + 1)
+        - gammaln(SHAPE)
+        - SHAPE * np.log1p(missed / SHAPE)
+        + xlogy(numbers, missed / (SHAPE + missed))
+    )  # negative binomial
     # Of values from `count` less the most false ones on; without room for more at the ends.
     total = np.concatenate([[0.0], np.convolve(less[::-1], more_chances), [0.0]])
     low = high = int(total.argmax())
