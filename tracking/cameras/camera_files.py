@@ -28,7 +28,7 @@ An omnidirectional camera has, instead of ``focal``, ``principal_point`` and ``d
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
@@ -44,7 +44,6 @@ from tsuiseki.tracking.types import FloatArray
 
 AnyCamera = PinholeCamera | OmnidirectionalCamera
 CameraT = TypeVar("CameraT", bound=AnyCamera, covariant=True)
-LENS_FIELDS = {"focal": (2,), "principal_point": (2,)}
 
 
 @dataclass(frozen=True)
@@ -90,8 +89,7 @@ def read_cameras(path: Path) -> list[CameraOverFloor]:
         RequestError: the file is missing or no YAML, an entry lacks a field or has a wrong one, which is named, or
             two cameras have different floors, or one has a floor and another none.
     """
-    models = ("projective", "omnidirectional")
-    cameras = [_camera_of(entry, f"{path}: camera {k + 1}", k, models) for k, entry in enumerate(_entries(path))]
+    cameras = [_camera_of(entry, f"{path}: camera {k + 1}", k, MODELS) for k, entry in enumerate(_entries(path))]
     floors = [(c.name, c.floor) for c in cameras if c.floor is not None]
     bare = [c.name for c in cameras if c.floor is None]
     if floors and bare:
@@ -110,9 +108,8 @@ def read_cameras(path: Path) -> list[CameraOverFloor]:
 
 def read_projective_cameras(path: Path) -> list[PlacedCamera]:
     """The cameras of a `cameras.yaml`, all of which must be projective; see `read_cameras`."""
-    placed = [
-        _camera_of(entry, f"{path}: camera {k + 1}", k, ("projective",)) for k, entry in enumerate(_entries(path))
-    ]
+    only = {"projective": MODELS["projective"]}
+    placed = [_camera_of(entry, f"{path}: camera {k + 1}", k, only) for k, entry in enumerate(_entries(path))]
     return [
         Placed(one.name, one.camera, one.frame_rate, one.offset)
         for one in placed
@@ -148,23 +145,16 @@ def write_cameras(
 
 def _entry(placed: CameraOverFloor) -> dict[str, Any]:
     camera = placed.camera
-    lens = camera.lens if isinstance(camera, OmnidirectionalCamera) else camera
-    entry: dict[str, Any] = {
+    name, model = next((name, model) for name, model in MODELS.items() if isinstance(camera, model.kind))
+    entry = {
         "name": placed.name,
-        "model": "omnidirectional" if isinstance(camera, OmnidirectionalCamera) else "projective",
-        "image_size": [lens.width, lens.height],
+        "model": name,
+        "image_size": [camera.width, camera.height],
+        **model.write(camera),
+        "rotation": _plain(camera.rotation),
+        "position": _plain(camera.position),
+        "offset": float(placed.offset),
     }
-    if isinstance(camera, PinholeCamera):
-        entry |= {name: _plain(getattr(camera, name)) for name in ("focal", "principal_point", "distortion")}
-    else:
-        # Rounding would cost the high powers their digits.
-        entry["direct"] = camera.lens.direct.tolist()
-        entry |= {"centre": _plain(camera.lens.centre), "stretch": _plain(camera.lens.stretch)}
-    entry |= {"rotation": _plain(camera.rotation), "position": _plain(camera.position), "offset": float(placed.offset)}
-    if isinstance(camera, OmnidirectionalCamera) and len(camera.lens.inverse):
-        entry["inverse"] = camera.lens.inverse.tolist()
-    if isinstance(camera, OmnidirectionalCamera) and camera.lens.field is not None:
-        entry["field"] = float(camera.lens.field)
     if placed.frame_rate is not None:
         entry["frame_rate"] = float(placed.frame_rate)
     if placed.floor is not None:
@@ -172,7 +162,7 @@ def _entry(placed: CameraOverFloor) -> dict[str, Any]:
     return entry
 
 
-def _camera_of(entry: Any, where: str, position: int, models: Sequence[str]) -> CameraOverFloor:
+def _camera_of(entry: Any, where: str, position: int, models: Mapping[str, CameraModel]) -> CameraOverFloor:
     """The camera of an ``entry`` of one of the ``models``; ``where`` and ``position`` name it in errors."""
     if not isinstance(entry, dict):
         raise RequestError(f"{where}: expected a mapping of fields, got {type(entry).__name__}")
@@ -181,17 +171,17 @@ def _camera_of(entry: Any, where: str, position: int, models: Sequence[str]) -> 
         floor = _numbers(entry["floor"], (4,), f"{where}: floor")
         if floor[0] >= floor[2] or floor[1] >= floor[3]:
             raise RequestError(f"{where}: floor: expected x1 < x2 and y1 < y2, got {floor.tolist()}")
-    model = entry.get("model", "projective")
-    if model not in models:
-        raise RequestError(f"{where}: expected model {' or '.join(models)}, got {model!r}")
-    projective = model == "projective"
-    fields = {"image_size": (2,), **(LENS_FIELDS if projective else {}), "rotation": (3, 3), "position": (3,)}
-    missing = [name for name in [*fields, *(() if projective else ("direct", "centre"))] if name not in entry]
+    chosen = entry.get("model", "projective")
+    model = models.get(chosen) if isinstance(chosen, str) else None
+    if model is None:
+        raise RequestError(f"{where}: expected model {' or '.join(models)}, got {chosen!r}")
+    missing = [name for name in ("image_size", *model.fields, "rotation", "position") if name not in entry]
     if missing:
         raise RequestError(f"{where}: expected the field {missing[0]}, found none")
-    values = {name: _numbers(entry[name], shape, f"{where}: {name}") for name, shape in fields.items()}
+    shapes = {"image_size": (2,), **model.fields, "rotation": (3, 3), "position": (3,)}
+    values = {name: _numbers(entry[name], shape, f"{where}: {name}") for name, shape in shapes.items() if shape}
     try:
-        camera = _projective(entry, where, values) if projective else _omnidirectional(entry, where, values)
+        camera = model.read(entry, where, values)
     except (TypeError, ValueError) as error:
         raise RequestError(f"{where}: {error}") from error
     rate, offset = entry.get("frame_rate"), entry.get("offset", 0.0)
@@ -203,26 +193,56 @@ def _camera_of(entry: Any, where: str, position: int, models: Sequence[str]) -> 
     return Placed(name, camera, None if rate is None else float(rate), float(offset), floor)
 
 
-def _projective(entry: dict[str, Any], where: str, values: dict[str, FloatArray]) -> AnyCamera:
+@dataclass(frozen=True)
+class CameraModel:
+    """How the cameras of one model are read and written.
+
+    Attributes:
+        kind: their class.
+        fields: shapes of what an entry must say of the lens; an empty one is that of a list of any length.
+        read: the camera of an entry; gets the entry, its name for errors, and the values of fields with a shape.
+        write: what an entry says of the lens.
+    """
+
+    kind: type[AnyCamera]
+    fields: Mapping[str, tuple[int, ...]]
+    read: Callable[[Mapping[str, Any], str, Mapping[str, FloatArray]], AnyCamera]
+    write: Callable[[Any], dict[str, Any]]
+
+
+def _read_projective(entry: Mapping[str, Any], where: str, values: Mapping[str, FloatArray]) -> AnyCamera:
     lens = entry.get("distortion", [0.0] * 5)
     shape = (len(lens),) if isinstance(lens, list) and len(lens) in (8, 12) else (5,)
     distortion = _numbers(lens, shape, f"{where}: distortion")
-    width, height = (int(v) for v in values.pop("image_size"))
-    return PinholeCamera(width=width, height=height, distortion=distortion, **values)
+    width, height = map(int, values["image_size"])
+    rest = {name: value for name, value in values.items() if name != "image_size"}
+    return PinholeCamera(width=width, height=height, distortion=distortion, **rest)
 
 
-def _omnidirectional(entry: dict[str, Any], where: str, values: dict[str, FloatArray]) -> AnyCamera:
-    width, height = (int(v) for v in values["image_size"])
+def _write_projective(camera: PinholeCamera) -> dict[str, Any]:
+    return {name: _plain(getattr(camera, name)) for name in ("focal", "principal_point", "distortion")}
+
+
+def _read_omnidirectional(entry: Mapping[str, Any], where: str, values: Mapping[str, FloatArray]) -> AnyCamera:
+    width, height = map(int, values["image_size"])
     lens = OmnidirectionalLens(
         width,
         height,
         np.array(entry["direct"], dtype=np.float64),
-        _numbers(entry["centre"], (2,), f"{where}: centre"),
+        values["centre"],
         _numbers(entry.get("stretch", np.eye(2).tolist()), (2, 2), f"{where}: stretch"),
         np.array(entry.get("inverse", []), dtype=np.float64),
         entry.get("field"),
     )
     return OmnidirectionalCamera(lens, values["rotation"], values["position"])
+
+
+def _write_omnidirectional(camera: OmnidirectionalCamera) -> dict[str, Any]:
+    lens = camera.lens
+    # Rounding would cost the high powers their digits.
+    entry = {"direct": lens.direct.tolist(), "centre": _plain(lens.centre), "stretch": _plain(lens.stretch)}
+    entry |= {"inverse": lens.inverse.tolist()} if len(lens.inverse) else {}
+    return entry | ({} if lens.field is None else {"field": float(lens.field)})
 
 
 def _numbers(value: Any, shape: tuple[int, ...], where: str) -> FloatArray:
@@ -242,3 +262,13 @@ def _plain(array: FloatArray) -> list[Any]:
     """``array`` as lists for a file, without the noise of its last digits."""
     rounded: list[Any] = np.round(array, 12).tolist()
     return rounded
+
+
+MODELS: Mapping[str, CameraModel] = {
+    "projective": CameraModel(
+        PinholeCamera, {"focal": (2,), "principal_point": (2,)}, _read_projective, _write_projective
+    ),
+    "omnidirectional": CameraModel(
+        OmnidirectionalCamera, {"direct": (), "centre": (2,)}, _read_omnidirectional, _write_omnidirectional
+    ),
+}
