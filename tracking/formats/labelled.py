@@ -7,9 +7,10 @@
 | the folder, or a label file in it | VisDrone-MOT, KITTI tracking, BDD100K |
 | the folder | Drone-Action |
 | the file, or a folder with it as ``annotations.xml`` or ``annotations.json`` | CVAT; COCO, Label Studio |
-| the folder, or each that it holds, with ``labels`` | YOLO's rows |
-| the JSON, a folder of such as ``annotations``, a folder of text files | rotated boxes of CEPDOF, MW-R, HABBOF |
+| the folder, or each that it holds, with ``labels``; its ``data.yaml`` | YOLO's rows |
+| the JSON, a folder of such or with ``annotations``, a folder of text files | rotated boxes of CEPDOF, MW-R, HABBOF |
 | the folder with ``corrections.jsonl`` | a result that was reviewed: its tracks, in the frames that were tracked |
+| a folder of any of these folders | all of them |
 
 Which boxes count is said where each format is read. Pictures that were labelled one by one have boxes without ids.
 """
@@ -37,7 +38,7 @@ from tsuiseki.tracking.formats.exports import exported_in, format_at, read_expor
 from tsuiseki.tracking.formats.label_checks import LabelFile, compare_with_picture, wanted_numbers
 from tsuiseki.tracking.formats.mot import NAMES as MOT_NAMES
 from tsuiseki.tracking.formats.mot import read_ground_truth
-from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences, list_images, read_sequence
+from tsuiseki.tracking.formats.mot_sequence import MotSequence, is_sequence, list_images, read_sequence
 from tsuiseki.tracking.formats.okutama import (
     ACTIONS_FILE,
     Protocol,
@@ -53,7 +54,7 @@ from tsuiseki.tracking.formats.okutama import (
 from tsuiseki.tracking.formats.result_folder import read_folder
 from tsuiseki.tracking.formats.rotated import about_bodies, is_rotated, read_rotated_labels
 from tsuiseki.tracking.formats.tracked_video import inside
-from tsuiseki.tracking.formats.yolo import picture_places
+from tsuiseki.tracking.formats.yolo import ABOUT, picture_places
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
@@ -145,8 +146,17 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
     Raises:
         RequestError: nothing known is there, or its layout is broken.
     """
+    path = path.parent if path.name == ABOUT else path
     if path.is_dir():
-        return _in_folder(path, multiple_actions)
+        inside = (part for part in sorted(path.iterdir()) if part.is_dir())
+        found = _in_folder(path, multiple_actions)
+        found = found or [video for part in inside for video in _in_folder(part, multiple_actions)]
+        if not found:
+            raise RequestError(
+                f"{path}: expected labelled video, such as img1/ and gt/gt.txt, annotations.json, annotations.xml, or "
+                "images/ and labels/; found none"
+            )
+        return found
     if boxes := [_of_boxes(layout, one) for layout in BOX_LAYOUTS for one in layout.at(path)]:
         return boxes
     if is_rotated(path):
@@ -164,6 +174,7 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
 
 
 def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
+    """The videos of a folder; none where its layout is not known."""
     if (folder / "corrections.jsonl").is_file():
         return [_reviewed(folder)]
     if is_okutama(folder):
@@ -174,11 +185,12 @@ def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
     if is_drone_action(folder):
         return [_drone_action(clip) for clip in find_drone_action(folder)]
     exported = exported_in(folder)
-    if rotated := [path for path in exported or sorted(folder.glob("annotations/*.json")) if is_rotated(path)]:
+    other = (path for place in ("annotations/*.json", "*.json") for path in sorted(folder.glob(place)))
+    if rotated := [path for path in exported or other if is_rotated(path)]:
         return [_rotated(path) for path in rotated]
     if list_images(folder) and is_rotated(folder):
         return [_rotated(folder)]
-    return [_exported(path) for path in exported] or [_sequence(one) for one in find_sequences(folder)]
+    return [_exported(path) for path in exported] or ([_sequence(read_sequence(folder))] if is_sequence(folder) else [])
 
 
 def _reviewed(folder: Path) -> LabelledVideo:
@@ -260,8 +272,9 @@ def _drone_action(clip: DroneActionClip) -> LabelledVideo:
 def _rotated(path: Path) -> LabelledVideo:
     """Upright boxes about the people in rotated ones; an image is a frame, in the order of the names."""
     labels = read_rotated_labels(path)
-    places = (path,) if path.is_dir() else tuple(place / path.stem for place in (path.parent, path.parent.parent))
-    places += (path.parent, *(place / "images" for place in (path.parent, path.parent.parent)))
+    near = (path.parent, path.parent.parent, path.parent.parent / "frames")
+    places = (path,) if path.is_dir() else tuple(place / path.stem for place in near)
+    places += (path.parent, *(place / "images" for place in near[:2]))
     found = [{name: image for image in list_images(place) for name in (image.stem, image.name)} for place in places]
     files = next((tuple(map(some.__getitem__, labels)) for some in found if labels.keys() <= some.keys()), ())
 

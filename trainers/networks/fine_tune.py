@@ -17,6 +17,7 @@ from tsuiseki.tracking.evaluation.detection import evaluate_classes
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.label_checks import PEOPLE, same_class
 from tsuiseki.tracking.formats.labelled import open_labelled
+from tsuiseki.tracking.formats.yolo import ABOUT
 from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
 from tsuiseki.trainers.exporting.export import ModelFile
@@ -31,6 +32,8 @@ LEARNT, HELD_OUT = (0.0, 0.9), (0.9, 1.0)
 def folder_of(arguments: Sequence[str]) -> Path | None:
     """The folder of labels that ``--data FOLDER`` names; None without it, or for a YAML file of options.
 
+    YOLO's ``data.yaml`` stands for its folder.
+
     Raises:
         RequestError: no folder follows.
     """
@@ -39,6 +42,8 @@ def folder_of(arguments: Sequence[str]) -> Path | None:
             raise RequestError("expected a folder of labelled video after `data`, got nothing")
         if word == DATA or word.startswith(f"{DATA}="):
             given = Path(arguments[number + 1] if word == DATA else word.partition("=")[2])
+            if given.name == ABOUT:
+                return given.parent
             return None if given.suffix in (".yaml", ".yml") else given
     return None
 

@@ -155,3 +155,13 @@ def test_people_in_rotated_boxes_teach_by_upright_ones(tmp_path):
     upright = [[[16, 16, 24, 24]], [[20, 35, 40, 45]]]
     for place in (path, tmp_path / "Meeting"):
         assert [one.boxes.round(6).tolist() for one in labelled_images(place)] == upright
+    # As whole data sets lie: a folder of folders, and pictures under frames.
+    path.unlink()
+    assert [one.name for one in open_labelled(tmp_path)] == ["Meeting"]
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "Lunch").rename(tmp_path / "frames" / "Lunch")
+    annotations(path, rows)
+    (video,) = open_labelled(tmp_path)
+    assert [image.name for image in video.files] == ["a.jpg", "b.jpg"]
+    with pytest.raises(RequestError, match="expected labelled video, such as"):
+        open_labelled(tmp_path / "frames")

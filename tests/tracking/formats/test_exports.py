@@ -296,6 +296,12 @@ def single_cvat(folder: Path) -> Path:
     return folder
 
 
+def test_settings_of_yolo_stand_for_their_folder_and_folders_are_looked_into(tmp_path: Path) -> None:
+    folder = single_yolo(tmp_path / "set")
+    for place in (folder / "data.yaml", tmp_path):
+        assert [one.files for one in open_labelled(place)] == [open_labelled(folder)[0].files]
+
+
 @pytest.mark.parametrize("make", [single_coco, single_yolo, single_cvat])
 def test_pictures_labelled_one_by_one_have_boxes_and_no_ids(make: Callable[[Path], Path], tmp_path: Path) -> None:
     (video,) = open_labelled(make(tmp_path / "set"))

@@ -129,7 +129,8 @@ def test_anchors_are_those_of_the_start_unless_the_labels_are_of_another_kind(tm
 
 def test_a_folder_a_file_of_options_and_nothing_are_told_apart(tmp_path: Path) -> None:
     assert folder_of(["--data", str(tmp_path)]) == folder_of([f"--data={tmp_path}"]) == tmp_path
-    assert folder_of(["--data", "data.yaml"]) is folder_of(["--data.workers", "1"]) is None
+    assert folder_of(["--data", "options.yaml"]) is folder_of(["--data.workers", "1"]) is None
+    assert folder_of(["--data", "set/data.yaml"]) == Path("set")
     with pytest.raises(RequestError, match="got nothing"):
         folder_of(["--out", "x", "--data"])
     assert main(["train", "detector", "--data", str(tmp_path / "none"), "--out", str(tmp_path / "o")]) == 2
