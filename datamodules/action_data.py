@@ -222,8 +222,8 @@ class ActionData(lightning.LightningDataModule):
 
     def __init__(
         self,
-        train_folders: list[Path],
-        validation_folders: list[Path],
+        train_folders: list[Path] | list[str],
+        validation_folders: list[Path] | list[str],
         cache: Path = Path("out/cache/actions"),
         multiple_actions: bool = False,
         streams: tuple[StreamName, ...] = STREAMS,
@@ -242,8 +242,9 @@ class ActionData(lightning.LightningDataModule):
             raise RequestError(f"expected at least 1 segment and a span of at least as many, got {segments} and {span}")
         if not train_folders or not validation_folders:
             raise RequestError("nothing to learn from or to validate on: give train_folders and validation_folders")
-        self.folders = {"train": train_folders, "validation": validation_folders}
-        self.cache, self.streams, self.cutting = cache, tuple(streams), cutting
+        parts = {"train": train_folders, "validation": validation_folders}
+        self.folders = {part: [Path(folder) for folder in folders] for part, folders in parts.items()}
+        self.cache, self.streams, self.cutting = Path(cache), tuple(streams), cutting
         self.multiple_actions = multiple_actions
         self.batch_size, self.batches, self.workers, self.seed = batch_size, batches, workers, seed
         self.segments, self.span, self.rarity = segments, span, rarity

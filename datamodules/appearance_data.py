@@ -359,9 +359,9 @@ class AppearanceData(lightning.LightningDataModule):
 
     def __init__(
         self,
-        train_folders: list[Path] | None = None,
+        train_folders: list[Path] | list[str] | None = None,
         train_frames: tuple[int, int] | None = None,
-        validation_folders: list[Path] | None = None,
+        validation_folders: list[Path] | list[str] | None = None,
         validation_frames: tuple[int, int] | None = None,
         least_visible: float = 0.3,
         rendered: RenderedPeople = RENDERED,
@@ -375,8 +375,9 @@ class AppearanceData(lightning.LightningDataModule):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        self.train_folders, self.train_frames = train_folders or [], train_frames
-        self.validation_folders, self.validation_frames = validation_folders or [], validation_frames
+        self.train_folders, self.train_frames = [Path(folder) for folder in train_folders or []], train_frames
+        self.validation_folders = [Path(folder) for folder in validation_folders or []]
+        self.validation_frames = validation_frames
         self.least_visible = least_visible
         self.rendered = rendered
         self.size = (height, width)

@@ -37,7 +37,8 @@ def test_crops_show_the_labelled_people(acting_clips: Path, tmp_path: Path) -> N
 
 
 def test_clips_are_cut_once_and_anew_when_the_settings_change(acting_clips: Path, tmp_path: Path) -> None:
-    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], tmp_path, cutting=SETTINGS)
+    folders = [str(acting_clips / part) for part in ("train", "validation")]
+    data = ActionData(folders[:1], folders[1:], tmp_path, cutting=SETTINGS)
     data.prepare_data()
     folder = tmp_path / "train-0"
     first = (folder / "rows.npz").stat().st_mtime_ns

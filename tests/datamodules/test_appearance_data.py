@@ -184,7 +184,7 @@ def test_both_kinds_get_their_share(people: IdentityCrops) -> None:
 
 def test_module_mixes_video_and_rendered(sequence: Path, tmp_path: Path) -> None:
     data = AppearanceData(
-        train_folders=[sequence],
+        train_folders=[str(sequence)],
         train_frames=(1, 8),
         rendered=RenderedPeople(tmp_path / "people.npz", identities=5, views=4, validation=2),
         height=32,
