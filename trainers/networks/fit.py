@@ -336,5 +336,5 @@ def _parse(task: Task, arguments: Sequence[str]) -> TaskCLI:
 
 def one_line(error: Exception) -> str:
     """The message of a parser's ``error`` without its line breaks, and without the types that were not meant."""
-    reason = re.search(r"^  - (.+)$", str(error), re.MULTILINE)
+    reason = re.search(r"^  - (.+(?:\n    +.+)*)", str(error), re.MULTILINE)
     return " ".join((str(error) if reason is None else reason[1]).split())

@@ -25,7 +25,7 @@ from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.detector_network import detector_card
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
-from tsuiseki.trainers.networks.fit import DETECTOR, EpochLines, TaskCLI, fit_detector
+from tsuiseki.trainers.networks.fit import DETECTOR, EpochLines, TaskCLI, fit_detector, one_line
 from tsuiseki.trainers.networks.modules import Optimisation
 
 
@@ -155,6 +155,11 @@ def test_a_wrong_request_is_one_line(config: Path, change: list[str], message: s
         fit_detector(["--config", str(config), *change])
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_logger_that_is_not_installed_says_what_to_install() -> None:
+    text = "No subtype\nErrors:\n  - Problem with W:\n      Requirement 'wandb' not met.\n  - Expected a bool\nGiven: 1"
+    assert one_line(ValueError(text)) == "Problem with W: Requirement 'wandb' not met."
 
 
 def test_a_logger_that_fails_is_one_line(config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
