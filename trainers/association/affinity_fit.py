@@ -37,7 +37,7 @@ from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.options import OutputFile, Seed, Shared
 from tsuiseki.tracking.types import BoolArray
-from tsuiseki.tracking.weights import shipped
+from tsuiseki.tracking.weights import shipped, shipped_or_file
 from tsuiseki.trainers.association.pair_samples import (
     LabelledDetections,
     PairSamples,
@@ -143,8 +143,8 @@ class AffinityVideo(Shared):
         folders: labelled sequences, or folders of them, in any layout that tsuiseki train association takes.
         frames: first and last frame to learn from, 1-based and both included.
         detections: ``given`` takes det/det.txt of each sequence; ``simulated`` draws faulty ones from the labels.
-        detector: exported detector to use in place of both.
-        appearance: exported appearance network; without one the appearance counts as unknown.
+        detector: exported detector, or the name of a shipped one, to use in place of both.
+        appearance: exported appearance network, likewise; without one the appearance counts as unknown.
         cross_fit: exported appearance networks, one for each of as many equal parts, in place of ``appearance``.
         cross_fit_detectors: exported detectors, likewise, in place of ``detector``.
         actions: exported action streams, for features with actions; by default the shipped ones.
@@ -180,8 +180,8 @@ class AffinityVideo(Shared):
                 f"expected as many `cross_fit_detectors` as `cross_fit`, got {len(self.cross_fit_detectors)} and "
                 f"{len(self.cross_fit)}"
             )
-        models = {path: Appearance(path) for path in self.cross_fit or _one(self.appearance)}
-        detectors = {path: Detector(path) for path in self.cross_fit_detectors or _one(self.detector)}
+        models = {path: Appearance(path) for path in _files("appearance", self.cross_fit, self.appearance)}
+        detectors = {path: Detector(path) for path in _files("detector", self.cross_fit_detectors, self.detector)}
         videos = list(labelled_sequences(self.folders))
         if not self.seen:
             count = max(len(models), len(detectors))
@@ -203,8 +203,8 @@ class AffinityVideo(Shared):
         ]
 
 
-def _one(path: Path | None) -> list[Path]:
-    return [] if path is None else [path]
+def _files(kind: str, several: list[Path] | None, one: Path | None) -> list[Path]:
+    return [shipped_or_file(kind, path) for path in several or ([] if one is None else [one])]
 
 
 @dataclass(frozen=True)

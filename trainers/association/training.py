@@ -20,6 +20,7 @@ from tsuiseki.models.association_network import AppearanceProjection, Associatio
 from tsuiseki.tracking.association.learnt_costs import FeatureNames
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, cheapest, finite
 from tsuiseki.trainers.association.graphs import FlowCounts, Graph, Graphs
 from tsuiseki.trainers.association.window_costs import CostMakers, contrast_within
@@ -60,6 +61,7 @@ def siamese_of(path: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
     Raises:
         RequestError: the file is missing, or no such checkpoint or file.
     """
+    path = shipped_or_file("appearance", path)
     if path.suffix != ".onnx":
         siamese = load_module(AppearanceTraining, path)
         return siamese, {**_made_of(AppearanceTraining, path), "weights": None}
@@ -97,6 +99,7 @@ def detector_of(path: Path) -> tuple[DetectorTraining, dict[str, Any]]:
     Raises:
         RequestError: the file is missing, no such checkpoint, or no detector of the default architecture.
     """
+    path = shipped_or_file("detector", path)
     if path.suffix != ".onnx":
         detector, made_of = load_module(DetectorTraining, path), _made_of(DetectorTraining, path)
         if len(detector.card.class_names) > 1:

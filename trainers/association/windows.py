@@ -17,6 +17,7 @@ from tsuiseki.tracking.features.action import ActionRecogniser
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.people.flow_input import FlowSettings
+from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, kept_of, window, windows
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.videos import OTHER_RATE, acting, described, detected_videos, filmed, part_of
@@ -130,7 +131,7 @@ class AssociationData(lightning.LightningDataModule):
         held_back: that part, a share of the frames.
         frames: first and last frame to learn from, 1-based and both included.
         detections: ``given`` takes det/det.txt of each sequence; ``simulated`` draws faulty ones from the labels.
-        detector: exported detector to use in place of both.
+        detector: exported detector, or the name of a shipped one, to use in place of both.
         score_threshold: it keeps what scores at least this, from 0 to 1; lower where its heads are to learn.
         heads: the windows hold their images, for the detector's heads, which learn with the costs.
         appearance: exported network that describes the detections for the tracker; with it the windows hold crops.
@@ -192,9 +193,13 @@ class AssociationData(lightning.LightningDataModule):
         del stage
         if self.learnt:
             return
-        detector = None if self.detector is None else Detector(self.detector, self.score_threshold)
+        detector = (
+            None
+            if self.detector is None
+            else Detector(shipped_or_file("detector", self.detector), self.score_threshold)
+        )
         find = detector or self.detections
-        appearance = None if self.appearance is None else Appearance(self.appearance)
+        appearance = None if self.appearance is None else Appearance(shipped_or_file("appearance", self.appearance))
         self.images = WindowImages(
             None if appearance is None else (appearance.model.card.input_height, appearance.model.card.input_width),
             detector.model.card if detector is not None and self.heads else None,

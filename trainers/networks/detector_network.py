@@ -18,6 +18,7 @@ from tsuiseki.models.ssd import coco_start, ssd300, ssd512, ssdlite320
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import PEOPLE
 from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
 from tsuiseki.trainers.networks.modules import read_checkpoint
 
@@ -154,6 +155,7 @@ class SoftTeacher:
     """
 
     def __init__(self, path: Path, student: AnchorDetector, card: ModelCard) -> None:
+        path = shipped_or_file("detector", path)
         if not path.is_file():
             raise RequestError(f"expected a detector to teach at {path}, found none")
         layout, own, self.calibration = _described(path)

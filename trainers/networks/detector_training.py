@@ -19,6 +19,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import evaluate_classes
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
+from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.trainers.exporting.exported_weights import restore_normalisations
 from tsuiseki.trainers.networks.detector_network import (
     COCO_NORMALISATIONS,
@@ -59,8 +60,8 @@ class DetectorTraining(Tested):
         architecture: ``people`` (stride 8, any input), ``ssdlite320``, ``ssd300`` or ``ssd512``.
         trunk: of ``people``.
         weights: start from torchvision's ``imagenet`` trunk, its ``coco`` detector, or null for scratch.
-        start: checkpoint of another detector training, or exported detector, whose weights are taken over where their
-            shapes fit.
+        start: checkpoint of another detector training, exported detector, or name of a shipped one, whose weights are
+            taken over where their shapes fit.
         height: of the input, pixels.
         width: likewise.
         resize: how images are fitted into the input.
@@ -100,9 +101,11 @@ class DetectorTraining(Tested):
         self.save_hyperparameters()
         plain_hyperparameters(self)
         self.network = build_detector(architecture, trunk, weights, (height, width), anchors, channels, len(classes))
-        self._foreign_norms = start is not None and start.suffix == ".onnx"
+        self._foreign_norms = False
         if start is not None:
-            take_over(self.network, start)
+            file = shipped_or_file("detector", start)
+            self._foreign_norms = file.suffix == ".onnx"
+            take_over(self.network, file)
         name = f"people-{trunk}" if architecture == "people" else architecture
         if normalisation is None:
             normalisation = COCO_NORMALISATIONS[architecture] if weights == "coco" else "imagenet"

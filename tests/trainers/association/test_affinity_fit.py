@@ -223,6 +223,8 @@ def test_bad_requests(sequence: Path, tmp_path: Path) -> None:
     taken.write_bytes(b"")
     with pytest.raises(RequestError, match="exists"):
         fit_affinity(AffinityVideo([sequence]), OutputFile(out=taken))
+    with pytest.raises(RequestError, match="expected an ONNX file or one of the shipped ceiling,"):
+        fit_affinity(AffinityVideo([sequence], detector=Path("nobody")), OutputFile(out=tmp_path / "a.onnx"))
     with pytest.raises(RequestError, match=r"expected det/det\.txt beside the labels of walkers"):
         fit_affinity(AffinityVideo([sequence]), OutputFile(out=tmp_path / "a.onnx"))
     perfect = DetectorFaults(jitter=0, missed=1e-9, hidden=1e-9, false_alarms=0, doubled=0)

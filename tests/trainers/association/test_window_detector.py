@@ -215,6 +215,7 @@ def test_what_does_not_go_together_is_refused(
         detector_of(tmp_path / "none.ckpt")
     with pytest.raises(RequestError, match="expected a detector of"):
         detector_of(tmp_path / "none.onnx")
+    assert detector_of(Path("street"))[1]["trunk"] == "mobilenet_v3_small"
 
 
 def test_trains_and_exports(street: Path, detector: tuple[Path, Path], tmp_path: Path) -> None:

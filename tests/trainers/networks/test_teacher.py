@@ -48,7 +48,7 @@ def test_the_teacher_finds_what_its_file_does_before_the_calibration():
 
 
 def test_the_teacher_is_no_part_of_the_student():
-    module = student(teacher=Teacher(TEACHER))
+    module = student(teacher=Teacher(Path("street")), start=Path("street"))
     alone = student()
     assert module.state_dict().keys() == alone.state_dict().keys()
     assert len(list(module.parameters())) == len(list(alone.parameters()))
