@@ -233,7 +233,7 @@ def clips_to_cut(clips: Sequence[ActionSequence], settings: CropSettings, purpos
 
 
 def rows_to_cut(labels: ActionLabels, settings: CropSettings) -> IntArray:
-    """``(N,)`` labels of people who can be seen, in frames of which every so many are taken, in the order of time."""
+    """``(N,)`` labels of people who are visible, in frames of which every so many are taken, in the order of time."""
     early = labels.frames < settings.stack
     rows = np.flatnonzero(~(labels.lost | labels.occluded | early) & (labels.frames % settings.step == 0))
     return np.asarray(rows[np.argsort(labels.frames[rows], kind="stable")])

@@ -81,7 +81,7 @@ class TrainingExamples(Dataset[Example]):
         composition: Composition,
         seed: int,
     ) -> None:
-        self.footage = videos
+        self.every_video = videos
         self.length = length
         self.size = size
         self.augmentation = augmentation
@@ -100,7 +100,7 @@ class TrainingExamples(Dataset[Example]):
 
     def __getitem__(self, number: int) -> Example:
         rng = np.random.default_rng([self.seed, 1, number])
-        videos = self.footage[rng.choice(len(self.footage), p=self.shares)]
+        videos = self.every_video[rng.choice(len(self.every_video), p=self.shares)]
         index = int(rng.integers(len(videos)))
         view = videos.view(index)
         example = videos.example(index)

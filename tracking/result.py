@@ -375,10 +375,12 @@ class Result(Sequence[T_co]):
         source = str(video or self.source)
         there = bool(video) or (bool(source) and Path(source).exists())
         opened = open_source(source) if there and (video or sized) else None
-        size, seen = self.size, image_size(opened) if opened else None
-        if size is not None and video and seen is not None and seen != size:
-            raise RequestError(f"{video}: expected frames of {size[0]}x{size[1]}, as tracked, got {seen[0]}x{seen[1]}")
-        size = size or seen
+        size, actual = self.size, image_size(opened) if opened else None
+        if size is not None and video and actual is not None and actual != size:
+            raise RequestError(
+                f"{video}: expected frames of {size[0]}x{size[1]}, as tracked, got {actual[0]}x{actual[1]}"
+            )
+        size = size or actual
         if sized and size is None:
             raise RequestError("expected the size of the frames, which this result does not tell; give its `video`")
         boxes, about = self._boxed or [], ("settings", "facts", "seconds", "names")

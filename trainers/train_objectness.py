@@ -59,8 +59,8 @@ def generated_images(count: int, seed: int) -> list[BoxedImage]:
             frames=3, person_height=(size, 1.6 * size), passers=0, obstacles=int(rng.integers(0, 3))
         )
         clip = draw_single_clip(rng, settings)
-        seen = [k for k in range(settings.frames) if clip.visibility[k] > 0.8]
-        images.extend(BoxedImage(clip.images[k], clip.boxes[k : k + 1]) for k in seen)
+        visible = [k for k in range(settings.frames) if clip.visibility[k] > 0.8]
+        images.extend(BoxedImage(clip.images[k], clip.boxes[k : k + 1]) for k in visible)
     return images[:count]
 
 

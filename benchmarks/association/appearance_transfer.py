@@ -3,9 +3,9 @@
     python -m benchmarks.association.appearance_transfer ../shared/data/mot/PETS09-S2L1-first MODEL.onnx ... \
         --frames 301 400
 
-Every labelled box is a query against all others of the stretch, without those of the same person less than
+Every labelled box is a query against all others of the segment, without those of the same person less than
 ``--apart`` frames away; the last column is the chance that a pair of the same person up to ``--window`` frames apart
-lies closer than a pair of two people. Nothing is fitted on the stretch.
+lies closer than a pair of two people. Nothing is fitted on the segment.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Seconds and memory of the flow: preparing detections, pricing links, solving, and the whole tracker.
+"""Seconds and memory of the flow: preparing detections, computing link costs, solving, and the whole tracker.
 
     python -m benchmarks.association.flow [--frames 1000] [--people 10] [--repeat 5] [--features]
         [--decide_every 20] [--near 0.6] [--delay 1]
 
-``build`` finds and prices the links and makes the first network, ``solve`` is our call, and ``bare`` is what the peer,
+``build`` makes the links, their costs and the first network, ``solve`` is our call, and ``bare`` is what the peer,
 OR-tools' cost-scaling push-relabel (`pip install ortools`), takes for the same network once it has it. With
 ``--features`` the detections carry 128 appearance features. With ``--delay`` the tracker that answers so many seconds
 after each frame is timed, too, up to frame 400, half way and to the end, its answers forgotten as they come. Steps
@@ -57,9 +57,9 @@ def main() -> None:
     best = dict.fromkeys(("prepare", "build", "solve", "bare", "whole tracker"), float("inf"))
     for _ in range(arguments.repeat):
         given = FlowInput(settings.input, InferenceTimes(FRAME_RATE), None)
-        seen, scores, _ = _timed(best, "prepare", partial(given.rows, video))
+        table, scores, _ = _timed(best, "prepare", partial(given.rows, video))
         observation = given.costs(scores)
-        graph = _timed(best, "build", partial(_build, seen, observation, settings))
+        graph = _timed(best, "build", partial(_build, table, observation, settings))
         _timed(best, "solve", partial(solve_in_windows, graph))
         best["bare"] = min(best["bare"], _bare_solve(graph))
     memory = peak_memory()
@@ -98,10 +98,10 @@ def _timed(best: dict[str, float], name: str, step: Callable[[], Result]) -> Res
     return result
 
 
-def _build(seen: DetectionTable, observation: FloatArray, settings: FlowSettings) -> FlowGraph:
+def _build(table: DetectionTable, observation: FloatArray, settings: FlowSettings) -> FlowGraph:
     """The network of the first round."""
     window = FlowWindow(settings.costs, FRAME_RATE, None)
-    window.add(seen)
+    window.add(table)
     return window.graph(observation)
 
 

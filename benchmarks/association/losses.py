@@ -3,8 +3,8 @@
     python -m benchmarks.association.losses SEQUENCE RESULT [--frames 301-400]
 
 A box of the result is of the labelled person that it is matched to in its frame (one to one, from IoU 0.5 on). A false
-box is told by what it lies on: beside a missed person (IoU from 0.2 on), on people who have their box already (IoU from
-0.3 on, or half of it on one), or on nobody, then by whether its track moves by half of its height.
+box is classed by where it lies: beside a missed person (IoU from 0.2 on), on people who have their box already (IoU
+from 0.3 on, or half of it on one), or on no person, then by whether its track moves by half of its height.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def false_kinds(truth: GroundTruth, rows: Rows) -> dict[str, int]:
     free = np.ones(len(truth.frames), dtype=np.bool_)
     free[rows.person[rows.person != UNMATCHED]] = False
     moving = {number for number in np.unique(rows.ids).tolist() if _moves(rows.boxes[rows.ids == number])}
-    counts = dict.fromkeys(("beside a missed person", "doubled", "on nobody, still", "on nobody, moving"), 0)
+    counts = dict.fromkeys(("beside a missed person", "doubled", "on no person, still", "on no person, moving"), 0)
     for row in np.flatnonzero(rows.person == UNMATCHED).tolist():
         here, box = truth.frames == rows.frames[row], rows.boxes[row]
         overlaps = iou_matrix(box[None], truth.boxes[here])[0]
@@ -104,7 +104,7 @@ def false_kinds(truth: GroundTruth, rows: Rows) -> dict[str, int]:
         elif (taken & ((overlaps >= ON_IOU) | (on_one >= ON_SHARE))).any():
             kind = "doubled"
         else:
-            kind = "on nobody, moving" if int(rows.ids[row]) in moving else "on nobody, still"
+            kind = "on no person, moving" if int(rows.ids[row]) in moving else "on no person, still"
         counts[kind] += 1
     return counts
 

@@ -20,7 +20,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.bodies.contacts import MEETINGS, Contact, meeting, told
+from benchmarks.bodies.contacts import MEETINGS, Contact, compared, meeting
 from benchmarks.machine import machine
 from tsuiseki.tracking.animals.run import track_animals
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -47,15 +47,15 @@ def meetings(films: int) -> None:
     print("| two animals | sizes | both kept | exchanged | one lost | error of the place in contact, px: mean |")
     print("|---|---|---|---|---|---|")
     for kind in MEETINGS:
-        for looks, sizes in SIZES.items():
+        for likeness, sizes in SIZES.items():
             contacts: list[Contact] = []
             for seed in range(films):
                 rng = np.random.default_rng((seed, 7))
                 paths, bodies = meeting(kind, sizes, FRAMES, rng)
-                contacts.append(told(followed(paths, bodies, rng), paths, bodies))
+                contacts.append(compared(followed(paths, bodies, rng), paths, bodies))
             count = [sum(one.outcome == name for one in contacts) for name in ("kept", "exchanged", "lost")]
             away = np.concatenate([one.away for one in contacts])
-            print(f"| {kind} | {looks} | {count[0]} | {count[1]} | {count[2]} | {away.mean():.1f} |", flush=True)
+            print(f"| {kind} | {likeness} | {count[0]} | {count[1]} | {count[2]} | {away.mean():.1f} |", flush=True)
 
 
 def beginnings(films: int) -> None:
@@ -71,9 +71,9 @@ def beginnings(films: int) -> None:
             name = f"one is {(length / USUAL) ** 2:.1f} times as large as the other three"
             right.setdefault(name, []).append(len(followed(paths[:60], sizes, rng)) == 4)
         for kind in MEETINGS:
-            for looks, lengths in SIZES.items():
+            for likeness, lengths in SIZES.items():
                 paths, sizes = meeting(kind, lengths, FRAMES, rng)
-                name = f"begins in contact: {kind}, {looks}"
+                name = f"begins in contact: {kind}, {likeness}"
                 right.setdefault(name, []).append(len(followed(paths[FRAMES // 2 :], sizes, rng)) == 2)
     print(f"| film | as many tracks as animals, of {films} |")
     print("|---|---|")

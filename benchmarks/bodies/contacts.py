@@ -61,7 +61,7 @@ def meeting(
     return paths, sizes
 
 
-def told(places: FloatArray, paths: FloatArray, sizes: FloatArray) -> Contact:
+def compared(places: FloatArray, paths: FloatArray, sizes: FloatArray) -> Contact:
     """What ``(K, T, 2)`` places of tracks say of the identities of two animals."""
     gaps = np.linalg.norm(places[:, None] - np.moveaxis(paths[..., :2], 1, 0)[None], axis=3)
     gaps[~np.isfinite(gaps)] = np.inf

@@ -3,7 +3,7 @@
     python -m benchmarks.detectors.accuracy --data ../shared/data [--detector FILE] [--view auto] [--only NAME ...]
         [--ground]
 
-Real sequences that no shipped detector has seen: PETS09-S2L1 (frames 1-300 and 301-400), four stills of MOT17-02, the
+Real sequences that trained no shipped detector: PETS09-S2L1 (frames 1-300 and 301-400), four stills of MOT17-02, the
 video of MOT17-13, and generated streets of other seeds than those of training (`--streets 0` leaves them out). TUD has
 no pictures here. Average precision is over all scores from 0.02 on, `rec.8` is the recall where precision is still 0.8,
 whatever the score; precision and recall hold at `--score-threshold`. With `--ground` scores go by people's heights on
@@ -121,7 +121,7 @@ def labelled(
 
 
 def generated(streets: int, step: int) -> Iterator[tuple[ImageArray, LabelledBoxes]]:
-    """Frames of streets that no training has seen."""
+    """Frames of streets that no training used."""
     for seed in range(streets):
         street = plan_street(StreetSettings(frames=STREET), 7100 + seed)
         for number in range(0, STREET, step):
@@ -160,7 +160,7 @@ def row(
 
 
 def on_one_ground(found: list[Detections], heights: list[int], sequence: Sequence) -> Iterator[Detections]:
-    """What was ``found`` in pictures of these heights, with scores by what was learnt of each place before."""
+    """Detections ``found`` in pictures of these heights, with scores by what was learnt of each place before."""
     for number, (one, height) in enumerate(zip(found, heights, strict=True)):
         if number % (sequence.length or len(found)) == 0:
             ground = GroundPlane(sequence.rate)

@@ -46,15 +46,15 @@ def main() -> None:
     for sequence in arguments.sequences:
         boxes, labels, own, offset = matched(sequence, arguments.frames, arguments.pictures, arguments.detector)
         moves = [share * np.tile(offset, (len(boxes), 1)) for share in SHARES]
-        told = ~np.isnan(own)
-        moves.append(OWN * np.where(told, np.clip(own, -FARTHEST, FARTHEST), offset))
+        known = ~np.isnan(own)
+        moves.append(OWN * np.where(known, np.clip(own, -FARTHEST, FARTHEST), offset))
         scores = [overlaps(boxes + move * np.tile(sides(boxes), 2), labels) for move in moves]
         means = " · ".join(f"{each.mean():.3f}" for each in scores)
         tight = " · ".join(f"{np.mean(each >= TIGHT):.3f}" for each in scores)
         print(f"{sequence.name}, {len(boxes)}, {offset.round(3).tolist()}; {means}; {tight}", flush=True)
-        rows = told.all(axis=1)
+        rows = known.all(axis=1)
         likewise = [f"{each[rows].mean():.3f}, {np.mean(each[rows] >= TIGHT):.3f}" for each in (scores[0], scores[-1])]
-        print(f"  whose own is told, {rows.mean():.0%}: {' -> '.join(likewise)}", flush=True)
+        print(f"  whose own is known, {rows.mean():.0%}: {' -> '.join(likewise)}", flush=True)
 
 
 def matched(

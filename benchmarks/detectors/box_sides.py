@@ -2,7 +2,7 @@
 
     python -m benchmarks.detectors.box_sides --data ../shared/data [--detector FILE] [--every N] [--only NAME ...]
 
-The sequences are those of `accuracy.py`. Offsets are what was found minus what is labelled, in heights of
+The sequences are those of `accuracy.py`. Offsets are detections minus labels, in heights of
 the person: the median and half of the middle half's width, over detections that score 0.3 or more and overlap a label
 by 0.4 or more. In the second line each detection near a label takes the sides named from it; scores stay.
 """
@@ -60,8 +60,8 @@ def report(name: str, truth: list[LabelledBoxes], found: list[Detections]) -> No
     heights = wanted[:, 3] - wanted[:, 1]
     offsets = (boxes - wanted) / heights[:, None]
     low, middle, high = np.percentile(offsets, (25, 50, 75), axis=0)
-    said = ", ".join(f"{s} {m:+.3f} ±{h:.3f}" for s, m, h in zip(SIDES, middle, (high - low) / 2, strict=True))
-    print(f"{name}: {len(boxes)} boxes; {said}; width by height {np.median(widths(boxes)):.2f}, "
+    shown = ", ".join(f"{s} {m:+.3f} ±{h:.3f}" for s, m, h in zip(SIDES, middle, (high - low) / 2, strict=True))
+    print(f"{name}: {len(boxes)} boxes; {shown}; width by height {np.median(widths(boxes)):.2f}, "
           f"labelled {np.median(widths(wanted)):.2f}")  # fmt: skip
     changed: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
         "as found": lambda b, _: b,

@@ -2,7 +2,7 @@
 
     python -m benchmarks.detectors.cores SOURCE [--frames 1-300] [--repeat 3] [--threads 1 0] [--pin]
 
-The commands take turns, so that a machine that slows down slows all of them. Told are the wall-clock and CPU seconds of
+The commands take turns, so that a slower machine slows all of them. Reported are the wall-clock and CPU seconds of
 the fastest turn, the ratio of the wall-clock times in each turn, how many processes wanted a core, the seconds of each
 stage, and whether the tracks are the same, byte for byte. Decoders of video files take all cores by themselves, also
 with `--threads 1`; with `--pin` each command has as many cores as threads.

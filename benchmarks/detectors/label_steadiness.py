@@ -52,9 +52,9 @@ def labelled_tracks(sequence: MotSequence) -> Iterator[Track]:
 def street_tracks(seed: int) -> Iterator[Track]:
     """The people of a generated street, every frame."""
     street = plan_street(StreetSettings(frames=FRAMES), seed)
-    seen = [street.draw_frame(number)[1] for number in range(FRAMES)]
-    ids, boxes = np.concatenate([s.ids for s in seen]), np.concatenate([s.boxes for s in seen])
-    frames = np.repeat(np.arange(FRAMES), [len(s.ids) for s in seen])
+    drawn = [street.draw_frame(number)[1] for number in range(FRAMES)]
+    ids, boxes = np.concatenate([s.ids for s in drawn]), np.concatenate([s.boxes for s in drawn])
+    frames = np.repeat(np.arange(FRAMES), [len(s.ids) for s in drawn])
     return by_person(ids, frames, boxes)
 
 
@@ -81,7 +81,7 @@ def report(name: str, rate: float, tracks: Iterator[Track]) -> None:
     if swings:
         print(f"{name:22} {len(swings):3} people, swing {np.median(swings):.3f}, width by height {np.mean(shapes):.2f}")
     else:
-        print(f"{name:22} nobody long and large enough")
+        print(f"{name:22} no person long and large enough")
 
 
 if __name__ == "__main__":

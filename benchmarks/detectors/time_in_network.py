@@ -2,7 +2,7 @@
 
     python -m benchmarks.detectors.time_in_network SOURCE [--detector FILE ...] [--frames 1-300] [--view 1] [--repeat 3]
 
-Each detector has a process of its own; they take turns, so that a machine that slows down slows all of them. Told are
+Each detector has a process of its own; they take turns, so that a slower machine slows all of them. Reported are
 CPU milliseconds a frame, the start and the imports of the program included, of the quietest turn: in onnxruntime, and
 in all else, also as a share of the former; then the frames in a second of the wall clock.
 """
@@ -40,8 +40,8 @@ def main() -> None:
         for detector, turns in found.items():
             command = [sys.executable, "-m", __spec__.name, arguments.source, *options, "--detector", detector]
             start = time.perf_counter()
-            told = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.splitlines()[-1]
-            frames, network, cpu = map(float, told.split())
+            line = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout.splitlines()[-1]
+            frames, network, cpu = map(float, line.split())
             turns.append([network / frames, (cpu - network) / frames, frames / (time.perf_counter() - start)])
     print(machine("numpy", "onnxruntime", "opencv-python-headless"))
     for detector, turns in found.items():

@@ -40,8 +40,8 @@ Found: TypeAlias = Mapping[int, Detections]
 
 
 @dataclass(frozen=True)
-class Looked:
-    """A picture and what was found in it.
+class Tried:
+    """A picture and its detections.
 
     Attributes:
         truth: who is there.
@@ -67,14 +67,14 @@ def main() -> None:
     arguments = parser.parse_args()
     for name, pictures in sets(arguments.data):
         if not arguments.only or any(word in name for word in arguments.only):
-            looked = [look(image, truth, arguments.detector) for image, truth in pictures()]
-            print(f"\n{name}, {len(looked)} pictures")
+            tried = [try_tiles(image, truth, arguments.detector) for image, truth in pictures()]
+            print(f"\n{name}, {len(tried)} pictures")
             print("                           AP.5   prec    rec  tiles   ms CPU  recall by height")
-            for columns in sorted({c for each in looked for c in each.found}):
-                print(row(f"{columns} across", looked, [min(columns, max(each.found)) for each in looked]))
+            for columns in sorted({c for each in tried for c in each.found}):
+                print(row(f"{columns} across", tried, [min(columns, max(each.found)) for each in tried]))
             for rule, chosen in rules().items():
-                print(row(rule, looked, [chosen(each) for each in looked]))
-            print(row("best by its labels", looked, [best(each) for each in looked]), flush=True)
+                print(row(rule, tried, [chosen(each) for each in tried]))
+            print(row("best by its labels", tried, [best(each) for each in tried]), flush=True)
 
 
 def sets(data: Path) -> Iterator[tuple[str, Callable[[], Iterator[tuple[ImageArray, LabelledBoxes]]]]]:
@@ -96,7 +96,7 @@ def sets(data: Path) -> Iterator[tuple[str, Callable[[], Iterator[tuple[ImageArr
 
 
 def generated(size: tuple[int, int], first: int, count: int) -> Iterator[tuple[ImageArray, LabelledBoxes]]:
-    """Pictures of places that no training has seen."""
+    """Pictures of places that no training used."""
     small = TrainingSettings(*size, (8, 40), (24.0, 200.0), (8, 30), (5.0, 15.0), samples=1, beside=0.4, night=0.2)
     for seed in range(first, first + count):
         image, boxes, visibility = random_training_scene(np.random.default_rng(seed), small)
@@ -118,7 +118,7 @@ def shrunk(
         yield small, LabelledBoxes(truth.boxes * scale, truth.ignored)
 
 
-def look(image: ImageArray, truth: LabelledBoxes, path: str) -> Looked:
+def try_tiles(image: ImageArray, truth: LabelledBoxes, path: str) -> Tried:
     """Find people with every number of tiles across up to `LARGEST_SCALE`, and with more where `auto` tries them."""
     detector = open_detector(path, LOWEST_SCORE, threads=1)
     size = image.shape[:2]
@@ -130,7 +130,7 @@ def look(image: ImageArray, truth: LabelledBoxes, path: str) -> Looked:
     scales: dict[int, float] = {}
     usual, most = (most_columns(size, detector.input_size, scale) for scale in (LARGEST_SCALE, ENLARGED_SCALE))
     for columns in range(1, most + 1):
-        if columns > usual and auto(Looked(truth, found, tiles, cost, scales)) < columns - 1:
+        if columns > usual and auto(Tried(truth, found, tiles, cost, scales)) < columns - 1:
             break
         view = view_of((size[0], size[1]), columns, wide / high)
         start = time.process_time()
@@ -138,10 +138,10 @@ def look(image: ImageArray, truth: LabelledBoxes, path: str) -> Looked:
         cost[columns] = 1000 * (time.process_time() - start)
         x1, y1, x2, y2 = view.tiles[-1].tolist()
         tiles[columns], scales[columns] = len(view), min(wide / (x2 - x1), high / (y2 - y1))
-    return Looked(truth, found, tiles, cost, scales)
+    return Tried(truth, found, tiles, cost, scales)
 
 
-def rules() -> dict[str, Callable[[Looked], int]]:
+def rules() -> dict[str, Callable[[Tried], int]]:
     """Ways of choosing, by name."""
     return {
         "auto": auto,
@@ -152,17 +152,17 @@ def rules() -> dict[str, Callable[[Looked], int]]:
     }
 
 
-def auto(each: Looked) -> int:
+def auto(each: Tried) -> int:
     """As `tsuiseki.tracking.features.view_choice` does, of this picture alone."""
     return _grown(each, lambda people, more, columns: worth_more(people, more, each.scales[columns] > LARGEST_SCALE))
 
 
-def grows(each: Looked, worth: float) -> int:
+def grows(each: Tried, worth: float) -> int:
     """One more tile across as long as the sum of the scores grows by the factor ``worth``, up to `LARGEST_SCALE`."""
     return _grown(each, lambda people, more, columns: more > worth * people and each.scales[columns] <= LARGEST_SCALE)
 
 
-def _grown(each: Looked, worth: Callable[[float, float, int], bool]) -> int:
+def _grown(each: Tried, worth: Callable[[float, float, int], bool]) -> int:
     chosen = 1
     for columns in range(2, max(each.found) + 1):
         people = _expected(each.found[chosen])
@@ -173,15 +173,15 @@ def _grown(each: Looked, worth: Callable[[float, float, int], bool]) -> int:
     return chosen
 
 
-def not_enlarged(each: Looked) -> Looked:
+def not_enlarged(each: Tried) -> Tried:
     """The picture without tiles that show it larger than at `LARGEST_SCALE`."""
     return replace(
         each, found={c: found for c, found in each.found.items() if c == 1 or each.scales[c] <= LARGEST_SCALE}
     )
 
 
-def smallest(each: Looked, pixels: float) -> int:
-    """The fewest tiles that show nine tenths of those found at two numbers with ``pixels`` of the input."""
+def smallest(each: Tried, pixels: float) -> int:
+    """The fewest tiles that show nine tenths of those detected at two numbers with ``pixels`` of the input."""
     each = not_enlarged(each)
     heights = [_heights(_twice(each.found, columns)) for columns in each.found]
     every = max(heights, key=len)
@@ -191,14 +191,14 @@ def smallest(each: Looked, pixels: float) -> int:
     return next((c for c, scale in each.scales.items() if low * scale >= pixels), max(each.found))
 
 
-def confirmed(each: Looked, share: float) -> int:
-    """The fewest tiles with a ``share`` of the most people that are found at two neighbouring numbers of tiles."""
+def confirmed(each: Tried, share: float) -> int:
+    """The fewest tiles with a ``share`` of the most people that are detected at two neighbouring numbers of tiles."""
     each = not_enlarged(each)
     counts = {columns: _expected(_twice(each.found, columns)) for columns in each.found}
     return next(columns for columns, count in counts.items() if count >= share * max(counts.values()))
 
 
-def best(each: Looked) -> int:
+def best(each: Tried) -> int:
     """By the labels: the most right boxes less the most false ones."""
 
     def harmony(columns: int) -> float:
@@ -209,7 +209,7 @@ def best(each: Looked) -> int:
 
 
 def _twice(found: Found, columns: int) -> Detections:
-    """What is found with one tile across more or fewer, too."""
+    """What is detected with one tile across more or fewer, too."""
     here = certain(found[columns])
     again = np.zeros(len(here), dtype=bool)
     for other in (columns - 1, columns + 1):
@@ -233,19 +233,19 @@ def _heights(found: Detections) -> FloatArray:
     return heights
 
 
-def rates(looked: Sequence[Looked], columns: Sequence[int]) -> tuple[float, float]:
+def rates(tried: Sequence[Tried], columns: Sequence[int]) -> tuple[float, float]:
     """Precision and recall with these numbers of tiles."""
-    kept = [certain(each.found[c]) for each, c in zip(looked, columns, strict=True)]
-    scores = evaluate_detections([each.truth for each in looked], kept)
+    kept = [certain(each.found[c]) for each, c in zip(tried, columns, strict=True)]
+    scores = evaluate_detections([each.truth for each in tried], kept)
     return (float(scores.precision[-1]), float(scores.recall[-1])) if len(scores.recall) else (0.0, 0.0)
 
 
-def row(name: str, looked: Sequence[Looked], columns: Sequence[int]) -> str:
+def row(name: str, tried: Sequence[Tried], columns: Sequence[int]) -> str:
     """One line of the table."""
-    truth = [each.truth for each in looked]
-    pairs = list(zip(looked, columns, strict=True))
+    truth = [each.truth for each in tried]
+    pairs = list(zip(tried, columns, strict=True))
     average = evaluate_detections(truth, [each.found[c] for each, c in pairs]).average_precision
-    precision, recall = rates(looked, columns)
+    precision, recall = rates(tried, columns)
     tiles = np.mean([each.tiles[c] for each, c in pairs])
     cost = np.mean([each.milliseconds[c] for each, c in pairs])
     heights = "  ".join(

@@ -81,11 +81,11 @@ def linking(people: int, frames: int, repeat: int) -> None:
     """Print what linking costs, without actions and with them."""
     # People of the walkers are twice as tall as in a drone's 1280x720 pictures.
     easy = walking_people(frames, people, size=(2560, 1440), feature_length=128)
-    for kind, (video, said) in {
+    for kind, (video, every_action) in {
         "walkers": (easy, acting(easy)),
         "jerked look-alikes": acting_look_alikes(frames, people, ACTIONS),
     }.items():
-        given = [replace(found, actions=actions) for found, actions in zip(video, said, strict=True)]
+        given = [replace(found, actions=actions) for found, actions in zip(video, every_action, strict=True)]
         best: dict[DroneMethod, float] = dict.fromkeys(get_args(DroneMethod), np.inf)
         for _ in range(repeat):
             for method in best:

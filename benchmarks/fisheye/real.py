@@ -252,7 +252,7 @@ def detected(folder: Path, detector: Callable[[int, int], Detect], tables: dict[
 
 def _limits(labels: Mapping[str, RotatedBoxes], found: Mapping[str, RotatedBoxes]) -> str:
     """AP50 of rotated boxes if something of each detection that touches a label were that label's."""
-    said = []
+    parts = []
     for what, columns in (("places", [0, 1]), ("sizes", [2, 3]), ("angles", [4]), ("order", [])):
         ideal = {}
         for name, each in found.items():
@@ -261,8 +261,8 @@ def _limits(labels: Mapping[str, RotatedBoxes], found: Mapping[str, RotatedBoxes
             touches = np.ix_(best > TOUCHING, columns)
             boxes[touches] = labels[name].boxes[overlaps.argmax(axis=1)][touches]
             ideal[name] = RotatedBoxes(boxes, each.ids, each.scores if columns else best)
-        said.append(f"{evaluate_rotated(labels, ideal).average_precision:.3f} with right {what}")
-    return ", ".join(said)
+        parts.append(f"{evaluate_rotated(labels, ideal).average_precision:.3f} with right {what}")
+    return ", ".join(parts)
 
 
 def _unturned(boxes: FloatArray) -> FloatArray:

@@ -1,6 +1,6 @@
 """AP50 and time of the detector in the rooms on which `reproduce omnidirectional` selects its settings.
 
-Upright boxes of the people of whom three tenths or more are to be seen, in every fifth second of both cameras:
+Upright boxes of the people of whom three tenths or more are visible, in every fifth second of both cameras:
 
     OMP_NUM_THREADS=1 python -m benchmarks.fisheye.rooms --calibration calib_results.txt
 """
@@ -58,7 +58,7 @@ def main() -> None:
 def _pictures(
     room: Room, seconds: int, calibration: Path | None
 ) -> list[tuple[CeilingClip, list[tuple[str, ImageArray, FloatArray]]]]:
-    """The pictures of both cameras with the boxes of those who are seen."""
+    """The pictures of both cameras with the boxes of those who are visible."""
     result = []
     for camera in range(2):
         sequence = CeilingClip(room, VALIDATION_SEEDS[0], seconds, 1, camera, calibration)

@@ -172,7 +172,7 @@ class FrameTruth:
 def people_in_view(
     sightings: Sequence[Sighting | None], size: tuple[int, int], shown: float, inside: float
 ) -> tuple[FrameTruth, IntArray]:
-    """Who counts as seen, numbered by their rows from 1, and those rows ``(N,)`` of ``sightings`` from 0.
+    """Who counts as visible, numbered by their rows from 1, and those rows ``(N,)`` of ``sightings`` from 0.
 
     Args:
         sightings: of all people, None for those out of view.

@@ -108,9 +108,9 @@ def _mirror(image: Float32, fish: FishAppearance, state: FloatArray) -> None:
         image_of = draw_fish(fish, turned)
         part, own = image_of.within(image.shape)
         strip = np.arange(extent) < place if place == PANE else np.arange(extent) >= place
-        seen = strip[part[1 - axis]]
-        seen = seen[None, :] if axis == 0 else seen[:, None]
-        cover = (REFLECTIONS * image_of.opacity[own] * seen)[..., None]
+        visible = strip[part[1 - axis]]
+        visible = visible[None, :] if axis == 0 else visible[:, None]
+        cover = (REFLECTIONS * image_of.opacity[own] * visible)[..., None]
         image[part] = (1 - cover) * image[part] + cover * 0.85 * image_of.colour[own]
 
 

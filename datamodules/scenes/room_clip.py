@@ -118,8 +118,8 @@ class RoomClip(Generic[CameraT]):
         shell = random_shell(rng, np.array([*self.settings.size, highest + 0.1]))
         empty, direct = draw_shell(shell, camera, self.light, self.furniture, SAMPLES)
         noises = degrade.grains(np.random.default_rng([self.seed, 6, number]), NOISE, camera.width, camera.height)
-        seen = empty.colour[empty.colour.max(axis=2) > 0.004]
-        exposure = degrade.automatic_exposure(np.broadcast_to(seen[:, None], (len(seen), 1, 3))[::8].repeat(8, axis=0))
+        lit = empty.colour[empty.colour.max(axis=2) > 0.004]
+        exposure = degrade.automatic_exposure(np.broadcast_to(lit[:, None], (len(lit), 1, 3))[::8].repeat(8, axis=0))
         return RoomView(camera, empty, direct, encoded(empty.colour, exposure), exposure, noises)
 
     def draw_frame(self, view: RoomView, frame: int) -> tuple[ImageArray, FrameTruth]:

@@ -20,7 +20,7 @@ from tsuiseki.datamodules.scenes.render.solids import Float32, along
 from tsuiseki.datamodules.scenes.room_clip import lamps
 from tsuiseki.datamodules.scenes.things.interior import cabinet, chair, panels, plant, table
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_shell
-from tsuiseki.datamodules.scenes.training_pictures import SEEN
+from tsuiseki.datamodules.scenes.training_pictures import LEAST_VISIBLE
 from tsuiseki.tracking.cameras.panorama import CylinderView, DownwardView
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -104,7 +104,7 @@ def panorama_picture(
     if isinstance(camera, CylinderView) and rng.random() < 0.4:
         # The end of the image circle.
         image[: max(round(camera.horizon + height * rng.uniform(-0.03, 0.05)), 0)] = rng.integers(0, 25)
-    truth, _ = people_in_view(sightings, (width, height), SEEN, 0.0)
+    truth, _ = people_in_view(sightings, (width, height), LEAST_VISIBLE, 0.0)
     return image, truth.boxes, truth.visibility
 
 
@@ -152,7 +152,7 @@ def _upright(made: _Room) -> None:
 
 
 def _group(made: _Room, wanted: int) -> int:
-    """Up to ``wanted`` people on chairs, side by side at a table or without one; at least 1 is said to be done."""
+    """Up to ``wanted`` people on chairs, side by side at a table or without one; at least 1 counts as placed."""
     spot, rng = made.spot(0.5), made.rng
     if spot is None:
         return wanted

@@ -150,10 +150,10 @@ def draw_single_clip(rng: np.random.Generator, settings: SingleClipSettings = US
     for t, corner in enumerate(corners):
         left, top = corner - low
         view = world[top : top + settings.height, left : left + settings.width].copy()
-        box, seen = _draw(view, walkers, obstacles, corner, t)
+        box, share = _draw(view, walkers, obstacles, corner, t)
         images.append(np.clip(view + rng.normal(0, 3, view.shape), 0, 255).astype(np.uint8))
         boxes.append(box)
-        visibility.append(seen)
+        visibility.append(share)
     return SingleClip(np.stack(images), np.array(boxes), np.array(visibility))
 
 

@@ -33,7 +33,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 # Share of a silhouette that is in view of whoever is labelled, at least: anything at all.
-SEEN = 1e-9
+LEAST_VISIBLE = 1e-9
 # Cameras tried until one shows people in the wanted size.
 CAMERAS = 300
 # Share of the image that one piece of clutter may cover.
@@ -218,7 +218,7 @@ def random_training_scene(
     image = degrade(colour, replace(how, exposure=how.exposure * automatic_exposure(colour)), rng)
     if settings.boxes == "steady":
         sightings = [_steady(s, thing, camera) for s, thing in zip(sightings, people, strict=True)]
-    truth, _ = people_in_view(sightings, (settings.width, settings.height), SEEN, 0.0)
+    truth, _ = people_in_view(sightings, (settings.width, settings.height), LEAST_VISIBLE, 0.0)
     return image, truth.boxes, truth.visibility
 
 

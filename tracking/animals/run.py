@@ -114,8 +114,8 @@ def animal_result(
         return link_animals(poses, numbers, replace(settings, **changed), source.frame_rate, size)
 
     with times.measure("identities"):
-        seen = tracker.poses if tracker else _poses_by_points(table, skeleton, numbers) if table else []
-        found, placed = _finished(seen, numbers, skeleton, table, linked)
+        by_frame = tracker.poses if tracker else _poses_by_points(table, skeleton, numbers) if table else []
+        found, placed = _finished(by_frame, numbers, skeleton, table, linked)
     tracks, fields = [one.track for one in found], list(FIELDS)
     if choice.scale is not None:
         tracks, fields = in_millimetres(tracks, choice.scale, source)
@@ -127,7 +127,7 @@ def animal_result(
         settings=made,
         facts=facts | known,
         seconds=times.seconds,
-        frames={"frame": numbers, "animals": [len(poses) for poses in seen]},
+        frames={"frame": numbers, "animals": [len(poses) for poses in by_frame]},
         files=files if placed is None else files | _point_files(placed, numbers[-1] + 1),
         painter=lambda frame: draw_marks(frame, tracks, fields, placed),
         names=tuple(fields),

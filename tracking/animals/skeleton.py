@@ -69,9 +69,9 @@ class Skeleton:
         Args:
             points: ``(N, K, 2)`` pixels, NaN where missing; at least two of each animal.
         """
-        seen = np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
-        given = np.where(seen, np.nan_to_num(points[..., 0]) + 1j * np.nan_to_num(points[..., 1]), 0)
-        weights: FloatArray = np.asarray(seen, dtype=np.float64)
+        measured = np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
+        given = np.where(measured, np.nan_to_num(points[..., 0]) + 1j * np.nan_to_num(points[..., 1]), 0)
+        weights: FloatArray = np.asarray(measured, dtype=np.float64)
         bends: FloatArray = np.zeros((len(points), len(self.modes)))
         place, turn = _similarity(np.tile(self.mean, (len(points), 1)), given, weights)
         # Cauchy's weights, with a scale of three deviations in the end. It begins wide, and stiff, so that a point that
@@ -83,7 +83,7 @@ class Skeleton:
             if len(self.modes) and number >= ROUNDS // 2:
                 bends = self._bends(local, weights)
             away = np.abs(local - self.mean - bends @ self.modes)
-            weights = np.asarray(seen / (1 + (away / scale) ** 2), dtype=np.float64)
+            weights = np.asarray(measured / (1 + (away / scale) ** 2), dtype=np.float64)
         return place, turn, bends, weights
 
     def _bends(self, local: Complex, weights: FloatArray) -> FloatArray:
@@ -109,17 +109,17 @@ def learn_skeleton(
         RequestError: no point is known to be front or back, or a point is never detected with others.
     """
     back, front = line_of(nodes, line)
-    seen = np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
-    if seen.sum(axis=0).min() == 0:
-        never = nodes[int(seen.sum(axis=0).argmin())]
+    measured = np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
+    if measured.sum(axis=0).min() == 0:
+        never = nodes[int(measured.sum(axis=0).argmin())]
         raise RequestError(f"expected every point to be seen in some frame, but {never} never is")
-    good = seen.sum(axis=1) >= 2
+    good = measured.sum(axis=1) >= 2
     if not good.any():
         raise RequestError("expected animals with at least two points, got none")
-    points, seen = points[good], seen[good]
-    given = np.where(seen, np.nan_to_num(points[..., 0]) + 1j * np.nan_to_num(points[..., 1]), 0)
-    mean = given[int(seen.sum(axis=1).argmax())].copy()
-    weights = np.asarray(seen, dtype=np.float64)
+    points, measured = points[good], measured[good]
+    given = np.where(measured, np.nan_to_num(points[..., 0]) + 1j * np.nan_to_num(points[..., 1]), 0)
+    mean = given[int(measured.sum(axis=1).argmax())].copy()
+    weights = np.asarray(measured, dtype=np.float64)
     for _ in range(ROUNDS):
         place, turn = _similarity(np.tile(mean, (len(given), 1)), given, weights)
         local = (given - place[:, None]) / turn[:, None]
@@ -129,14 +129,14 @@ def learn_skeleton(
     ahead = mean[front] - mean[back]
     mean = mean * np.conj(ahead / abs(ahead))
     place, turn = _similarity(np.tile(mean, (len(given), 1)), given, weights)
-    rest = np.where(seen, (given - place[:, None]) / turn[:, None] - mean, 0)
+    rest = np.where(measured, (given - place[:, None]) / turn[:, None] - mean, 0)
     table = np.concatenate([rest.real, rest.imag], axis=1)
     _, lengths, vectors = np.linalg.svd(table, full_matrices=False)
     count = min(modes, max(0, len(given) // 20), len(lengths))
     deviations = lengths[:count] / np.sqrt(len(given))
     own = vectors[:count] * deviations[:, None]
     kept = own[:, : len(nodes)] + 1j * own[:, len(nodes) :]
-    left = np.sum(lengths[count:] ** 2) / max(2 * seen.sum(), 1)
+    left = np.sum(lengths[count:] ** 2) / max(2 * measured.sum(), 1)
     return Skeleton(nodes, mean, np.asarray(kept), max(float(np.sqrt(left)), LEAST_NOISE))
 
 
@@ -217,8 +217,8 @@ def poses_of_points(
     placed = skeleton.placed(place, turn, bends)
     node = None if centre is None else table.node(centre)
     for n, row in enumerate(rows):
-        seen = np.isfinite(table.points[row]).all(axis=1)
-        if weights[n][seen].mean() < FITS:
+        measured = np.isfinite(table.points[row]).all(axis=1)
+        if weights[n][measured].mean() < FITS:
             continue
         points = np.stack([placed[n].real, placed[n].imag], axis=1)
         own = points.mean(axis=0) if node is None else points[node]

@@ -185,17 +185,17 @@ class AnimalTracker:
         self.background, self.settings, self.frame_rate = background, settings or AnimalSettings(), frame_rate
         self.frames: list[int] = []
         self.poses: list[list[AnimalPose]] = []
-        self._seen: list[_RecentAnimal] = []
+        self._recent: list[_RecentAnimal] = []
         self._area = self.settings.area or background.area
 
     def update(self, frame: Frame) -> list[AnimalPose]:
         """Take the next frame; returns the animals in it, in no particular order."""
-        expected = [replace(one.expected, core=one.expected.core + one.step) for one in self._seen]
+        expected = [replace(one.expected, core=one.expected.core + one.step) for one in self._recent]
         found: list[AnimalPose] = []
         if self._area > 0:
             difference = self.background.difference(frame.image)
             found = find_animals(difference, self.background, self._area, self.settings.smallest, expected)
-        self._seen = _remembered(self._seen, expected, found)
+        self._recent = _remembered(self._recent, expected, found)
         self.frames.append(frame.index)
         self.poses.append(found)
         return found
@@ -207,11 +207,11 @@ class AnimalTracker:
 
 
 def _remembered(
-    seen: list[_RecentAnimal], expected: list[ExpectedAnimal], found: list[AnimalPose]
+    recent: list[_RecentAnimal], expected: list[ExpectedAnimal], found: list[AnimalPose]
 ) -> list[_RecentAnimal]:
     """Who is expected in the next frame: animals found, paired with the nearest of those before, and those missed."""
     pairs = []
-    if seen and found:
+    if recent and found:
         away = np.array([[np.linalg.norm(one.core - pose.core) for pose in found] for one in expected])
         pairs = [(i, j) for i, j in zip(*linear_sum_assignment(away), strict=True) if away[i, j] < found[j].length]
     before = {j: i for i, j in pairs}
@@ -221,7 +221,7 @@ def _remembered(
             axis, shift = pose.pointing(pose.axis)
             after.append(_RecentAnimal(ExpectedAnimal(pose.core, axis, pose.spread, shift, pose.length)))
             continue
-        old = seen[before[j]]
+        old = recent[before[j]]
         axis, shift = pose.pointing(old.expected.axis)
         # What was separated by a fit to what is remembered teaches nothing.
         share = 0.0 if pose.contact else REMEMBERED
@@ -235,7 +235,7 @@ def _remembered(
         )
         after.append(_RecentAnimal(known, 0.5 * old.step + 0.5 * (pose.core - kept.core)))
     used = set(before.values())
-    for i, old in enumerate(seen):
+    for i, old in enumerate(recent):
         if i not in used and old.undetected < PATIENCE:
             after.append(replace(old, step=np.zeros(2), undetected=old.undetected + 1))
     return after

@@ -3,7 +3,7 @@
 A crossing is real with a probability that falls with what was filled in at the line and how short the path is. Where
 tracks break off near a line, a crossing may have been missed. A person who is detected in a share s of the frames has a
 track at all with probability p = 1 - (1 - s)^n, and stands for (1 - p) / p people without one (Horvitz and Thompson, A
-generalization of sampling without replacement, 1952, eq. 4). The true count is the number found, less the false ones,
+generalization of sampling without replacement, 1952, eq. 4). The true count is that of detections, less the false ones,
 plus the missed ones. The false are Poisson; the mean of the missed is itself doubtful, gamma, which makes them negative
 binomial.
 
@@ -33,7 +33,7 @@ BROKEN, CHANCES, SHAPE, ANY = 0.1, 1.9, 0.9, 0.05
 # which it errs anyhow.
 FILLED, ABSENT, ENDS = 0.6, 0.25, 0.2
 # Least share of frames with a detection.
-LEAST_SEEN = 0.02
+LEAST_OBSERVED = 0.02
 # Seconds that a broken path is thought on, and heights from the border of the picture within which it leaves.
 REACH, EDGE = 2.0, 0.3
 LEVEL, WIDTH = 0.9, 1.645
@@ -76,8 +76,8 @@ class Doubt:
         self.paths, self.scene, self.rate = paths, scene, rate
         self._broken = broken_ends(paths, scene, rate, length)
         whose = np.unique(paths.ids, return_inverse=True)[1]
-        seen = np.bincount(whose, paths.observed) / np.maximum(np.bincount(whose), 1)
-        tracked = 1 - (1 - np.clip(seen, LEAST_SEEN, 1)) ** CHANCES
+        detected = np.bincount(whose, paths.observed) / np.maximum(np.bincount(whose), 1)
+        tracked = 1 - (1 - np.clip(detected, LEAST_OBSERVED, 1)) ** CHANCES
         self.without: FloatArray = ((1 - tracked) / tracked)[whose]
 
     def real(self, found: Crossings) -> FloatArray:

@@ -50,7 +50,7 @@ Hide = Callable[[Iterable[Frame]], Iterable[Frame]]
 MOST = 100
 """Rows of a table on the page, and tracks with crops; the files have all."""
 PERSON = ("person", "people")
-UNITS = {"first": "first seen, s", "last": "last seen, s", "seconds": "in view, s", "path": "path, px",
+UNITS = {"first": "first in view, s", "last": "last in view, s", "seconds": "in view, s", "path": "path, px",
          "metres": "path, m", "speed": "speed, m/s"}  # fmt: skip
 INTERVAL = "<p class=note>low and high are the ends of an interval that holds the true number in 9 of 10 cases.</p>"
 BARS = "<p class=note>A bar is the time of a track, pale where no detection supports it.</p>"

@@ -48,9 +48,9 @@ def stays_of(paths: Paths, within: BoolArray, crossed: Crossings) -> Stays:
     own = np.add.reduceat(within.astype(np.int64), paths.starts) if len(paths.starts) else np.empty(0, np.int64)
     at_start = own > 0.5 * (paths.ends - paths.starts + 1)
     at_end = at_start.copy()
-    seen, first = np.unique(pieces, return_index=True)
-    last = np.searchsorted(pieces, seen, "right") - 1
-    at_start[seen], at_end[seen] = crossed.sides[first] < 0, crossed.sides[last] > 0
+    present, first = np.unique(pieces, return_index=True)
+    last = np.searchsorted(pieces, present, "right") - 1
+    at_start[present], at_end[present] = crossed.sides[first] < 0, crossed.sides[last] > 0
     begin, end = crossed.rows[crossed.sides > 0], crossed.rows[crossed.sides < 0] - 1
     begins = np.concatenate([begin, paths.starts[at_start]])
     ends = np.concatenate([end, paths.ends[at_end]])

@@ -75,13 +75,13 @@ class SingleMismatch:
 
     Args:
         motion: noise of detections and of motion.
-        seen: the detections.
+        measured: the detections.
         less: what is taken off.
     """
 
-    def __init__(self, motion: MotionNoise, seen: Measurements, less: float) -> None:
+    def __init__(self, motion: MotionNoise, measured: Measurements, less: float) -> None:
         self._motion, self._less = motion, less
-        self._places, self._noise = seen.places.T.copy(), np.square(seen.noise)
+        self._places, self._noise = measured.places.T.copy(), np.square(measured.noise)
         self._side = np.maximum(*self._places[2:])
 
     def __call__(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
@@ -267,7 +267,7 @@ class LinkCost:
         """
         return ChainMismatch(self.motion, past, future)(i, j, seconds, wander)
 
-    def mismatch_along(self, seen: Measurements, past: Beliefs, future: Beliefs, one_frame: float) -> Mismatch:
+    def mismatch_along(self, measured: Measurements, past: Beliefs, future: Beliefs, one_frame: float) -> Mismatch:
         """`mismatch` of the past of one and the future of the other, or of a sudden change of motion in between.
 
         Constant velocity with small changes fits those who walk, not those whom the camera suddenly swings past. The
@@ -276,12 +276,12 @@ class LinkCost:
         explanations the likelier one counts.
 
         Args:
-            seen: what was measured.
+            measured: what was measured.
             past: what the past of its chain says at each detection.
             future: likewise of the future.
             one_frame: seconds.
         """
-        along, alone = ChainMismatch(self.motion, past, future), self.mismatch_alone(seen, one_frame)
+        along, alone = ChainMismatch(self.motion, past, future), self.mismatch_alone(measured, one_frame)
 
         def cheaper(i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
             cost = along(i, j, seconds, wander)
@@ -291,7 +291,7 @@ class LinkCost:
 
         return cheaper
 
-    def mismatch_alone(self, seen: Measurements, one_frame: float) -> SingleMismatch:
+    def mismatch_alone(self, measured: Measurements, one_frame: float) -> SingleMismatch:
         """`mismatch` of detections of which each is all that is known of its chain: with P = diag(r², v²).
 
         Of two detections alone the velocity is unknown, and ½ log |Σ| says how much room that leaves. A chain has one
@@ -299,7 +299,7 @@ class LinkCost:
         the frames, the more. What it costs over ``one_frame`` is therefore taken off in part, ``velocity_confidence``
         of it: with 0 chains of fast targets never form, with 1 whatever lies in reach is linked.
         """
-        return SingleMismatch(self.motion, seen, self.velocity_confidence * self.room(one_frame))
+        return SingleMismatch(self.motion, measured, self.velocity_confidence * self.room(one_frame))
 
     def room(self, seconds: float) -> float:
         """½ log(|Σ| / 4r²v²) of two detections alone, summed over the coordinates: what the unknown velocity costs."""

@@ -88,15 +88,15 @@ def _up(before: IntArray, node: int, root: int) -> list[int]:
 
 def _without_loops(nodes: list[int]) -> list[int]:
     """A way on which each node stands once; two trees may lead back and forth along the same track."""
-    seen: dict[int, int] = {}
+    visited: dict[int, int] = {}
     way: list[int] = []
     for node in nodes:
-        if node in seen:
-            for left in way[seen[node] + 1 :]:
-                del seen[left]
-            way = way[: seen[node] + 1]
+        if node in visited:
+            for left in way[visited[node] + 1 :]:
+                del visited[left]
+            way = way[: visited[node] + 1]
         else:
-            seen[node] = len(way)
+            visited[node] = len(way)
             way.append(node)
     return way
 

@@ -142,8 +142,8 @@ def batch(
     return run_batch([str(source) for source in given], job, how)
 
 
-def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callable[[str], object] = str) -> BatchResult:
-    """`batch` with what was checked; ``said`` gets a line for what is finished."""
+def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, emit: Callable[[str], object] = str) -> BatchResult:
+    """`batch` with what was checked; ``emit`` gets a line for what is finished."""
     jobs = jobs_of(sources, job)
     if how.continuous and job.command != ("track", "people"):
         raise RequestError(f"expected `continuous` with track people, got it with {' '.join(job.command)}")
@@ -175,7 +175,7 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, said: Callabl
             write_pages(how.out, command, schedule.rows)
             ended = [row for row in schedule.rows if row.status in ("done", "failed", "kept")]
             row = next(row for row in reversed(ended) if row.name == schedule.last)
-            said(f"[{len(ended)}/{len(jobs)}] {row.name}: {row.status}{f', {row.line}' if row.line else ''}")
+            emit(f"[{len(ended)}/{len(jobs)}] {row.name}: {row.status}{f', {row.line}' if row.line else ''}")
 
         try:
             schedule.run(executor, changed)

@@ -40,7 +40,7 @@ class Doing:
 
     Attributes:
         batch: folder of the batch.
-        token: what tells that this folder is seen.
+        token: what proves that this folder is reached.
         overwrite: results of other settings.
         segment: seconds of video in one task.
         alone: no other task runs beside it, so it may take all cores.
@@ -167,9 +167,9 @@ def _begin(task: BatchTask) -> TaskOutcome:
 def _detect(task: BatchTask) -> TaskOutcome:
     found = task.job.arguments(task.source(), task.place.folder)
     with _silent():
-        seen = detect_segment(task.plan(), task.part, found["video"].open(), found["finding"], found["linking"])
-    seen.write(task.file(task.part))
-    return TaskOutcome("done", facts={"frames": len(seen.detections)})
+        detected = detect_segment(task.plan(), task.part, found["video"].open(), found["finding"], found["linking"])
+    detected.write(task.file(task.part))
+    return TaskOutcome("done", facts={"frames": len(detected.detections)})
 
 
 def _finish(task: BatchTask) -> TaskOutcome:
@@ -203,7 +203,7 @@ def _whole(task: BatchTask) -> TaskOutcome:
 
 def _ended(call: Callable[[], int | None], task: BatchTask, place: Place) -> TaskOutcome:
     """Run a command's function to its end, and drop what was kept on the way."""
-    with _quiet() as (said, errors):
+    with _quiet() as (output, errors):
         status = ended(call)
     lines = [line.removeprefix("tsuiseki: ") for line in errors.getvalue().splitlines() if line.strip()]
     complaints = [line for line in lines if not line.startswith("note: ")]
@@ -213,7 +213,7 @@ def _ended(call: Callable[[], int | None], task: BatchTask, place: Place) -> Tas
         return TaskOutcome("failed", complaints[-1] if complaints else f"ended with status {status}", _known(place))
     if not task.doing.files:  # those that follow each other may be needed again until all are finished
         place.clear()
-    printed = [line for line in said.getvalue().splitlines() if line.strip()]
+    printed = [line for line in output.getvalue().splitlines() if line.strip()]
     return TaskOutcome("done", printed[-1] if printed else "", _known(place))
 
 
@@ -235,13 +235,13 @@ def _known(place: Place) -> dict[str, Any]:
 @contextmanager
 def _quiet() -> Iterator[tuple[io.StringIO, io.StringIO]]:
     """What is printed inside; a batch has many voices and one terminal."""
-    with redirect_stdout(io.StringIO()) as said, redirect_stderr(io.StringIO()) as errors:
-        yield said, errors
+    with redirect_stdout(io.StringIO()) as output, redirect_stderr(io.StringIO()) as errors:
+        yield output, errors
 
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """Nothing is said inside, for the end says it again."""
+    """Nothing is printed inside, for the end prints it."""
     with _quiet(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

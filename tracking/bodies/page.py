@@ -29,7 +29,7 @@ def draw_bodies(frame: Frame, body: Body, tracks: Sequence[BodyTrack]) -> ImageA
             continue
         contour = body.contour(track.states[row : row + 1])[0]
         colour = track_colour(track.id)
-        draw_contour(image, body, contour, colour, seen=track.statuses[row] == "tracking")
+        draw_contour(image, body, contour, colour, tracked=track.statuses[row] == "tracking")
         x, y = np.clip(np.round(track.states[row, :2]), -1e6, 1e6).astype(int).tolist()
         reach = round(0.5 * float(body.radius))
         text = str(track.id) if track.statuses[row] == "tracking" else f"{track.id} {track.statuses[row]}"
@@ -39,15 +39,15 @@ def draw_bodies(frame: Frame, body: Body, tracks: Sequence[BodyTrack]) -> ImageA
 
 
 def draw_contour(
-    image: ImageArray, body: Body, contour: Points, colour: Colour, thickness: int = 2, seen: bool = True
+    image: ImageArray, body: Body, contour: Points, colour: Colour, thickness: int = 2, tracked: bool = True
 ) -> None:
-    """Draw the strokes of a contour ``(K, 2)`` into ``image``; as dots where it is not ``seen``."""
+    """Draw the strokes of a contour ``(K, 2)`` into ``image``; as dots where it is not ``tracked``."""
     # Far outside the image OpenCV's fixed-point coordinates would overflow.
     contour = np.clip(contour, -1e4, 1e4)
     fixed = np.round(contour * 2**SHIFT).astype(np.int32)
     for stroke in body.strokes:
         points = fixed[stroke.first : stroke.last]
-        if seen:
+        if tracked:
             cv2.polylines(image, [points], stroke.closed, colour, thickness, cv2.LINE_AA, SHIFT)
             continue
         for x, y in points.tolist():

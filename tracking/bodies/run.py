@@ -185,13 +185,13 @@ def body_result(
 
 def columns_of(tracks: Sequence[BodyTrack], frames: Sequence[int]) -> dict[str, list[Any]]:
     """Frame from 0, bodies that are tracked in it, and the score of each body."""
-    seen = [0] * len(frames)
+    tracked = [0] * len(frames)
     scores: dict[str, list[Any]] = {}
     for track in tracks:
         scores[f"score_{track.id}"] = [round(float(score), 4) for score in track.scores]
         for frame, tracking in zip(track.frames, track.tracking, strict=True):
-            seen[int(frame) - frames[0]] += int(tracking)
-    return {"frame": list(frames), "tracking": list(seen), **scores}
+            tracked[int(frame) - frames[0]] += int(tracking)
+    return {"frame": list(frames), "tracking": list(tracked), **scores}
 
 
 def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
@@ -211,10 +211,10 @@ def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
         steps = run.steps(run.frames(source, record=video.overlay))
         result = body_result(source, tracker, steps, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
-        seen = sum(int(track.tracking.sum()) for track in result)
+        tracked = sum(int(track.tracking.sum()) for track in result)
         bodies, place = count(len(result), "body", "bodies"), output.out / "states.csv"
-        share = f"seen {100 * seen / max(sum(map(len, result)), 1):.0f} %"
+        share = f"seen {100 * tracked / max(sum(map(len, result)), 1):.0f} %"
         what = "that stands out" if choice.colour in CONTRASTS else f"of the colour {choice.colour}"
         hint = f"; nothing {what} fits a body, give another --colour, or --init"
-        run.done(f"{bodies} in {run.count} frames, {share}: {place}{'' if seen else hint}")
+        run.done(f"{bodies} in {run.count} frames, {share}: {place}{'' if tracked else hint}")
     return run.status

@@ -198,9 +198,9 @@ class DeformableTracker:
     def _assessed(self, target: BodyTarget, edges: EdgeImage, neighbours: Mask | None) -> BodyTarget:
         """The target with its score and status."""
         distance, hidden = visible_distance(edges, self._contour(target)[None], neighbours)
-        seen = edges.has_edges and distance <= self.settings.searching_beyond and hidden < MOSTLY
-        undetected = 0 if seen else target.undetected + 1
-        status: Status = "tracking" if seen else "searching"
+        detected = edges.has_edges and distance <= self.settings.searching_beyond and hidden < MOSTLY
+        undetected = 0 if detected else target.undetected + 1
+        status: Status = "tracking" if detected else "searching"
         if not edges.has_edges or undetected > self.settings.patience:
             status = "lost"
         score = float(np.exp(-(distance**2) / self.settings.spread))

@@ -184,7 +184,7 @@ def checkerboard(
     if min(corners) < 3 or corners[0] == corners[1] or every < 1:
         shown = f"{corners[0]},{corners[1]} and {every}"
         raise RequestError(f"`corners`: expected two different numbers from 3, and `every` from 1, got {shown}")
-    fit, used, seen = calibrate_from_checkerboards(
+    fit, used, pictures = calibrate_from_checkerboards(
         source, corners, coefficients, every, lambda frames: progress(frames, "detecting the board")
     )
     error = float((fit.errors**2).mean() ** 0.5)
@@ -192,9 +192,9 @@ def checkerboard(
     focal, spread = fit.intrinsics.focal, 1.96 * fit.focal_deviation
     worst = int(fit.errors.argmax())
     print(
-        f"the board in {len(used)} of {seen} pictures, error {error:.2f} px, worst {fit.errors[worst]:.2f} in picture "
-        f"{used[worst]}\nfocal length {focal[0]:.1f} ± {spread[0]:.1f}, {focal[1]:.1f} ± {spread[1]:.1f} px (95 %): "
-        f"{output.out}"
+        f"the board in {len(used)} of {pictures} pictures, error {error:.2f} px, worst {fit.errors[worst]:.2f} in "
+        f"picture {used[worst]}\nfocal length {focal[0]:.1f} ± {spread[0]:.1f}, {focal[1]:.1f} ± {spread[1]:.1f} px "
+        f"(95 %): {output.out}"
     )
 
 
@@ -223,11 +223,11 @@ def calibrate_from_checkerboards(
     found: list[FloatArray] = []
     used: list[int] = []
     size: tuple[int, int] | None = None
-    seen = 0
+    pictures = 0
     for frame in watch(open_source(str(source)).frames()):
         if frame.index % every:
             continue
-        seen += 1
+        pictures += 1
         height, width = frame.image.shape[:2]
         if size not in (None, (width, height)):
             raise RequestError(f"{source}: expected pictures of one size, got {size} and {(width, height)}")
@@ -238,7 +238,7 @@ def calibrate_from_checkerboards(
             used.append(frame.index + 1)
     if size is None:
         raise RequestError(f"{source}: expected pictures, found none")
-    return fit_checkerboards(found, corners, size, coefficients), used, seen
+    return fit_checkerboards(found, corners, size, coefficients), used, pictures
 
 
 def convert(

@@ -38,7 +38,7 @@ from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.types import FloatArray
 
 LensFormat = Literal["ocam", "py-ocam", "kalibr-omni", "kalibr-equidistant", "opencv"]
-# A fit that worked needs about ten; one that failed has been seen with 1,574 zeros.
+# A fit that worked needs about ten; one that failed had 1,574 zeros.
 MOST_COEFFICIENTS = 40
 OCAM_ROWS = ("direct polynomial", "inverse polynomial", "centre", "affine", "image size")
 TURN = np.pi / 2

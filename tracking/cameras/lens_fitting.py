@@ -194,8 +194,8 @@ def image_rays(lens: OmnidirectionalLens) -> tuple[FloatArray, FloatArray]:
     x, y = np.meshgrid(np.arange(step / 2, lens.width, step), np.arange(step / 2, lens.height, step))
     pixels = np.column_stack([x.ravel(), y.ravel()])
     rays = lens.rays(pixels)
-    seen = np.isfinite(rays[:, 0])
-    return pixels[seen], rays[seen]
+    within = np.isfinite(rays[:, 0])
+    return pixels[within], rays[within]
 
 
 def inverse_error(lens: OmnidirectionalLens) -> float:

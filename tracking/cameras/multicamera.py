@@ -5,7 +5,7 @@
 * Shelf: a folder with ``cameraN_detections.csv``, ``truth.csv`` and ``calibration.json``; frames count from 1, their
   rate is not known and taken as 25/s.
 * CSV: ``frame,x1,y1,x2,y2`` in pixels from 0 and optionally ``score``, and ``ankle_u,ankle_v``, the middle of both
-  ankles; empty where they are not seen. Frames count from 1, or from 0 where there is a frame 0.
+  ankles; empty where they are not visible. Frames count from 1, or from 0 where there is a frame 0.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ SHELF_RATE = 25.0
 
 @dataclass(frozen=True)
 class StandingPeople:
-    """What one camera found in one frame.
+    """What one camera detected in one frame.
 
     Attributes:
         detections: boxes in the image.

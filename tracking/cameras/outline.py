@@ -90,14 +90,14 @@ def _bent(
     """
     t = np.arange(POINTS_ON_BENT_ELLIPSE)[:, None] * (2 * np.pi / POINTS_ON_BENT_ELLIPSE)
     ideal = middle[:, None] + np.cos(t) * first[:, None] + np.sin(t) * second[:, None]
-    seen = distort(ideal.reshape(-1, 2), camera.distortion).reshape(ideal.shape)
+    distorted = distort(ideal.reshape(-1, 2), camera.distortion).reshape(ideal.shape)
 
     def harmonic(wave: FloatArray) -> FloatArray:
-        return np.asarray(2 / POINTS_ON_BENT_ELLIPSE * (wave * seen).sum(axis=1))
+        return np.asarray(2 / POINTS_ON_BENT_ELLIPSE * (wave * distorted).sum(axis=1))
 
     first, second = harmonic(np.cos(t)), harmonic(np.sin(t))
     even, odd = harmonic(np.cos(2 * t)), harmonic(np.sin(2 * t))
     u, v = (axis / np.linalg.norm(axis, axis=1, keepdims=True) for axis in (first, second))
     along_u = 0.5 * ((even * u).sum(axis=1) + (odd * v).sum(axis=1))
     along_v = 0.5 * ((odd * u).sum(axis=1) - (even * v).sum(axis=1))
-    return seen.mean(axis=1) + along_u[:, None] * u + along_v[:, None] * v, first, second
+    return distorted.mean(axis=1) + along_u[:, None] * u + along_v[:, None] * v, first, second

@@ -47,8 +47,8 @@ class CylinderView:
         right = (self.middle - np.arctan2(away[:, 1], away[:, 0]) + np.pi) % (2 * np.pi) - np.pi
         with np.errstate(divide="ignore", invalid="ignore"):
             row = self.horizon - self.scale * away[:, 2] / distance
-        seen = np.abs(right) < np.pi - SEAM
-        return np.column_stack([self.width / 2 + self.scale * right, row]), np.where(seen, distance, -1.0)
+        inside = np.abs(right) < np.pi - SEAM
+        return np.column_stack([self.width / 2 + self.scale * right, row]), np.where(inside, distance, -1.0)
 
     def rays(self, pixels: NDArray[Any]) -> NDArray[Any]:
         """Unit world directions ``(N, 3)`` of pixels ``(N, 2)``, in the floating type of ``pixels``."""

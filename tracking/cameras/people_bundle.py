@@ -242,8 +242,8 @@ class CrossViewPairs:
         both = self.groups * len(cameras) + self.second
         kept, first, person, counts = np.unique(both, return_index=True, return_inverse=True, return_counts=True)
         sums = [np.bincount(person, part, len(kept)) for part in (apart.real, apart.imag)]
-        away, seen = np.hypot(*sums) / counts, (self.first[first], self.second[first])
-        own = [away[(seen[0] == k) | (seen[1] == k)] for k in range(len(cameras))]
+        away, who = np.hypot(*sums) / counts, (self.first[first], self.second[first])
+        own = [away[(who[0] == k) | (who[1] == k)] for k in range(len(cameras))]
         return np.array([np.median(part) if len(part) else np.nan for part in own])
 
     def whitening(self, cameras: FloatArray, noises: FloatArray, people: BodyHeights) -> FloatArray:

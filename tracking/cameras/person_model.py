@@ -163,14 +163,14 @@ def outlines(
     pixels = pixels.reshape(len(feet), -1, 2)
     with np.errstate(invalid="ignore"):
         within = np.asarray(((pixels >= 0) & (pixels <= [camera.width, camera.height])).all(axis=2))
-    seen = np.asarray((depth > 0).reshape(len(feet), -1).all(axis=1))
-    seen &= within[:, : len(shape)].mean(axis=1) >= max(inside, 1e-9)
-    outline, foot, head = pixels[seen, : len(shape)], pixels[seen, -2], pixels[seen, -1]
+    visible = np.asarray((depth > 0).reshape(len(feet), -1).all(axis=1))
+    visible &= within[:, : len(shape)].mean(axis=1) >= max(inside, 1e-9)
+    outline, foot, head = pixels[visible, : len(shape)], pixels[visible, -2], pixels[visible, -1]
     low, high = outline.min(axis=1), outline.max(axis=1)
     limit = np.array([camera.width, camera.height])
     upright = np.concatenate([np.clip(low, 0, limit), np.clip(high, 0, limit)], axis=1)
     rotated = _smallest_boxes(outline.astype(np.float32), head - foot, foot - _below(camera))
-    return upright, rotated, feet[seen]
+    return upright, rotated, feet[visible]
 
 
 def stand(

@@ -37,29 +37,29 @@ def triangulate(
     if pixels.ndim != 3 or pixels.shape[1:] != (len(cameras), 2):
         raise ValueError(f"expected pixels of shape (N, {len(cameras)}, 2), got {pixels.shape}")
     rays = np.stack([c.rays(pixels[:, k]) for k, c in enumerate(cameras)], axis=1)
-    seen = np.isfinite(rays).all(axis=2)
-    points, enough = _nearest_to_rays(np.stack([c.position for c in cameras]), rays, seen)
+    visible = np.isfinite(rays).all(axis=2)
+    points, enough = _nearest_to_rays(np.stack([c.position for c in cameras]), rays, visible)
     information = np.zeros((len(points), 3, 3))
     for _ in range(iterations):
-        step, information, depth = _normal_equations(cameras, pixels, seen, points)
-        enough &= ((depth > 0) | ~seen).all(axis=1) & np.isfinite(step).all(axis=1)
+        step, information, depth = _normal_equations(cameras, pixels, visible, points)
+        enough &= ((depth > 0) | ~visible).all(axis=1) & np.isfinite(step).all(axis=1)
         points = np.where(enough[:, None], points + step, points)
-    _, information, depth = _normal_equations(cameras, pixels, seen, points)
-    enough &= ((depth > 0) | ~seen).all(axis=1)
+    _, information, depth = _normal_equations(cameras, pixels, visible, points)
+    enough &= ((depth > 0) | ~visible).all(axis=1)
     covariance = np.full((len(points), 3, 3), np.nan)
     covariance[enough] = np.linalg.pinv(information[enough], hermitian=True) * sigma**2
     points[~enough] = np.nan
     return points, covariance
 
 
-def _nearest_to_rays(origins: FloatArray, rays: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArray]:
+def _nearest_to_rays(origins: FloatArray, rays: FloatArray, visible: BoolArray) -> tuple[FloatArray, BoolArray]:
     """``(N, 3)`` points of least summed squared distance to their rays, and where the rays fix one."""
-    directions = np.where(seen[..., None], rays, 0.0)
-    across = seen[..., None, None] * np.eye(3) - directions[..., :, None] * directions[..., None, :]
+    directions = np.where(visible[..., None], rays, 0.0)
+    across = visible[..., None, None] * np.eye(3) - directions[..., :, None] * directions[..., None, :]
     a = across.sum(axis=1)
     b = np.einsum("ncij,cj->ni", across, origins)
     # Two rays at angle t leave 1 - cos t as the smallest eigenvalue.
-    enough = (seen.sum(axis=1) >= 2) & (np.linalg.eigvalsh(a)[:, 0] > 1 - np.cos(SMALLEST_ANGLE))
+    enough = (visible.sum(axis=1) >= 2) & (np.linalg.eigvalsh(a)[:, 0] > 1 - np.cos(SMALLEST_ANGLE))
     points = np.zeros((len(a), 3))
     points[enough] = np.linalg.solve(a[enough], b[enough][:, :, None])[:, :, 0]
     return points, enough
@@ -68,7 +68,7 @@ def _nearest_to_rays(origins: FloatArray, rays: FloatArray, seen: BoolArray) -> 
 def _normal_equations(
     cameras: Sequence[PinholeCamera],
     pixels: FloatArray,
-    seen: BoolArray,
+    visible: BoolArray,
     points: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Gauss-Newton steps ``(N, 3)``, information ``(N, 3, 3)`` for unit sigma, depths ``(N, C)``."""
@@ -77,7 +77,7 @@ def _normal_equations(
     for k, camera in enumerate(cameras):
         projected, depth = camera.project(points)
         slopes = projection_slopes(camera, points)
-        use = seen[:, k] & np.isfinite(projected).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2))
+        use = visible[:, k] & np.isfinite(projected).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2))
         slopes = np.where(use[:, None, None], slopes, 0.0)
         error = np.where(use[:, None], pixels[:, k] - projected, 0.0)
         information += np.einsum("nki,nkj->nij", slopes, slopes)

@@ -38,8 +38,8 @@ def common_volume(cameras: Sequence[PinholeCamera], radius: float, views: int = 
     low[2], high[2] = 0.0, min(high[2], places[:, 2].max() + 3.0)
     axes = [np.linspace(a, b, 40) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    seen = _visible_well(cameras, radius, grid)
-    good = grid[seen >= views]
+    visible = _visible_well(cameras, radius, grid)
+    good = grid[visible >= views]
     if len(good) == 0:
         raise RequestError(
             f"expected cameras that can see a ball of {radius:g} m together above z = 0, found no such place; "
@@ -71,9 +71,9 @@ def check_volume(volume: FloatArray, cameras: Sequence[PinholeCamera], radius: f
 
 def _visible_well(cameras: Sequence[PinholeCamera], radius: float, points: FloatArray) -> IntArray:
     """``(N,)`` how many cameras see a ball well at each of the ``(N, 3)`` points."""
-    seen = np.zeros(len(points), dtype=np.int64)
+    visible = np.zeros(len(points), dtype=np.int64)
     for camera in cameras:
         depth = np.maximum(camera.to_camera(points)[:, 2], 1e-9)
         size = camera.focal.mean() * radius / depth
-        seen += in_view(camera, points) & (size >= SMALLEST_RADIUS) & (size <= camera.height * LARGEST_SHARE)
-    return seen
+        visible += in_view(camera, points) & (size >= SMALLEST_RADIUS) & (size <= camera.height * LARGEST_SHARE)
+    return visible

@@ -133,8 +133,8 @@ def _adapt(
     first = _teacher(teacher, options, settings.device)
     teacher = None if teacher is None else shipped_or_file("detector", teacher)
     sources, work = request["sources"], output.out / WORK
-    said = None if corrections is None else corrections_in(corrections, sources)
-    contents = contents_of(sources, start, teacher=teacher, corrections=said)
+    lines = None if corrections is None else corrections_in(corrections, sources)
+    contents = contents_of(sources, start, teacher=teacher, corrections=lines)
     with output.run() as run:
         run.facts |= report_models(first)
         if resumed(work, {**request, "settings": asdict(settings), **contents}):
@@ -144,7 +144,7 @@ def _adapt(
             for line in _motion_lines(camera):
                 print(line, flush=True)
             default = shipped(PEOPLE_DETECTOR)
-            certain = None if said is None else certain_boxes(said, camera.videos[0].size)
+            certain = None if lines is None else certain_boxes(lines, camera.videos[0].size)
             adaptation = Adaptation(camera, start, work, settings, default, first, certain)
             _run(run, adaptation, default if detector is None else start)
     if not run.status:
@@ -167,16 +167,16 @@ def _kept(work: Path) -> Iterator[None]:
 
 def _motion_lines(camera: CameraVideos) -> list[str]:
     """What of the camera's movement is worth a line, and what follows."""
-    said = []
+    lines = []
     for video in camera.videos:
         if video.turned is not None:
             at = f"the camera turns at about frame {video.turned + 1}; give --frames of one place"
-            said.append(f"{video.source}: {at}; as it is, {_ALONE}")
+            lines.append(f"{video.source}: {at}; as it is, {_ALONE}")
         elif video.motion == "unknown":
-            said.append(f"{video.source}: too little to see to tell whether the camera moves: {_ALONE}")
+            lines.append(f"{video.source}: too little to see to tell whether the camera moves: {_ALONE}")
         elif not video.fixed:
-            said.append(f"{video.source}: the camera moves: {_ALONE}")
-    return said
+            lines.append(f"{video.source}: the camera moves: {_ALONE}")
+    return lines
 
 
 def _teacher(given: Path | None, options: DetectorOptions, device: Device) -> SizedDetect | None:

@@ -137,7 +137,7 @@ DEADLINE = Deadline()
 
 
 def ended(command: Callable[[], int | None]) -> int:
-    """The exit status of ``command``, whatever ends it; what went wrong is said in a line."""
+    """The exit status of ``command``, whatever ends it; what went wrong is reported in a line."""
     try:
         with DEADLINE.held(ENDING), on_signals(_interrupt), _warnings_in_a_line():
             return int(command() or DONE)

@@ -47,12 +47,12 @@ class Comparison(Files):
         return dict(zip(result_names(self.results, self.names), self.results, strict=True))
 
     def report(self, table: Table, values: Mapping[str, Any], right: Mapping[str, float] | None = None) -> None:
-        """Print the scores, and write them where that is wanted; of ``right`` a 0 is told, which is no score."""
+        """Print the scores, and write them where that is wanted; a 0 in ``right`` is reported, for it is no score."""
         from tsuiseki.tracking.evaluation.tables import show
 
         for name in [name for name, share in (right or {}).items() if not share]:
-            told = "nothing in it is on a label; is it of another video, in another unit, or empty?"
-            warnings.warn(f"{name}: {told}", InputWarning, stacklevel=2)
+            reason = "nothing in it is on a label; is it of another video, in another unit, or empty?"
+            warnings.warn(f"{name}: {reason}", InputWarning, stacklevel=2)
         show(table)
         if self.json is not None:
             written = text.dumps(values, indent=1, default=vars) + "\n"
@@ -126,7 +126,7 @@ def _check(right: bool, name: str, expected: str, value: float) -> None:
 
 
 def action(given: Comparison, labels: Labels, threshold: float = 0.4, multiple_actions: bool = False) -> None:
-    """Score what people were said to do: F1 at a threshold, and average precision, for every action.
+    """Score recognised actions: F1 at a threshold, and average precision, for every action.
 
     A row is a labelled person in a frame, or a tracked box on none. An action is called where its probability is
     above the threshold; F1 = 2 TP / (2 TP + FP + FN) over all rows. "single" are the probabilities of single frames,
@@ -188,7 +188,7 @@ def detection(
         truth: whatever evaluate people takes, also labels of single pictures; or rotated boxes: the
             JSON of CEPDOF or MW-R, or a folder of HABBOF's text files.
         results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
-            NAME/detections.txt for each sequence NAME; exported detectors (.onnx), which look at the labelled images;
+            NAME/detections.txt for each sequence NAME; exported detectors (.onnx), which run on the labelled images;
             for rotated boxes a JSON list of image_id, bbox (cx, cy, w, h, degrees clockwise) and score, which is scored
             by the overlap of the turned boxes.
         iou: overlap from which a detection is right.
@@ -263,7 +263,7 @@ def people(given: PlottedComparison, labels: Labels, classes: list[int | str] | 
 
 
 def appearance(given: Comparison, threads: int = 0) -> None:
-    """Score appearance networks: how often a person is found again among others, and mean average precision.
+    """Score appearance networks: how often a person is recognised among others, and mean average precision.
 
     Args:
         truth: labelled video with pictures, in a layout that evaluate people takes; or the folder of Market-1501, with
@@ -344,13 +344,13 @@ def single(
 def states(given: Comparison, scored: ScoredFrames, distance: float = 20.0) -> None:
     """Score bodies that were followed against their exact states: errors of position and heading, success, identity.
 
-    A body is found in a frame where a confirmed estimate lies within --distance of it.
+    A body is detected in a frame where a confirmed estimate lies within --distance of it.
 
     Args:
         truth: states.csv with the columns frame,id, a position a,b or x,y, and for the heading theta or points at both
             ends of the body (head_x,head_y and abdomen_x,abdomen_y); or the folder that holds it.
         results: of the same kind, such as folders of tsuiseki track deformable; several are compared.
-        distance: pixels within which a body is found.
+        distance: pixels within which a body is detected.
     """
     from tsuiseki.tracking.evaluation.states import evaluate_state_files
     from tsuiseki.tracking.evaluation.tables import STATE_COLUMNS, value_table

@@ -287,7 +287,7 @@ def sprites(
 
 
 def _make(output: SeededOutput, length: Length, plan: partial[Any], more: str = "") -> int:
-    """Plan a clip of the settings that ``plan`` holds and let it fill the output folder; ``more`` is said of it."""
+    """Plan a clip of the settings that ``plan`` holds and let it fill the output folder; ``more`` is printed of it."""
     for name, most in MOST.items():
         if (value := getattr(plan.args[0], name, 0)) > most:
             raise RequestError(f"`{name}`: expected at most {most:g}, got {value:g}")

@@ -67,7 +67,7 @@ def street_report(demo: DemoResult) -> Report:
     """The page of people on a street."""
     introduction = (
         f"{demo.people} people on a generated street, {demo.frames} frames. Networks trained on generated "
-        "scenes found and described them once; three methods linked what they found, each scored against the truth."
+        "scenes detected and described them once; three methods linked the detections, each scored against the truth."
     )
     return _report(demo, "Tsuiseki demo", " ".join([introduction, *why_not_best(demo)]))
 
@@ -133,8 +133,8 @@ def drone_report(demo: DemoResult, actions: DroneResult) -> Report:
         demo,
         "Tsuiseki demo, from a drone",
         f"{demo.people} people on generated ground under a drone that jerks, {demo.frames} frames. Networks "
-        "trained on generated clips found and described them and recognised what they do, once; three ways link what "
-        "was found, each scored against the truth.",
+        "trained on generated clips detected and described them and recognised what they do, once; three ways link "
+        "the detections, each scored against the truth.",
     )
     return replace(report, overlay_note=BOXES_NOTE, more=[action_timelines(actions)])
 

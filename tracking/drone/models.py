@@ -137,8 +137,8 @@ def read_given_tracks(path: Path, source: Source) -> list[Track]:
         raise RequestError(f"{path}: expected a folder of the frames that these labels count, got a video; {ADVICE}")
     labels = read_okutama(path, source.size)
     check_frames(labels, len(source.images), source.size, str(path))
-    seen = labels.select(~labels.lost)
-    rows = [seen.select(np.flatnonzero(seen.ids == identity)) for identity in np.unique(seen.ids).tolist()]
+    visible = labels.select(~labels.lost)
+    rows = [visible.select(np.flatnonzero(visible.ids == identity)) for identity in np.unique(visible.ids).tolist()]
     rows = [one.select(np.argsort(one.frames)) for one in rows]
     return [Track(int(one.ids[0]) + 1, one.frames, one.boxes, np.ones(len(one))) for one in rows]
 

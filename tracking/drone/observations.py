@@ -241,7 +241,7 @@ def video_observations(
         last = min(first + CHUNK - 1, wanted.last)
         part = {"first": first, "last": last, "version": VERSION}
         paths = [cache / f"{_digest({**one, **part})}.npz" for one in keys]
-        found = next((seen for path in paths if (seen := _read(path, first, last)) is not None), None)
+        found = next((read for path in paths if (read := _read(path, first, last)) is not None), None)
         if found is None:
             # The frames before the first one are history for the optical flow.
             start = max(first - observers.history, wanted.first)

@@ -27,8 +27,8 @@ def captions_of(people: Sequence[ActingTrack], names: Sequence[str], threshold: 
             continue
         order = np.argsort(-person.multi, axis=1, kind="stable")
         captions[person.track.id] = [
-            ", ".join(names[a] for a in ranked[:MOST_NAMED].tolist() if said[a] > threshold)
-            for ranked, said in zip(order, person.multi, strict=True)
+            ", ".join(names[a] for a in ranked[:MOST_NAMED].tolist() if probabilities[a] > threshold)
+            for ranked, probabilities in zip(order, person.multi, strict=True)
         ]
     return captions
 

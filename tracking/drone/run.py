@@ -273,7 +273,7 @@ def drone(
 ) -> int:
     """Track the people in a video from a drone, and name what each is doing.
 
-    People are found, described and their actions recognised by the models that ship with the toolkit; a minimum-cost
+    People are detected, described and their actions recognised by the models that ship with the toolkit; a minimum-cost
     flow links them. DIR gets tracks.txt (MOTChallenge text), tracks.json (with actions), report.html with its
     plots and numbers in report/, run.json and, with --overlay, overlay.webm.
 
@@ -305,9 +305,9 @@ def drone(
     models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)
     with output.run() as run:
         run.facts |= report_models(models.observers.detect, models.observers.describe, models.observers.recognise)
-        seen = observations(run, source, models, None if cache is None else (video.source, cache))
+        observed = observations(run, source, models, None if cache is None else (video.source, cache))
         line = None if finding.detections or cache else lambda number, one: detection_lines(number, one.detections)
-        kept = run.kept("detections.txt", ((one.frame, one) for one in seen), line)
+        kept = run.kept("detections.txt", ((one.frame, one) for one in observed), line)
         steps = run.steps(one for _, one in kept)
         result = link(steps, source, models, method, drone, run.times, output.settings, costs, threshold)
         if unknown := result.facts.get("flow", {}).get("camera_unknown"):

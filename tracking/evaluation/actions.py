@@ -69,7 +69,7 @@ def evaluate_actions(
 
     Args:
         names: of the A actions.
-        probabilities: ``(N, A)`` of what is said; NaN where nothing is said of a person, which is a miss.
+        probabilities: ``(N, A)`` of what is reported; NaN where nothing is reported of a person, which is a miss.
         truth: ``(N, A)`` what is so.
         threshold: on the probability, above which an action is called.
 
@@ -129,7 +129,7 @@ class LabelledActions:
         truth: who is where.
         actions: ``(N, A)`` of its rows.
         names: of the actions.
-        frames: that count; what is said of others is passed over.
+        frames: that count; reports of others are passed over.
     """
 
     name: str
@@ -239,11 +239,11 @@ def action_rows(labels: LabelledActions, people: Sequence[ActingTrack]) -> Actio
     nothing = np.full((1, width), np.nan)
     counted = labels.truth.evaluated
     # Index -1, no match, picks the appended row.
-    of_labels = [np.concatenate([said, nothing])[match[counted]] for said in (single, multi)]
-    on_nobody = np.ones(len(frames), dtype=np.bool_)
-    on_nobody[match[match >= 0]] = False
-    truth = np.concatenate([labels.actions[counted], np.zeros((int(on_nobody.sum()), width), dtype=np.bool_)])
-    rows = [np.concatenate([said, rest[on_nobody]]) for said, rest in zip(of_labels, (single, multi), strict=True)]
+    of_labels = [np.concatenate([part, nothing])[match[counted]] for part in (single, multi)]
+    unmatched = np.ones(len(frames), dtype=np.bool_)
+    unmatched[match[match >= 0]] = False
+    truth = np.concatenate([labels.actions[counted], np.zeros((int(unmatched.sum()), width), dtype=np.bool_)])
+    rows = [np.concatenate([part, rest[unmatched]]) for part, rest in zip(of_labels, (single, multi), strict=True)]
     return ActionRows(truth, *rows)
 
 

@@ -1,14 +1,14 @@
-"""HOTA, CLEAR MOT and identity scores, from the overlaps of true and found boxes in every frame.
+"""HOTA, CLEAR MOT and identity scores, from the overlaps of true and reported boxes in every frame.
 
 Each metric is a few sums over a sequence. The sums of several sequences add up to those of all of them together.
 
-* `hota`: Luiten et al., "HOTA: a higher order metric for evaluating multi-object tracking", IJCV 2021. True and found
-  tracks that overlap much over the whole sequence are matched first (the alignment below). For every threshold α the
-  detections count by TP, FN and FP, and each matched pair c by A(c) = TPA / (TPA + FNA + FPA).
+* `hota`: Luiten et al., "HOTA: a higher order metric for evaluating multi-object tracking", IJCV 2021. True and
+  reported tracks that overlap much over the whole sequence are matched first (the alignment below). For every threshold
+  α the detections count by TP, FN and FP, and each matched pair c by A(c) = TPA / (TPA + FNA + FPA).
 * `clear`: Bernardin and Stiefelhagen, "Evaluating multiple object tracking performance: the CLEAR MOT metrics", 2008.
   A pair of the frame before is kept as long as it overlaps enough; the others are matched by overlap.
 * `identity`: Ristani et al., "Performance measures and a data set for multi-target, multi-camera tracking", 2016. True
-  and found identities are matched one to one for the whole sequence.
+  and reported identities are matched one to one for the whole sequence.
 
 The numbers are those of trackeval, the reference implementation of HOTA's authors.
 """
@@ -33,14 +33,14 @@ KEPT = 1000.0
 
 @dataclass(frozen=True)
 class LabelledSequence:
-    """True and found boxes of every frame.
+    """True and reported boxes of every frame.
 
     Attributes:
         true_ids: of each frame ``(n,)`` numbers from 0.
         reported_ids: likewise ``(m,)``.
         overlaps: of each frame ``(n, m)`` in [0, 1].
         true_count: how many true identities there are.
-        reported_count: how many found ones.
+        reported_count: how many reported ones.
     """
 
     true_ids: Sequence[IntArray]
@@ -50,7 +50,7 @@ class LabelledSequence:
     reported_count: int
 
     def lengths(self) -> tuple[FloatArray, FloatArray]:
-        """In how many frames each true and each found identity is."""
+        """In how many frames each true and each reported identity is."""
         return (
             np.bincount(_joined(self.true_ids), minlength=self.true_count).astype(np.float64),
             np.bincount(_joined(self.reported_ids), minlength=self.reported_count).astype(np.float64),
@@ -120,12 +120,12 @@ class Clear(Sums):
 
     @property
     def recall(self) -> float:
-        """Found share of the true boxes."""
+        """Detected share of the true boxes."""
         return self.hits / max(1, self.hits + self.misses)
 
     @property
     def precision(self) -> float:
-        """Right share of the found boxes."""
+        """Right share of the reported boxes."""
         return self.hits / max(1, self.hits + self.false)
 
 

@@ -55,7 +55,7 @@ class PeopleScores:
         id_switches: times that a person's id changed.
         false_positives: boxes on no labelled object.
         false_negatives: labelled boxes that were missed.
-        recall: found share of the labelled boxes, in [0, 1].
+        recall: detected share of the labelled boxes, in [0, 1].
         precision: right share of the boxes, in [0, 1].
         labelled: number of labelled boxes.
     """

@@ -37,7 +37,7 @@ class OnFloorScores:
         switches: changes of identity.
         moda: of detections, within `near`.
         modp: likewise.
-        recall: share of the true places found within `near`.
+        recall: share of the true places reported within `near`.
         precision: share of the results that are right there.
         gospa: mean over the moments.
         labelled: true places.

@@ -131,7 +131,7 @@ class PointTracks:
 
 
 def track_distances(truth: PointTracks, found: PointTracks, c: float) -> FloatArray:
-    """Mean distance ``(N, M)`` of each true and each found track over the frames where either is, cut off at ``c``.
+    """Mean distance ``(N, M)`` of each true and each reported track over the frames where either is, cut off at ``c``.
 
     Where only one of the two is there, the distance is ``c``. Rows and columns are in the order of the ids.
     """

@@ -133,8 +133,8 @@ def score_views(views: Views, describe: Describe) -> Retrieval:
     features, query = np.concatenate(rows).astype(np.float64), views.query
     distances = 1 - features[query] @ features[~query].T
     same = views.ids[query][:, None] == views.ids[~query]
-    seen = (views.cameras[query][:, None] == views.cameras[~query]) & (views.cameras[query] >= 0)[:, None]
-    junk = (same & seen) | (views.ids[~query] == -1)
+    alike = (views.cameras[query][:, None] == views.cameras[~query]) & (views.cameras[query] >= 0)[:, None]
+    junk = (same & alike) | (views.ids[~query] == -1)
     return evaluate_retrieval(distances, views.ids[query], views.ids[~query], junk)
 
 
@@ -157,7 +157,7 @@ def _videos(folder: Path) -> Views:
             raise RequestError(f"{video.name}: expected pictures, such as img1/, found none")
         names, numbers = np.unique(truth.ids, return_inverse=True)
         last = np.full(len(names), -APART)
-        seen = np.zeros(len(names), np.bool_)
+        alike = np.zeros(len(names), np.bool_)
         order = np.argsort(truth.frames, kind="stable")
         cuts = np.searchsorted(truth.frames[order], np.arange(video.length + 1))
         for frame in range(video.length):
@@ -167,8 +167,8 @@ def _videos(folder: Path) -> Views:
                 who = numbers[here]
                 pictures.append((video.files[frame], truth.boxes[here]))
                 ids.append(people + who)
-                query.append(~seen[who])
-                last[who], seen[who] = frame, True
+                query.append(~alike[who])
+                last[who], alike[who] = frame, True
         people += len(names)
     number, first = np.concatenate(ids), np.concatenate(query)
     return Views(pictures, number, np.full(len(number), -1), first)

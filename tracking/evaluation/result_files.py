@@ -163,7 +163,7 @@ def evaluate_detection_files(
 
     Args:
         truths: the labels.
-        result: a text file where there is one truth, a folder, or an exported detector, which looks at the images.
+        result: a text file where there is one truth, a folder, or an exported detector, which runs on the images.
         iou: overlap from which a detection is right.
         score_range: smallest and largest score to expect.
 

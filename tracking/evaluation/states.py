@@ -1,6 +1,6 @@
-"""Bodies against their exact states: errors of position and heading, how often they are found, and whose they are.
+"""Bodies against their exact states: errors of position and heading, how often they are detected, and whose they are.
 
-A body is found in a frame where an estimate lies within a distance of its position; bodies and estimates are paired
+A body is detected in a frame where an estimate lies within a distance of its position; bodies and estimates are paired
 frame by frame so that the sum of distances is least. Estimates that a tracker itself calls searching or lost do not
 count.
 """
@@ -55,13 +55,13 @@ class StateScores:
     """How well bodies are followed.
 
     Attributes:
-        success: share of bodies in frames that are found, in [0, 1].
+        success: share of bodies in frames that are detected, in [0, 1].
         followed: how many bodies one and the same track finds in all their frames.
         bodies: how many there are.
-        position_mean, position_median, position_95: distance of those that are found, pixels; NaN without any.
+        position_mean, position_median, position_95: distance of those that are detected, pixels; NaN without any.
         angle_mean, angle_median: difference of their headings without sign, degrees; NaN where nothing tells.
         reversed: share of them that head the other way, by more than 90 degrees.
-        switches: how often a body is found by another track than before.
+        switches: how often a body is followed by another track than before.
         idf1: identity F1, as for people but with the distance.
         false: estimates on no body.
         frames: that were scored.
@@ -133,7 +133,7 @@ def evaluate_states(
     Args:
         truth: exact poses.
         found: estimated ones.
-        distance: pixels within which a body is found.
+        distance: pixels within which a body is detected.
         frames: to score.
 
     Raises:
@@ -173,7 +173,7 @@ def evaluate_state_files(
     Args:
         truth: states.csv, or the folder that holds it; see `read_poses`.
         results: likewise, by name.
-        distance: pixels within which a body is found.
+        distance: pixels within which a body is detected.
         frames: to score.
 
     Raises:
@@ -192,7 +192,7 @@ def _states_file(path: Path) -> Path:
 
 
 def _in_frames(truth: Poses, found: Poses) -> list[tuple[slice, slice]]:
-    """Rows of the truth and of what was found in every frame that has some of the truth."""
+    """Rows of the truth and of what was reported in every frame that has some of the truth."""
     numbers = np.unique(truth.frames)
     edges = [np.searchsorted(one.frames, [numbers, numbers + 1]) for one in (truth, found)]
     return [(slice(*a), slice(*b)) for a, b in zip(edges[0].T.tolist(), edges[1].T.tolist(), strict=True)]
@@ -203,7 +203,7 @@ def _distances(truth: Poses, found: Poses, a: slice, b: slice) -> FloatArray:
 
 
 def _pairs(truth: Poses, found: Poses, distance: float) -> tuple[IntArray, IntArray]:
-    """Rows of bodies that are found, and of the estimates that find them."""
+    """Rows of bodies that are detected, and of the estimates that find them."""
     rows, columns = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     for a, b in _in_frames(truth, found):
         i, j = assign(_distances(truth, found, a, b), distance)

@@ -2,7 +2,7 @@
 
 Features are followed over the image, and RANSAC finds the similarity that most agree on. Whether it is right is checked
 by moving the first frame with it and correlating the two. Where features fail, as in the smear of a jerk, the two
-frames are searched for what they share (`search`). Where that does not tell either, nothing is said.
+frames are searched for what they share (`search`). Where that does not tell either, nothing is reported.
 
 The search is over all shifts and many turns. Where a jerk smears a frame, or moves it by a third of its width, no
 feature can be followed. What is left are blurred patches of ground and people. They are compared at a quarter of the
@@ -154,13 +154,13 @@ def _masked_correlation(first: Pattern, inside: Pattern, second: Pattern) -> Flo
     def correlated(one: NDArray[np.complex64], other: NDArray[np.complex64]) -> FloatArray:
         return np.asarray(scipy.fft.irfft2(np.conj(one) * other, shape, axes=(0, 1)))
 
-    seen, whole = spectra(inside[..., None]), spectra(np.ones((height, width, 1), dtype=np.float32))
+    known, whole = spectra(inside[..., None]), spectra(np.ones((height, width, 1), dtype=np.float32))
     one, other = spectra(first), spectra(second)
-    count = np.maximum(correlated(seen, whole), 1)
-    sum_first, sum_second = correlated(one, whole), correlated(seen, other)
+    count = np.maximum(correlated(known, whole), 1)
+    sum_first, sum_second = correlated(one, whole), correlated(known, other)
     product = (correlated(one, other) - sum_first * sum_second / count).sum(axis=2)
     energy_first = (correlated(spectra(first * first), whole) - sum_first**2 / count).sum(axis=2)
-    energy_second = (correlated(seen, spectra(second * second)) - sum_second**2 / count).sum(axis=2)
+    energy_second = (correlated(known, spectra(second * second)) - sum_second**2 / count).sum(axis=2)
     energy = energy_first * energy_second
     # What rounding leaves of an empty overlap is no energy.
     floor = 1e-3 * max(energy_first.max(), 0) * max(energy_second.max(), 0) + np.finfo(np.float32).tiny

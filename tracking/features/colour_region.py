@@ -175,12 +175,12 @@ def region_contrast(
             None for all of them.
     """
     wide = grown(boxes, margin)
-    inside, seen = image.counts(boxes)
+    inside, visible = image.counts(boxes)
     around, seen_around = image.counts(wide)
     area, area_around = (
         np.maximum(np.prod(np.round(b[:, 2:]) - np.round(b[:, :2]), axis=1), 1.0) for b in (boxes, wide)
     )
-    frame, frame_area = around - inside, seen_around - seen
+    frame, frame_area = around - inside, seen_around - visible
     # Where next to nothing of the frame is in the image, no contrast is to be seen: a box as large as the image.
     contrast = frame_area > 0.1 * (area_around - area)
     hidden = np.zeros(len(boxes), dtype=np.bool_)

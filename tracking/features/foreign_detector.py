@@ -105,7 +105,7 @@ class ForeignDetector:
         self.input = _changed(self.path, self._usual_input(trial), options, whole=self.size is None)
         if self.layout in TURNED and self.input.resize == "stretch":
             raise RequestError(f"{path}: turned boxes want pictures of one scale; leave `detector_options.resize` out")
-        self.across, self._told = classes is None or classes.across, classes is not None
+        self.across, self._classed_by_user = classes is None or classes.across, classes is not None
         self.wanted = self._choose_classes(list(trial.values()), options, classes)
         self.people_only = classes is None or only_people(self.wanted)
         self.gave: set[bool] = set()
@@ -114,7 +114,7 @@ class ForeignDetector:
     def __str__(self) -> str:
         """How the file is read, in words."""
         known = ", ".join(f"class {number}" + (f" {name!r}" if name else "") for number, name in self.wanted.items())
-        known = f"detects {known}" if self._told else f"people are {known}"
+        known = f"detects {known}" if self._classed_by_user else f"people are {known}"
         scores = "" if self.scores is None else f", scores by {self.scores}"
         size = "any size" if self.size is None else f"{self.size[1]}x{self.size[0]}"
         return f"layout {self.layout}, {known}{scores}; pictures {self.input}, {size}"
@@ -122,7 +122,7 @@ class ForeignDetector:
     @property
     def facts(self) -> dict[str, Any]:
         """How the file is read, as plain values by name."""
-        looked_for = {"wanted": dict(self.wanted)} if self._told else {"person": self.person}
+        looked_for = {"wanted": dict(self.wanted)} if self._classed_by_user else {"person": self.person}
         chosen = {"layout": self.layout, **looked_for, "classes": self.names, "scores": self.scores}
         return {**chosen, "size": self.size, **asdict(self.input)}
 
@@ -182,7 +182,7 @@ class ForeignDetector:
 
     def _classed(self, found: Detections, classes: IntArray) -> Detections:
         """With their classes, where others than people are detected."""
-        return replace(found, classes=classes, names=self.wanted) if self._told else found
+        return replace(found, classes=classes, names=self.wanted) if self._classed_by_user else found
 
     def _turned(self, boxes: FloatArray, scores: FloatArray, classes: IntArray, size: Size) -> Detections:
         """Of ``(N, 5)`` turned boxes; a network tells neither which side is the height nor which end is up."""
@@ -387,7 +387,7 @@ class ForeignDetector:
                 f"{self.path}: the network gives NaN or infinity; check its normalisation, or export it in float32"
             )
         blank = not any(x.any() for x in floats)
-        # Rows of zeros fill up, or there are no rows where nothing is found.
+        # Rows of zeros fill up, or there are no rows where nothing is detected.
         filled_up = LAYOUTS[self.layout].suppressed and self.layout != "torchvision"
         if blank and not filled_up and all(x.size for x in floats):
             raise RunError(f"{self.path}: the network gives nothing but zeros; export it again")

@@ -1,4 +1,4 @@
-"""How high people are in the picture where they stand on one ground, learnt from the people found so far.
+"""How high people are in the picture where they stand on one ground, learnt from the people detected so far.
 
 Under a camera that is not rolled, people of one height who stand on one plane are the higher in the picture the
 lower their feet are: h = a (y - y0) for feet in row y below the horizon y0, where a is the height of a person over that

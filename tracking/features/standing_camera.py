@@ -32,7 +32,7 @@ _GRADIENT, _PLACES, _MOST_PLACES = 4.0, 100, 4000
 # Half of the places differ by less than this part of their gradient, which a shift of as many pixels would bring.
 _DIFFERENCE = 0.35
 # Parts of the picture, down and across, so many of which have such places, so many each: a caption has some alone.
-_PARTS, _PARTS_SEEN, _PLACES_OF_PART = (3, 4), 4, 10
+_PARTS, _LEAST_PARTS, _PLACES_OF_PART = (3, 4), 4, 10
 # Grey levels: noise of a copy below which no difference counts.
 _NOISE = 1.5
 _ROUNDS = 4
@@ -112,7 +112,7 @@ class _Compared:
         self.design = np.stack([picture[y, x], np.ones(len(y)), -g_x, -g_y, -(g_x * u + g_y * v), g_x * v - g_y * u])
         self.least = np.maximum(_DIFFERENCE * length, 2 * _NOISE)
         self.part = y * _PARTS[0] // high * _PARTS[1] + x * _PARTS[1] // wide
-        self.seen = np.bincount(self.part, minlength=_PARTS[0] * _PARTS[1])
+        self.places = np.bincount(self.part, minlength=_PARTS[0] * _PARTS[1])
 
     def stands_still_in(self, picture: FloatArray) -> bool:
         """Whether a picture of the same size shows most of what this one shows at the same place."""
@@ -127,9 +127,11 @@ class _Compared:
             scale = max(1.5 * float(np.partition(np.abs(off), middle)[middle].mean()), _NOISE)
             weight = 1 / (1 + np.square(off / scale))
         differs = np.abs(wanted - found[:2] @ design[:2])
-        agreeing = np.bincount(self.part, differs < self.least, len(self.seen))
-        enough = self.seen >= _PLACES_OF_PART
-        most = 2 * np.count_nonzero(2 * agreeing[enough] > self.seen[enough]) > np.count_nonzero(enough) >= _PARTS_SEEN
+        agreeing = np.bincount(self.part, differs < self.least, len(self.places))
+        enough = self.places >= _PLACES_OF_PART
+        most = (
+            2 * np.count_nonzero(2 * agreeing[enough] > self.places[enough]) > np.count_nonzero(enough) >= _LEAST_PARTS
+        )
         return bool(most and _at_corners(found[2:], *self.shape) < _STILL)
 
 

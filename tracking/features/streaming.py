@@ -28,7 +28,7 @@ def stream(
     times: StageTimes | None = None,
     workers: int = 1,
 ) -> Iterator[tuple[Frame, Detections]]:
-    """Frames with the people found in them, in order.
+    """Frames with the people detected in them, in order.
 
     Args:
         frames: the video.

@@ -201,9 +201,9 @@ class ViewHistory:
         self.due = None if settled else self.frames + wait * self.frame_rate
 
     def __str__(self) -> str:
-        said = [str(choice) if not n else f"from frame {n + 1} on {choice}" for n, choice in self.changes]
+        parts = [str(choice) if not n else f"from frame {n + 1} on {choice}" for n, choice in self.changes]
         unseen = self.choice is not None and len(self.choice.people) > 1 and not self.somebody
-        return ", ".join(said) + (", but no person was detected at any scale" if unseen else "")
+        return ", ".join(parts) + (", but no person was detected at any scale" if unseen else "")
 
 
 class ViewedDetector:
@@ -304,7 +304,7 @@ def devices_of(*models: object) -> dict[str, str]:
 
 
 def _timed(detector: TiledDetector, images: Sequence[ImageArray]) -> tuple[list[Detections], float]:
-    """What is found, and the milliseconds that an image took."""
+    """The detections, and the milliseconds that an image took."""
     start = time.perf_counter()
     found = detector.detect(images)
     return found, 1000 * (time.perf_counter() - start) / len(images)

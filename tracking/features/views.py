@@ -162,7 +162,7 @@ class TiledDetector:
             pictures.append(enlarged(image[y1:y2, x1:x2], height, width))
             scales.append(np.tile([width / (x2 - x1), height / (y2 - y1)], 2))
         found = self.detector.detect(pictures)
-        return [replace(seen, boxes=seen.boxes / scale) for seen, scale in zip(found, scales, strict=True)]
+        return [replace(one, boxes=one.boxes / scale) for one, scale in zip(found, scales, strict=True)]
 
 
 def _shown_sizes(view: TileView, wanted: tuple[int, int] | None) -> IntArray:

@@ -97,15 +97,15 @@ class FisheyeTracker:
         if features is None:
             features = np.full((len(found), width), np.nan)
         live = self._expected(features.shape[1])
-        seen, detected = self._match(live, found, features)
-        self._live = self._advanced(live, found, features, seen, detected)
+        matched, detected = self._match(live, found, features)
+        self._live = self._advanced(live, found, features, matched, detected)
 
     def tracks(self) -> list[FloorTrack]:
         """The confirmed tracks of all frames so far, or since `forget`, by id."""
-        seen, names = np.empty(0, np.bool_), self._names
+        matched, names = np.empty(0, np.bool_), self._names
         return [
             FloorTrack(
-                Track(number, frames, rows[:, :4], scores, seen, rows[:, 11:].astype(np.int64), names),
+                Track(number, frames, rows[:, :4], scores, matched, rows[:, 11:].astype(np.int64), names),
                 rows[:, 4:9],
                 rows[:, 9:11],
             )
@@ -133,21 +133,21 @@ class FisheyeTracker:
         gate = settings.reach + settings.speed * live.undetected[:, None]
         # Each distance as a share of its own gate, so that one limit serves all tracks.
         shares = away / gate
-        seen = detected = np.empty(0, dtype=np.int64)
+        matched = detected = np.empty(0, dtype=np.int64)
         if settings.by_appearance and features.shape[1] and live.appearance.shape[1]:
             costs = 1 - live.appearance @ features.T
             shares = np.where(costs > settings.place_feature_gate, np.inf, shares)
             if settings.by_place:
                 costs = np.where(away > gate, np.inf, costs)
-            seen, detected = assign(costs, settings.feature_gate)
+            matched, detected = assign(costs, settings.feature_gate)
         if not settings.by_place:
-            return seen, detected
-        rest, free = np.setdiff1d(np.arange(len(away)), seen), np.setdiff1d(np.arange(len(found)), detected)
+            return matched, detected
+        rest, free = np.setdiff1d(np.arange(len(away)), matched), np.setdiff1d(np.arange(len(found)), detected)
         rows, columns = assign(shares[np.ix_(rest, free)], 1.0)
-        return np.concatenate([seen, rest[rows]]), np.concatenate([detected, free[columns]])
+        return np.concatenate([matched, rest[rows]]), np.concatenate([detected, free[columns]])
 
     def _advanced(
-        self, live: _Live, found: FloorDetections, features: FloatArray, seen: IntArray, detected: IntArray
+        self, live: _Live, found: FloorDetections, features: FloatArray, matched: IntArray, detected: IntArray
     ) -> _Live:
         settings = self.settings
         scores = found.detections.scores
@@ -155,8 +155,8 @@ class FisheyeTracker:
         free[detected] = False
         born = np.flatnonzero(free)
         waiting = (live.hits >= self._needed) & (live.undetected < settings.max_age + 1e-9)
-        waiting[seen] = False
-        old, kept = live.select(seen), live.select(np.flatnonzero(waiting))
+        waiting[matched] = False
+        old, kept = live.select(matched), live.select(np.flatnonzero(waiting))
         new = self._record.start(len(born))
         away = found.places[detected] - old.places
         step = old.undetected[:, None]
@@ -169,7 +169,7 @@ class FisheyeTracker:
             (old.velocities + beta * away / step, kept.velocities, np.zeros((len(born), 2))),
             (self._mean(old.appearance, features[detected]), kept.appearance, features[born]),
             (old.hits + 1, kept.hits, np.ones(len(born), np.int64)),
-            (np.zeros(len(seen)), kept.undetected, zero),
+            (np.zeros(len(matched)), kept.undetected, zero),
         )
         result = _Live(*(np.concatenate(part) for part in parts))
         self._note(np.concatenate([old.numbers, new]), found, np.concatenate([detected, born]))
@@ -229,10 +229,10 @@ def flow_on_floor(
     )
     rotated, places = (np.concatenate([getattr(each, name) for each in found]) for name in ("rotated", "places"))
     names = {kind: name for each in found for kind, name in each.detections.names.items()}
-    seen, fewest = np.empty(0, np.bool_), max(1, round(SHORTEST * frame_rate))
+    matched, fewest = np.empty(0, np.bool_), max(1, round(SHORTEST * frame_rate))
     return [
         FloorTrack(
-            Track(number, rows.frames[k], boxes[k], np.nan_to_num(scores[k]), seen, origin[k], names),
+            Track(number, rows.frames[k], boxes[k], np.nan_to_num(scores[k]), matched, origin[k], names),
             rotated[k],
             places[k],
         )

@@ -95,10 +95,10 @@ class UnrolledDetector:
         for number, (tile, each) in enumerate(zip(self.tiles, found, strict=True)):
             kept = each.select(_whole(tile, each.boxes) & self._plausible(tile, each.boxes))
             boxes = in_image(tile, self.camera, kept.boxes)
-            seen = np.isfinite(boxes).all(axis=1) & (boxes[:, 2:4] >= 1).all(axis=1)
-            rotated.append(boxes[seen])
-            scores.append(kept.scores[seen])
-            owners.append(np.full(int(seen.sum()), number))
+            usable = np.isfinite(boxes).all(axis=1) & (boxes[:, 2:4] >= 1).all(axis=1)
+            rotated.append(boxes[usable])
+            scores.append(kept.scores[usable])
+            owners.append(np.full(int(usable.sum()), number))
         boxes, score, owner = np.concatenate(rotated), np.concatenate(scores), np.concatenate(owners)
         chosen = _distinct(boxes, score, owner, self.settings)
         boxes, half = boxes[chosen], boxes[chosen, 2:4] / 2

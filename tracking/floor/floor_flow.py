@@ -153,7 +153,7 @@ def _grouped(
 
 
 def _alike(points: FloorPoints, edges: IntArray, settings: FloorFlow) -> list[FloatArray] | None:
-    """``(n, n)`` of each moment: what appearance says for one person, of pairs that were seen from a like side."""
+    """``(n, n)`` of each moment: what appearance says for one person, of pairs in view from a like side."""
     if points.features is None or points.facing is None:
         return None
     blocks = []

@@ -199,7 +199,7 @@ class _Climb:
     def _alike(
         self, mine: IntArray, i: IntArray, g: IntArray, who: IntArray, member: IntArray, count: int
     ) -> FloatArray:
-        """``(P,)`` what appearance adds to pairs, the mean over the members that were seen from a like side."""
+        """``(P,)`` what appearance adds to pairs, the mean over the members in view from a like side."""
         held = who >= self.tracks
         others, groups = who[held] - self.tracks, member[held]
         # All pairs of a point of the sensor and another point of its moment, added up by group.

@@ -20,7 +20,7 @@ from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
 MARGIN = 1.0
 """Margin around the plan in which people are still followed, metres."""
 APART = 0.5
-STEPS, LEAST_SEEN = 5, 0.05
+STEPS, LEAST_VISIBLE = 5, 0.05
 """Steps of the visible share of a person, each with a probability of detection; least visible share of a detection."""
 PRIOR, LEAST_FALSE = 10.0, 0.02
 CHUNK = 4_000
@@ -75,7 +75,7 @@ class SensorRates:
     def detected(self, share: FloatArray) -> FloatArray:
         """``(E, S)`` probabilities of shares ``(E, S)``."""
         found: FloatArray = self.detection[np.arange(share.shape[1]), _step_of(share)]
-        return np.asarray(np.where(share > LEAST_SEEN, found, 1e-6))
+        return np.asarray(np.where(share > LEAST_VISIBLE, found, 1e-6))
 
     def learnt(self, share: FloatArray, hit: BoolArray, false: FloatArray) -> SensorRates:
         """Rates estimated from tracks.
@@ -87,9 +87,9 @@ class SensorRates:
         """
         detection = np.empty_like(self.detection)
         for sensor in range(share.shape[1]):
-            seen = share[:, sensor] > LEAST_SEEN
-            step = _step_of(share[seen, sensor])
-            hits = np.bincount(step, hit[seen, sensor], STEPS) + PRIOR * self.detection[sensor]
+            in_view = share[:, sensor] > LEAST_VISIBLE
+            step = _step_of(share[in_view, sensor])
+            hits = np.bincount(step, hit[in_view, sensor], STEPS) + PRIOR * self.detection[sensor]
             detection[sensor] = hits / (np.bincount(step, minlength=STEPS) + PRIOR)
         return SensorRates(np.asarray(np.clip(detection, 0.02, 0.98)), false + LEAST_FALSE)
 
@@ -132,14 +132,14 @@ class SensorView:
         distance = np.linalg.norm(places - camera.position[:2], axis=1)
         area = np.prod(expected[:, 2:] - expected[:, :2], axis=1)
         inside = np.clip(expected, 0.0, [camera.width, camera.height] * 2)
-        seen = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
+        in_view = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
         boxes = self.boxes[moment]
         low = np.maximum(inside[:, None, :2], boxes[..., :2])
         high = np.minimum(inside[:, None, 2:], boxes[..., 2:])
         shared = np.prod(np.maximum(high - low, 0.0), axis=2) * (self.nearness[moment] < distance[:, None] - NEARER)
         with np.errstate(invalid="ignore", divide="ignore"):
-            hidden = np.minimum(np.nan_to_num(shared).sum(axis=1) / np.maximum(seen, 1e-9), HIDDEN_BY)
-            share = np.nan_to_num(seen / area) * (1.0 - np.nan_to_num(hidden))
+            hidden = np.minimum(np.nan_to_num(shared).sum(axis=1) / np.maximum(in_view, 1e-9), HIDDEN_BY)
+            share = np.nan_to_num(in_view / area) * (1.0 - np.nan_to_num(hidden))
         return np.asarray(self.measured[moment] * share)
 
 

@@ -59,16 +59,20 @@ def people_online(measured: MeasuredFloor, seed: int = 0, short: int = 3) -> lis
             continue
         rows = np.searchsorted(state.labels, ids)
         mean, covariance = _moments(np.exp(state.log_weights[rows]), state.particles[rows])
-        seen = _seen(mean, covariance, points.places[here], points.covariances[here], points.sensor[here], len(views))
+        detected = _detected_by(
+            mean, covariance, points.places[here], points.covariances[here], points.sensor[here], len(views)
+        )
         inside = measured.inside(mean[:, [0, 2]])
         for k in np.flatnonzero(inside).tolist():
-            held.setdefault(int(ids[k]), []).append((moment, mean[k], covariance[k], state.existence[rows[k]], seen[k]))
+            held.setdefault(int(ids[k]), []).append(
+                (moment, mean[k], covariance[k], state.existence[rows[k]], detected[k])
+            )
     kept = [own for _, own in sorted(held.items()) if len(own) >= short]
     people = []
     for number, own in enumerate(kept, start=1):
-        at, mean, covariance, existence, seen = (np.array(column) for column in zip(*own, strict=True))
+        at, mean, covariance, existence, detected = (np.array(column) for column in zip(*own, strict=True))
         state_of = mean[:, [0, 2]], mean[:, [1, 3]], covariance
-        people.append(PersonOnFloor(number, at, times[at], *state_of, existence, np.empty((len(own), 0)), seen))
+        people.append(PersonOnFloor(number, at, times[at], *state_of, existence, np.empty((len(own), 0)), detected))
     return people
 
 
@@ -97,14 +101,14 @@ def _moments(weights: FloatArray, particles: FloatArray) -> tuple[FloatArray, Fl
     return mean, np.einsum("tp,tpi,tpj->tij", weights, away, away)
 
 
-def _seen(
+def _detected_by(
     mean: FloatArray, covariance: FloatArray, places: FloatArray, covariances: FloatArray, sensor: IntArray, count: int
 ) -> BoolArray:
     """``(N, S)`` which sensors detected people, by their distances from the points of the moment."""
     apart = places[None] - mean[:, None, [0, 2]]
     spread = covariance[:, None][..., [0, 2], :][..., [0, 2]] + covariances[None]
     square = np.einsum("tni,tnij,tnj->tn", apart, np.linalg.inv(spread), apart)
-    seen = np.zeros((len(mean), count), dtype=np.bool_)
+    detected = np.zeros((len(mean), count), dtype=np.bool_)
     person, point = np.nonzero(square < NEAR)
-    seen[person, sensor[point]] = True
-    return seen
+    detected[person, sensor[point]] = True
+    return detected

@@ -85,7 +85,7 @@ def write_places(path: Path, people: Sequence[PersonOnFloor], names: Sequence[st
     heads = [*(shown or ("frame", "time", "id", "x", "y")), "cameras"]
     order = sorted((int(scan), one.id, k) for one in people for k, scan in enumerate(one.scans))
     by_id = {one.id: one for one in people}
-    seen = [" ".join(n for n, s in zip(names, by_id[i].detected[k], strict=True) if s) for _, i, k in order]
+    cameras = [" ".join(n for n, s in zip(names, by_id[i].detected[k], strict=True) if s) for _, i, k in order]
     columns = [
         column.tolist() if column.dtype.kind != "f" else [f"{v:.9g}" for v in column.tolist()]
         for column in shown.values()
@@ -93,7 +93,7 @@ def write_places(path: Path, people: Sequence[PersonOnFloor], names: Sequence[st
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(heads)
-        writer.writerows(zip(*columns, seen, strict=True) if people else [])
+        writer.writerows(zip(*columns, cameras, strict=True) if people else [])
 
 
 def _write_tracks(tracks: Sequence[Track], path: Path, _: Path) -> None:
@@ -124,8 +124,8 @@ def _followed(people: Sequence[PersonOnFloor], measured: MeasuredFloor) -> str:
     return "".join(parts) + (f"<p>The {left} shortest are left out here.</p>" if left else "")
 
 
-def _bars(one: PersonOnFloor, seen: BoolArray) -> list[Bar]:
+def _bars(one: PersonOnFloor, cameras: BoolArray) -> list[Bar]:
     """Segments of moments at which a sensor detected a person."""
-    moments = one.scans[seen]
+    moments = one.scans[cameras]
     runs = np.split(moments, np.flatnonzero(np.diff(moments) > 1) + 1)
     return [Bar(int(run[0]), int(run[-1]), f"person {one.id}", one.id) for run in runs if len(run)]

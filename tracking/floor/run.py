@@ -135,8 +135,8 @@ class FloorRun:
             )
         inputs = PeopleInputs(source, detect, describe, threads=wanted.threads)
         rows = inputs.with_frames(frames_of_size(source, placed.camera.width, placed.camera.height), stages)
-        seen = rows if watch is None else watch(rows, f"detecting in {placed.name}", source.length)
-        return [StandingPeople.of(found) for _, found in seen]
+        watched = rows if watch is None else watch(rows, f"detecting in {placed.name}", source.length)
+        return [StandingPeople.of(found) for _, found in watched]
 
     def result(
         self, stages: StageTimes, made: Mapping[str, Any], watch: Watch | None = None

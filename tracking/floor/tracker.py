@@ -31,8 +31,8 @@ def flow_on_one_floor(measured: MeasuredFloor, settings: FloorFlow) -> list[Pers
 def people_of(measured: MeasuredFloor, found: FloorTracks, short: int) -> list[PersonOnFloor]:
     """Tracks of at least ``short`` nodes, or of a certain name, on the plan; ids in the order of their beginning."""
     points, nodes = measured.points, found.nodes
-    seen = np.zeros((len(nodes.moment), len(measured.views)), dtype=np.bool_)
-    seen[nodes.node, points.sensor] = True
+    sensed = np.zeros((len(nodes.moment), len(measured.views)), dtype=np.bool_)
+    sensed[nodes.node, points.sensor] = True
     names = nodes.highest(points.names)
     parts = []
     for track in np.unique(found.label[found.label >= 0]):
@@ -44,13 +44,13 @@ def people_of(measured: MeasuredFloor, found: FloorTracks, short: int) -> list[P
     taken = {name for _, name, *_ in parts if name >= 0}
     free = iter(number for number in range(1, len(parts) + len(taken) + 1) if number not in taken)
     people = [
-        _person(measured, found, name if name >= 0 else next(free), own, rows, seen) for _, name, own, rows in parts
+        _person(measured, found, name if name >= 0 else next(free), own, rows, sensed) for _, name, own, rows in parts
     ]
     return [one for one in people if len(one)]
 
 
 def _person(
-    measured: MeasuredFloor, found: FloorTracks, number: int, own: IntArray, rows: IntArray, seen: BoolArray
+    measured: MeasuredFloor, found: FloorTracks, number: int, own: IntArray, rows: IntArray, sensed: BoolArray
 ) -> PersonOnFloor:
     nodes, expected = found.nodes, found.expected
     at = nodes.moment[own]
@@ -65,8 +65,8 @@ def _person(
         states.mean[row], states.covariance[row] = met.mean, met.covariance
     else:
         moments, states = at, FloorFlow().walking.start(nodes.places[own], nodes.covariances[own])
-    there = np.zeros((len(moments), seen.shape[1]), dtype=np.bool_)
-    there[np.searchsorted(moments, at)] = seen[own]
+    there = np.zeros((len(moments), sensed.shape[1]), dtype=np.bool_)
+    there[np.searchsorted(moments, at)] = sensed[own]
     inside = measured.inside(states.mean[:, :2])
     mean, covariance, there = states.mean[inside], states.covariance[inside][:, AXES][:, :, AXES], there[inside]
     return PersonOnFloor(

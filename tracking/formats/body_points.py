@@ -38,11 +38,11 @@ def read_poses_file(path: Path) -> PointTable:
     if not path.is_file():
         raise RequestError(f"expected points of animals at {path}, found no file")
     table = read_sleap_hdf5(path) if is_hdf5(path) else _text_table(path)
-    seen = np.isfinite(table.points).all(axis=2).sum(axis=1) > 0
-    if not seen.any():
+    labelled = np.isfinite(table.points).all(axis=2).sum(axis=1) > 0
+    if not labelled.any():
         raise RequestError(f"{path}: expected at least one point, got none")
-    tracks = tuple(name for name, one in zip(table.tracks, seen, strict=True) if one)
-    return PointTable(table.nodes, table.frames[seen], tracks, table.points[seen], table.scores[seen])
+    tracks = tuple(name for name, one in zip(table.tracks, labelled, strict=True) if one)
+    return PointTable(table.nodes, table.frames[labelled], tracks, table.points[labelled], table.scores[labelled])
 
 
 def _text_table(path: Path) -> PointTable:

@@ -151,7 +151,7 @@ def _rows(path: Path, track: ElementTree.Element) -> Iterator[tuple[Any, ...]]:
         raise RequestError(f"{path}: expected each frame from 0 to {LAST_FRAME - 1} once in track {number}")
     outside, hidden = (np.array([box.get(name) == "1" for box in boxes]) for name in ("outside", "occluded"))
     every, values, key = between_keys(path, frames, corners)
-    seen = (frames[key] == every) & ~hidden[key]
+    visible = (frames[key] == every) & ~hidden[key]
     for row in np.flatnonzero(~outside[key]).tolist():
-        source = sources[key[row]] if seen[row] else -1
-        yield int(every[row]), number, values[row], scores[key[row]], bool(seen[row]), source
+        source = sources[key[row]] if visible[row] else -1
+        yield int(every[row]), number, values[row], scores[key[row]], bool(visible[row]), source

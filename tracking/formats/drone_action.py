@@ -146,9 +146,9 @@ def read_drone_action_boxes(path: str | Path, length: int | None = None) -> Grou
     rows = table.numbers("x,y,width,height")
     if length is not None and len(rows) != length:
         raise RequestError(f"{path}: expected a row for each of {length} frames, got {len(rows)}")
-    seen = np.flatnonzero(np.isfinite(rows).all(axis=1))
-    if not len(seen) or (rows[seen, 2:] <= 0).any():
-        k = int(seen[np.argmax((rows[seen, 2:] <= 0).any(axis=1))]) if len(seen) else 0
+    known = np.flatnonzero(np.isfinite(rows).all(axis=1))
+    if not len(known) or (rows[known, 2:] <= 0).any():
+        k = int(known[np.argmax((rows[known, 2:] <= 0).any(axis=1))]) if len(known) else 0
         raise RequestError(f"{path}:{k + 1}: expected a box with a positive width and height in some frame")
-    boxes = corners_from_xywh(rows[seen] - np.array([1, 1, 0, 0]))
-    return GroundTruth.of_boxes(seen, np.ones(len(seen), dtype=np.int64), boxes)
+    boxes = corners_from_xywh(rows[known] - np.array([1, 1, 0, 0]))
+    return GroundTruth.of_boxes(known, np.ones(len(known), dtype=np.int64), boxes)

@@ -12,7 +12,7 @@
 | the folder with ``corrections.jsonl`` | a result that was reviewed: its tracks, in the frames that were tracked |
 | a folder of any of these folders | all of them |
 
-Which boxes count is said where each format is read. Pictures that were labelled one by one have boxes without ids.
+The reader of each format says which boxes count. Pictures that were labelled one by one have boxes without ids.
 """
 
 from __future__ import annotations
@@ -206,11 +206,11 @@ def _reviewed(folder: Path) -> LabelledVideo:
 
     def read(_: Size, wanted: Wanted) -> GroundTruth:
         wanted_numbers(wanted, {}, (), folder)
-        frames, boxes, seen = (
+        frames, boxes, observed = (
             np.concatenate([getattr(track, name) for track in tracks]) for name in ("frames", "boxes", "observed")
         )
         ids = np.repeat([track.id for track in tracks], [len(track) for track in tracks])
-        truth = GroundTruth(frames - first, ids, boxes, seen, ~seen, np.ones(len(ids)))
+        truth = GroundTruth(frames - first, ids, boxes, observed, ~observed, np.ones(len(ids)))
         return truth.select(np.argsort(frames, kind="stable"))
 
     files = images[first : last + 1] or ((source,) if source.is_file() else ())

@@ -74,11 +74,11 @@ def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Sc
 def _scans(times: FloatArray, found: FloatArray, spreads: FloatArray, own: bool) -> list[Scan]:
     """Rows of one time are one scan; ``times`` ascend."""
     starts = np.flatnonzero(np.diff(times, prepend=-np.inf) > 0)
-    seen = ~np.isnan(found[:, 0])
+    measured = ~np.isnan(found[:, 0])
     scans = []
     for first, last in pairwise([*starts.tolist(), len(times)]):
         here = slice(first, last)
-        rows = seen[here]
+        rows = measured[here]
         scans.append(Scan(float(times[first]), found[here][rows], spreads[here][rows] if own else None))
     return scans
 

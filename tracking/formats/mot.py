@@ -113,7 +113,7 @@ def read_detections(
 
     Args:
         path: rows ``frame, -1, x, y, width, height, score, class, …``; a score that is left out, empty or nan is not
-            known, NaN; an empty file is a video in which nothing was detected, which is said.
+            known, NaN; an empty file is a video in which nothing was detected, which is reported.
         length: number of frames of the video; by default up to the last frame that has a detection.
         score_range: smallest and largest score to expect; by default any finite number.
 
@@ -191,9 +191,9 @@ def _used(path: Path, rows: FloatArray, lines: IntArray, length: int | None) -> 
             "are these the detections of another video?"
         )
     # All but the id; a score that is missing is missing in both.
-    told_of = np.nan_to_num(np.delete(rows[:, :8], 1, axis=1))
+    described = np.nan_to_num(np.delete(rows[:, :8], 1, axis=1))
     again = np.ones(len(rows), dtype=np.bool_)
-    again[np.unique(told_of, axis=0, return_index=True)[1]] = False
+    again[np.unique(described, axis=0, return_index=True)[1]] = False
     flat = (rows[:, 4:6] == 0).any(axis=1)
     late = np.zeros(len(rows), np.bool_) if length is None else rows[:, 0] > length
     for which, what in (
@@ -358,8 +358,8 @@ def _even(rows: Rows, fewest: int, detected: bool) -> list[list[str]]:
             f"{len(cells[odd])}"
         )
     if width > MOST:
-        said = f"{rows.path}: {width} columns; those after column {MOST} are left out"
-        warnings.warn(said, InputWarning, stacklevel=4)
+        text = f"{rows.path}: {width} columns; those after column {MOST} are left out"
+        warnings.warn(text, InputWarning, stacklevel=4)
         cells = [row[:MOST] for row in cells]
     return cells
 

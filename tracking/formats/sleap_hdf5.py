@@ -187,10 +187,10 @@ def _project(file: Any) -> PointTable:
 def _points(rows: Any, shift: float) -> FloatArray:
     """``(N, 3)`` x, y, score; NaN of what is not visible, and of scores that users' points have not."""
     values = np.full((len(rows), 3), np.nan)
-    seen = rows["visible"].astype(bool)
-    values[seen, 0], values[seen, 1] = rows["x"][seen] + shift, rows["y"][seen] + shift
+    visible = rows["visible"].astype(bool)
+    values[visible, 0], values[visible, 1] = rows["x"][visible] + shift, rows["y"][visible] + shift
     if "score" in rows.dtype.names:
-        values[seen, 2] = rows["score"][seen]
+        values[visible, 2] = rows["score"][visible]
     return values
 
 

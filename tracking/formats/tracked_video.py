@@ -294,11 +294,11 @@ def tracks_without_ids(path: Path, rows: Iterable[BoxOfPicture]) -> TrackedVideo
         RequestError: see `tracks_of_rows`.
     """
     ids: dict[tuple[tuple[int, str], bool, int], int] = {}
-    seen = Counter[tuple[int, tuple[int, str], bool]]()
+    counts = Counter[tuple[int, tuple[int, str], bool]]()
     named: list[tuple[Any, ...]] = []
     for frame, kind, box, crowd in rows:
-        seen[frame, kind, crowd] += 1
-        place = kind, crowd, seen[frame, kind, crowd]
+        counts[frame, kind, crowd] += 1
+        place = kind, crowd, counts[frame, kind, crowd]
         named.append((frame, ids.setdefault(place, len(ids) + 1), box, 1.0, True))
     tracks = tracks_of_rows(path, named, {number: kind for (kind, _, _), number in ids.items()})
     return TrackedVideo(tracks, identified=False, crowds=[n for (_, crowd, _), n in ids.items() if crowd])

@@ -111,11 +111,11 @@ class ByteTrack(LifecycleTracker):
         low = ~high & (found.scores >= self.settings.low_score)
         predicted = self._lifecycle.predict(time)
         everyone = np.ones(len(predicted), dtype=np.bool_)
-        seen, detected = matched(predicted, found.boxes, everyone, high, self._lifecycle.least(self.settings.min_iou))
+        paired, detected = matched(predicted, found.boxes, everyone, high, self._lifecycle.least(self.settings.min_iou))
         left = self._lifecycle.misses == 0
-        left[seen] = False
+        left[paired] = False
         more, unsure = matched(predicted, found.boxes, left, low, self._lifecycle.least(self.settings.min_iou_low))
-        self._lifecycle.advance(np.concatenate([seen, more]), np.concatenate([detected, unsure]), found)
+        self._lifecycle.advance(np.concatenate([paired, more]), np.concatenate([detected, unsure]), found)
         return self._lifecycle.targets
 
 

@@ -109,9 +109,9 @@ class DeepSort(LifecycleTracker):
         found = as_detections(detections, counted=self.bad)
         features = self._checked_features(found)
         predicted = self._lifecycle.predict(time)
-        seen, detected = assign(self._feature_costs(predicted, found, features), self.settings.feature_gate)
-        seen, detected = self._match_rest(predicted, found, seen, detected)
-        parts = self._lifecycle.advance(seen, detected, found)
+        paired, detected = assign(self._feature_costs(predicted, found, features), self.settings.feature_gate)
+        paired, detected = self._match_rest(predicted, found, paired, detected)
+        parts = self._lifecycle.advance(paired, detected, found)
         self._appearance = self._updated_appearance(parts, features)
         return self._lifecycle.targets
 
@@ -137,14 +137,14 @@ class DeepSort(LifecycleTracker):
         return np.where(far, np.inf, 1 - self._appearance @ features.T)
 
     def _match_rest(
-        self, predicted: FloatArray, detections: Detections, seen: IntArray, detected: IntArray
+        self, predicted: FloatArray, detections: Detections, paired: IntArray, detected: IntArray
     ) -> tuple[IntArray, IntArray]:
         """The matches so far and those by position, C^pos, among what they left."""
-        tracks = np.setdiff1d(np.arange(len(predicted)), seen)
+        tracks = np.setdiff1d(np.arange(len(predicted)), paired)
         free = np.setdiff1d(np.arange(len(detections)), detected)
         overlaps = iou_matrix(predicted[tracks], detections.boxes[free])
         rows, columns = assign(1 - overlaps, 1 - self._lifecycle.least(1 - self.settings.position_gate))
-        return np.concatenate([seen, tracks[rows]]), np.concatenate([detected, free[columns]])
+        return np.concatenate([paired, tracks[rows]]), np.concatenate([detected, free[columns]])
 
     def _updated_appearance(self, parts: Survivors, features: FloatArray) -> FloatArray:
         """``(N, D)`` the appearance of the live tracks after a frame."""

@@ -165,7 +165,7 @@ class FlowInput:
             self._noise(rows),
             self.camera.variance(rows.frames),
         )
-        seen = DetectionTable(
+        detections = DetectionTable(
             rows.numbers,
             rows.frames,
             rows.boxes,
@@ -177,7 +177,7 @@ class FlowInput:
             rows.actions,
             self.inferences.even,
         )
-        return seen, rows.scores, origin
+        return detections, rows.scores, origin
 
     def on_grid(self, track: Track) -> Track:
         """A track whose frames are as far apart as its times."""
@@ -198,7 +198,7 @@ class FlowInput:
         return np.clip(1 / (1 + odds), least, 1 - least)
 
     def first_costs(self, scores: FloatArray) -> FirstCosts | None:
-        """How likely detections of ``(N,)`` scores are right though not found again; None where speeds are given.
+        """How likely detections of ``(N,)`` scores are right though not detected again; None where speeds are given.
 
         A detector that misses a person in every third frame is right more often than the video bears it out.
         """
@@ -251,7 +251,7 @@ class FlowInput:
                 self._append_step(steps, index, float(rate[index]))
 
     def _follow_images(self, rows: DetectionRows, count: int) -> None:
-        """The same by what the images said."""
+        """The same by what the images showed."""
         height = float(np.median(sizes(rows.boxes).max(axis=1))) if len(rows) else 1.0
         while len(self._steps) < count:
             self.meet()
@@ -378,7 +378,7 @@ class FlowSettings:
         """`least` where scores have these costs; anything will do where the video itself says what they are worth."""
         if observation is None:
             return -np.inf
-        # Somebody far away is found with a probability of 0.65 in every frame, a logit of 0.62.
+        # Somebody far away is detected with a probability of 0.65 in every frame, a logit of 0.62.
         usual = 0.5 if isinstance(observation, ProbabilityCost) else 1.0
         return usual if self.least is None else self.least
 

@@ -93,10 +93,11 @@ def places_of(track: Track, rate: float, size: tuple[int, int], last: int, heads
         if rows.any():
             steps = (frames - inside)[rows]
             boxes[rows] += np.tile(steps[:, None] * _velocity(track.frames[edge], track.boxes[edge]), 2)
-    seen = track.frames[real]
-    after = np.searchsorted(seen, frames)
+    detections = track.frames[real]
+    after = np.searchsorted(detections, frames)
     away = np.minimum(
-        np.abs(frames - seen[np.minimum(after, len(seen) - 1)]), np.abs(frames - seen[np.maximum(after - 1, 0)])
+        np.abs(frames - detections[np.minimum(after, len(detections) - 1)]),
+        np.abs(frames - detections[np.maximum(after - 1, 0)]),
     )
     wide, high = boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1]
     margin = np.column_stack([wide, high] * 2) * (BASE + SCORE * (1 - scores))[:, None] + RESIDUAL * residual

@@ -1,4 +1,4 @@
-"""Who is in each frame of a video: given, or found and described by models."""
+"""Who is in each frame of a video: given, or detected and described by models."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class PeopleInputs:
             still gets those that are decoded anyway.
         threads: cores that networks may use; 0 for all. Functions of other people are called one at a time, and live
             sources are never read ahead.
-        ground: weighs what was found, in the order of the video.
+        ground: weighs the detections, in the order of the video.
         inferred: ``(F,)`` by frame number, where a detector was run; None for everywhere.
         choice: of the threshold of a network whose scores are not known; None where it is given.
     """
@@ -117,7 +117,7 @@ class PeopleInputs:
     def with_frames(
         self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
     ) -> Iterator[tuple[Frame, Detections]]:
-        """The frames themselves with who was found there; see `found`."""
+        """The frames themselves with the detections there; see `found`."""
         times = times or StageTimes()
         images = self.source.frames() if frames is None else frames
         yield from self.in_order(self._streamed(images, times), times)
@@ -125,7 +125,7 @@ class PeopleInputs:
     def in_order(
         self, found: Iterable[tuple[Frame, Detections]], times: StageTimes
     ) -> Iterator[tuple[Frame, Detections]]:
-        """What networks found in each frame, with what only the frames before tell: the ground, and the camera."""
+        """What networks detect in each frame, with what only the frames before tell: the ground, and the camera."""
         last, check = -1, self._box_check()
         for frame, here in found:
             if last < 0 and self.workers > 1:
@@ -339,7 +339,7 @@ def ground_of(detect: Detect | Sequence[Detections], wanted: Ground, source: Sou
 
     Args:
         detect: given detections, those of other people's functions, and other classes than people keep their scores.
-        wanted: ``auto`` weighs wherever one ground explains what is found, ``off`` never.
+        wanted: ``auto`` weighs wherever one ground explains the detections, ``off`` never.
         source: the video.
 
     Raises:

@@ -189,22 +189,22 @@ class Lifecycle:
         """Drop the boxes so far from `tracks`."""
         self._record.forget()
 
-    def advance(self, seen: IntArray, detected: IntArray, detections: Detections) -> Survivors:
-        """Update the tracks ``seen`` by the detections they were matched to, keep or drop the others, start new ones.
+    def advance(self, paired: IntArray, detected: IntArray, detections: Detections) -> Survivors:
+        """Update the tracks ``paired`` by the detections they were matched to, keep or drop the others, start new ones.
 
         Args:
             matched: rows of the matched tracks.
             detected: the detection of each.
             detections: all of the frame.
         """
-        parts = self._divide(seen, detected, detections)
+        parts = self._divide(paired, detected, detections)
         lost = self._numbers[parts.lost], self._belief.boxes[parts.lost], self._votes.classes()[parts.lost]
-        updated = update_boxes(select_boxes(self._belief, seen), detections.boxes[detected], self._motion)
-        old = np.concatenate([seen, parts.kept])
+        updated = update_boxes(select_boxes(self._belief, paired), detections.boxes[detected], self._motion)
+        old = np.concatenate([paired, parts.kept])
         started = len(parts.started)
         hits, misses = self._hits[old], self._misses[old] + 1
-        hits[: len(seen)] += 1
-        misses[: len(seen)] = 0
+        hits[: len(paired)] += 1
+        misses[: len(paired)] = 0
         beliefs = [updated]
         if len(parts.kept):
             beliefs.append(select_boxes(self._belief, parts.kept))
@@ -227,14 +227,14 @@ class Lifecycle:
         origin[present, 0] = rows
         return origin
 
-    def _divide(self, seen: IntArray, detected: IntArray, detections: Detections) -> Survivors:
+    def _divide(self, paired: IntArray, detected: IntArray, detections: Detections) -> Survivors:
         unseen = self._hits >= self._settings.min_hits
-        unseen[seen] = False
+        unseen[paired] = False
         young = self._misses < self._settings.max_age
         free = ~(detections.scores < self._settings.start_score)
         free[detected] = False
         kept, lost = np.flatnonzero(unseen & young), np.flatnonzero(unseen & ~young)
-        return Survivors(seen, detected, kept, np.flatnonzero(free), lost)
+        return Survivors(paired, detected, kept, np.flatnonzero(free), lost)
 
     def _note(
         self, present: IntArray, detected: IntArray, detections: Detections, origin: IntArray

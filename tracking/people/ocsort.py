@@ -134,12 +134,12 @@ class OcSort(LifecycleTracker):
         if self._lifecycle.longer != 1:
             belief = per_longer_frame(self._history.belief, self._lifecycle.longer)
             self._history = replace(self._history, belief=belief)
-        seen, detected = self._match(predicted, sure)
-        seen, detected = self._recover(sure, seen, detected)
+        paired, detected = self._match(predicted, sure)
+        paired, detected = self._recover(sure, paired, detected)
         passed = np.array(self._lifecycle.clock.passed)
-        again = re_updated(self._history, seen, misses[seen], sure.boxes[detected], self.settings.motion, passed)
-        self._lifecycle.correct(seen, again)
-        parts = self._lifecycle.advance(seen, detected, sure)
+        again = re_updated(self._history, paired, misses[paired], sure.boxes[detected], self.settings.motion, passed)
+        self._lifecycle.correct(paired, again)
+        parts = self._lifecycle.advance(paired, detected, sure)
         self._history = _continued(self._history, parts, misses, sure.boxes, self._lifecycle.belief)
         return self._lifecycle.targets
 
@@ -152,14 +152,14 @@ class OcSort(LifecycleTracker):
         near = overlaps >= self._lifecycle.least(self.settings.min_iou)
         return assign_overlaps(np.where(near, gains, -np.inf), -weight)
 
-    def _recover(self, detections: Detections, seen: IntArray, detected: IntArray) -> tuple[IntArray, IntArray]:
+    def _recover(self, detections: Detections, paired: IntArray, detected: IntArray) -> tuple[IntArray, IntArray]:
         """The matches so far and those with last observations among what they left."""
         last = self._history.boxes
-        tracks = np.setdiff1d(np.arange(len(last)), seen)
+        tracks = np.setdiff1d(np.arange(len(last)), paired)
         free = np.setdiff1d(np.arange(len(detections)), detected)
         least = self._lifecycle.least(self.settings.min_iou)
         rows, columns = assign_overlaps(iou_matrix(last[tracks], detections.boxes[free]), least)
-        return np.concatenate([seen, tracks[rows]]), np.concatenate([detected, free[columns]])
+        return np.concatenate([paired, tracks[rows]]), np.concatenate([detected, free[columns]])
 
 
 @dataclass(frozen=True)
@@ -195,16 +195,16 @@ def _continued(history: History, parts: Survivors, misses: IntArray, boxes: Floa
         boxes: ``(M, 4)`` the detections of the frame.
         belief: of the tracks after the frame.
     """
-    seen, kept = parts.matched, parts.kept
+    paired, kept = parts.matched, parts.kept
     now = boxes[np.concatenate([parts.detected, parts.started])]
     columns = history.ages.shape[1]
     trail, ages = np.zeros((len(now), columns, 2)), np.full((len(now), columns), np.inf)
     trail[:, 0], ages[:, 0] = centres(now), 0
-    trail[: len(seen), 1:] = history.trail[seen, :-1]
-    ages[: len(seen), 1:] = history.ages[seen, :-1] + (misses[seen] + 1)[:, None]
+    trail[: len(paired), 1:] = history.trail[paired, :-1]
+    ages[: len(paired), 1:] = history.ages[paired, :-1] + (misses[paired] + 1)[:, None]
     # In the order of the tracks: seen, kept, born.
-    order = np.concatenate([np.arange(len(seen)), len(now) + np.arange(len(kept)), np.arange(len(seen), len(now))])
-    observed = np.concatenate([np.arange(len(seen)), len(seen) + len(kept) + np.arange(len(parts.started))])
+    order = np.concatenate([np.arange(len(paired)), len(now) + np.arange(len(kept)), np.arange(len(paired), len(now))])
+    observed = np.concatenate([np.arange(len(paired)), len(paired) + len(kept) + np.arange(len(parts.started))])
     beliefs = join_boxes([select_boxes(belief, observed), select_boxes(history.belief, kept)])
     return History(
         select_boxes(beliefs, order),

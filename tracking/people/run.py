@@ -25,7 +25,7 @@ def people(
 ) -> int:
     """Track the people in a video: each gets a number that stays.
 
-    Without further options the people are found, described and linked by the models that ship with the toolkit.
+    Without further options the people are detected, described and linked by the models that ship with the toolkit.
     DIR gets tracks.txt (MOTChallenge text), report.html with its plots and numbers in report/, run.json, with --method
     flow flow.npz (what tsuiseki review asks about) and, with --overlay, overlay.webm.
 

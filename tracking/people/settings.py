@@ -112,7 +112,7 @@ class PeopleFinding(FindingOptions):
             at some frames), tiles across such as 3 (1 is the whole frame alone), across and down such as 3x2, or tiles
             (as many as show more than fewer).
         ground: auto lowers the scores of boxes that are not as high as people on one ground are in their row, once
-            those found so far tell; off leaves all scores as they are. Those of --detections are never touched.
+            those detected so far tell; off leaves all scores as they are. Those of --detections are never touched.
         appearance: appearance network as ONNX for deepsort and flow; by default the shipped appearance_people.onnx;
             none does without. One of other projects may be anything from crops to features.
         appearance_options: what the file of another project's appearance network does not tell.

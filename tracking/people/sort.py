@@ -72,6 +72,6 @@ class Sort(LifecycleTracker):
         found = as_detections(detections, counted=self.bad)
         predicted = self._lifecycle.predict(time)
         least = self._lifecycle.least(self.settings.min_iou)
-        seen, detected = assign(1 - iou_matrix(predicted, found.boxes), 1 - least)
-        self._lifecycle.advance(seen, detected, found)
+        matched, detected = assign(1 - iou_matrix(predicted, found.boxes), 1 - least)
+        self._lifecycle.advance(matched, detected, found)
         return self._lifecycle.targets

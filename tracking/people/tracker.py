@@ -73,7 +73,7 @@ class OnlineTracker(PeopleTracker, Protocol):
         """
 
 
-# Detections that are kept to tell.
+# Detections that are kept for the report.
 KEPT = 2000
 # Pixels below which a box shows no person; and overlap with the next detection below which online methods link nothing.
 TINY, LEAST_OVERLAP = 2.0, 0.2
@@ -126,7 +126,7 @@ class FirstDetections:
             return "they are in fewer than three frames"
         if least > -np.inf and np.median(self._overlaps()) < LEAST_OVERLAP:
             return "boxes hardly overlap those of the next frame; detect in more frames, or take the method flow"
-        return "too rarely found again"
+        return "too rarely detected again"
 
     def _overlaps(self) -> FloatArray:
         """``(N,)`` of each box the largest overlap with the next detections."""
@@ -184,7 +184,7 @@ def run_trackers(
     """Feed the same detections to every tracker.
 
     Args:
-        frames: consecutive 0-based frame numbers, from any on, and what was found there.
+        frames: consecutive 0-based frame numbers, from any on, and the detections there.
         trackers: fresh ones, by name.
         times: gets the seconds of each tracker under its name.
         inferred: ``(F,)`` by frame number, where a detector was run; None for everywhere.
@@ -195,12 +195,12 @@ def run_trackers(
     log = FrameLog()
     for index, found in frames:
         log.add(index, found)
-        seen = inferred is None or inferred[index : index + 1].any()
-        if seen:
+        detects = inferred is None or inferred[index : index + 1].any()
+        if detects:
             log.first.add(found)
         for name, tracker in trackers.items():
             with times.measure(name):
-                if seen:
+                if detects:
                     tracker.update(found)
                 else:
                     skipped(tracker)

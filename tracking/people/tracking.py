@@ -77,7 +77,7 @@ from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 class PeopleKeywords(TypedDict, total=False):
     """What `track_people` and `follow_people` take beside the source and the method.
 
-    Where the command takes a file, networks, functions and arrays do as well. What is not said here is as in
+    Where the command takes a file, networks, functions and arrays do as well. What is not listed here is as in
     `PeopleFinding` and `Linking`, the options of the command.
 
     Attributes:
@@ -436,8 +436,8 @@ def followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Fra
     for number, (frame, found) in enumerate(inputs.with_frames()):
         first = frame.index - number
         waiting.append(frame)
-        seen = inferred is None or inferred[frame.index : frame.index + 1].any()
-        targets = tracker.update(found) if seen else skipped(tracker)
+        detects = inferred is None or inferred[frame.index : frame.index + 1].any()
+        targets = tracker.update(found) if detects else skipped(tracker)
         if targets is not None:
             while waiting[0].index - first < targets.frame:
                 # With a delay, frames without inference are not answered by themselves.

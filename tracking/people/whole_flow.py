@@ -4,7 +4,7 @@ They are reported with gaps filled and boxes smoothed, in pixels of their own fr
 
 Of a video of many hours, tracks that nothing to come can reach are finished every `RELEASE` seconds, and their
 detections are let go of. Which detections follow each other is decided as without that. Only what the whole video says
-of scores, places and smoothing is by then what all of it up to there has said.
+of scores, places and smoothing is by then what all of it up to there showed.
 """
 
 from __future__ import annotations

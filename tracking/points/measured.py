@@ -107,8 +107,8 @@ def with_region(model: SensingModel, scans: Sequence[Scan]) -> SensingModel:
     low, high = np.array(model.region).T
     outside = int(((every < low) | (every > high)).any(axis=1).sum())
     if outside > MANY * len(every):
-        told = f"{outside} of {len(every)} measurements lie outside the model's region; is it in their units?"
-        warnings.warn(told, InputWarning, stacklevel=3)
+        line = f"{outside} of {len(every)} measurements lie outside the model's region; is it in their units?"
+        warnings.warn(line, InputWarning, stacklevel=3)
     return model
 
 
@@ -190,8 +190,8 @@ def detected_scans(video: Path, model: SensingModel, detector: Path) -> tuple[Se
         raise RequestError(f"expected a sensor of x,y with `detector`, got one of {','.join(model.sensor.columns)}")
     source = open_source(str(video))
     found = network_detections(source, FindingOptions(detector=detector))
-    seen = progress(found, "detecting", frames_expected(source))
-    scans = [Scan(n / source.frame_rate, (here.boxes[:, :2] + here.boxes[:, 2:]) / 2) for n, here in seen]
+    detected = progress(found, "detecting", frames_expected(source))
+    scans = [Scan(n / source.frame_rate, (here.boxes[:, :2] + here.boxes[:, 2:]) / 2) for n, here in detected]
     return model if model.region else replace(model, region=tuple((0.0, side) for side in extent_of(source))), scans
 
 

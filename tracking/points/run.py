@@ -298,11 +298,11 @@ def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
     source = video.open(images=choice.detections is None)
     tracker, measured = opened_blobs(choice, source, output.seed)
     with output.run() as run:
-        seen: Iterable[Any] = run.frames(source, record=video.overlay) if measured is None else measured
+        steps_in: Iterable[Any] = run.frames(source, record=video.overlay) if measured is None else measured
         if choice.detector is not None:
-            found = network_detections(source, FindingOptions(detector=choice.detector), seen)
-            seen = (here for _, here in found)
-        steps = run.steps(seen, total=None if measured is None else len(measured))
+            found = network_detections(source, FindingOptions(detector=choice.detector), steps_in)
+            steps_in = (here for _, here in found)
+        steps = run.steps(steps_in, total=None if measured is None else len(measured))
         result = blob_result(source, tracker, steps, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
         summary = f"{count(len(result), 'object', 'objects')} in {run.count} frames: {output.out / 'tracks.txt'}"

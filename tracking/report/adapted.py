@@ -120,7 +120,8 @@ def _pair(compared: BeforeAndAfter, later: str) -> str:
     before, after = compared.before, compared.after
     in_both = assign_overlaps(iou_matrix(before.boxes, after.boxes), _SAME)
     parts = [
-        f"<figure><figcaption>{name}: {len(found)} found</figcaption>{_picture(compared.image, found, shared)}</figure>"
+        f"<figure><figcaption>{name}: {len(found)} detected</figcaption>"
+        f"{_picture(compared.image, found, shared)}</figure>"
         for name, found, shared in zip(("start", later), (before, after), in_both, strict=True)
     ]
     return f'<h3>{escape(compared.caption)}</h3><div class="pair">{"".join(parts)}</div>'

@@ -123,7 +123,7 @@ def demands_of(corrections: Sequence[Correction], frames: IntArray, boxes: Float
     """What corrections ask.
 
     Args:
-        corrections: in the order in which they were said.
+        corrections: in the order in which they were made.
         frames: ``(N,)`` of the detections.
         boxes: ``(N, 4)`` pixels.
 
@@ -131,17 +131,17 @@ def demands_of(corrections: Sequence[Correction], frames: IntArray, boxes: Float
         ContradictionError: two of them contradict each other; the message has both.
     """
     demands, find = Demands(frames), Finder(frames, boxes)
-    said = [
+    sentences = [
         (one, sentence, [NOTHING if box is None else find(box) for box in one.boxes])
         for one, sentence in _single(corrections)
     ]
-    deleted = {n: place for place, (one, _, found) in enumerate(said) if one.kind == "delete" for n in found}
-    for place, (one, sentence, found) in enumerate(said):
+    deleted = {n: place for place, (one, _, found) in enumerate(sentences) if one.kind == "delete" for n in found}
+    for place, (one, sentence, found) in enumerate(sentences):
         lost = [n == NOTHING and box is not None for n, box in zip(found, one.boxes, strict=True)]
         if all(lost) if one.kind in ("delete", "right", "box") else any(lost):
             demands.left_out.append(f"{sentence} (no detection is there)")
             continue
-        # Who deletes a track takes back what was said of it before.
+        # Who deletes a track takes back what was decided of it before.
         found = [GONE if deleted.get(n, -1) > place else n for n in found]
         if GONE not in found or one.kind in ("switch", "right"):
             _ask(demands, one, found, sentence)

@@ -67,7 +67,7 @@ class Question:
         margin: how much more the other way costs.
         wrong: how likely the answer is no.
         sentence: the question.
-        yes: what is said with yes.
+        yes: what yes means.
         no: with no.
     """
 
@@ -166,8 +166,8 @@ class Questioner:
             before, after = int(self._before[far[0]]), int(self._follower[far[1]])
             far = before if before >= 0 else far[0], after if after >= 0 else far[1]
         parts = tuple(self._one("not_same", *pair) for pair in dict.fromkeys([(i, j), far]))
-        said = self._one("right", *segment), Correction("several", parts=parts)
-        return self._question("link", (links, ()), [i, j], arc, wrong, sentence, said)
+        answers = self._one("right", *segment), Correction("several", parts=parts)
+        return self._question("link", (links, ()), [i, j], arc, wrong, sentence, answers)
 
     def _joins(self) -> _Kind:
         """Tracks that may go on as another."""
@@ -189,8 +189,8 @@ class Questioner:
             f"Are {self._name(i)}, last detected in frame {self._frame(i) + 1}, and {self._name(j)}, first detected in "
             f"frame {self._frame(j) + 1}, different?"
         )
-        said = self._one("not_same", i, j), self._one("next", i, j)
-        return self._question("end", ((), [(i, j)]), [i, j], arc, wrong, sentence, said)
+        answers = self._one("not_same", i, j), self._one("next", i, j)
+        return self._question("end", ((), [(i, j)]), [i, j], arc, wrong, sentence, answers)
 
     def _exchanges(self) -> _Kind:
         """Two tracks that may go on as each other."""
@@ -245,11 +245,14 @@ class Questioner:
         return wrong, self._length[middle], middle, self._ask_of_track
 
     def _ask_of_track(self, n: int, wrong: float, _: set[int]) -> Question:
-        said = self._one("real", n), self._one("delete", *np.flatnonzero(self._labels == self._labels[n]))
+        answers = self._one("real", n), self._one("delete", *np.flatnonzero(self._labels == self._labels[n]))
         sentence = f"Is {self._name(n)} a real {self.noun}?"
         if not self.ids[n]:
-            sentence, said = f"Is the dropped track around frame {self._frame(n) + 1} a false positive?", said[::-1]
-        return self._question("detection", ((), ()), [n], n, wrong, sentence, said)
+            sentence, answers = (
+                f"Is the dropped track around frame {self._frame(n) + 1} a false positive?",
+                answers[::-1],
+            )
+        return self._question("detection", ((), ()), [n], n, wrong, sentence, answers)
 
     def _question(
         self,
@@ -259,9 +262,9 @@ class Questioner:
         arc: int,
         wrong: float,
         sentence: str,
-        said: tuple[Correction, Correction],
+        answers: tuple[Correction, Correction],
     ) -> Question:
-        """A question whose other way gives up links and takes others; what is said with yes and with no."""
+        """A question whose other way gives up links and takes others; what yes and no mean."""
         follower, frames = self._follower.copy(), self.network.frames
         follower[[i for i, _ in change[0]]] = -1
         for i, j in change[1]:
@@ -269,10 +272,10 @@ class Questioner:
         rows = np.flatnonzero((frames >= frames[about].min() - AROUND) & (frames <= frames[about].max() + AROUND))
         # The other way of a person is a false positive.
         boxes = self._cut(self._follower, rows, about), self._cut(follower, rows, about) if len(about) > 1 else ()
-        text = json.dumps([one.written() for one in said])
+        text = json.dumps([one.written() for one in answers])
         key = f"{kind}-{hashlib.sha1(text.encode(), usedforsecurity=False).hexdigest()[:12]}"
         cost = self.marginals.through if kind in ("link", "end") else self.marginals.cost
-        return Question(key, kind, self._frame(about[0]), *boxes, float(cost[arc]), wrong, sentence, *said)
+        return Question(key, kind, self._frame(about[0]), *boxes, float(cost[arc]), wrong, sentence, *answers)
 
     def _ends(self, arcs: IntArray) -> tuple[IntArray, IntArray]:
         return self.flow.tail[arcs] // 2, self.flow.head[arcs] // 2

@@ -48,17 +48,17 @@ class Reviewed:
         """Do what a person says: ``answer``, ``correct``, ``undo`` or ``redo``.
 
         Returns:
-            The state, with what is ``said`` of it, ``changed`` (see `changes`), and the ``chunks`` that differ.
+            The state, with a message in ``said``, ``changed`` (see `changes`), and the ``chunks`` that differ.
 
         Raises:
             RequestError: it says nothing that can be done.
         """
         with self._lock:
-            said, changed = self._done(what, given)
+            message, changed = self._done(what, given)
             self._take_over()
             self._changed.set()
             differ = {n for _, first, last in changed for n in range(first // CHUNK, last // CHUNK + 1)}
-            return {**self.state, "said": said, "changed": changed, "chunks": sorted(differ)}
+            return {**self.state, "said": message, "changed": changed, "chunks": sorted(differ)}
 
     def chunk(self, number: int) -> bytes:
         """The rows of `CHUNK` frames."""
@@ -78,7 +78,7 @@ class Reviewed:
         """Do it; what was done, for the person, and what changed."""
         session = self._session
         if what == "answer" and isinstance(given.get("key"), str) and isinstance(given.get("yes"), bool):
-            done, said = session.answer(given["key"], given["yes"]), "yes" if given["yes"] else "no"
+            done, message = session.answer(given["key"], given["yes"]), "yes" if given["yes"] else "no"
         elif what == "correct":
             try:
                 correction = self._correction(**given)
@@ -86,14 +86,14 @@ class Reviewed:
                 raise
             except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
                 raise RequestError("expected a correction of boxes that are there; load the page again") from error
-            done, said = session.correct(correction), str(correction)
+            done, message = session.correct(correction), str(correction)
         elif what in ("undo", "redo"):
             done = getattr(session, what)()
             notes = "; ".join(done.notes) or ("undone" if what == "undo" else "done again")
             return _sentence(notes), done.tracks
         else:
             raise RequestError("expected an answer, a correction, undo or redo")
-        return _sentence(said, *done.notes), done.tracks
+        return _sentence(message, *done.notes), done.tracks
 
     def _correction(self, kind: Any, frame: int = 0, of: int | None = None, **more: Any) -> Correction:
         """A correction of the page: as `Session.made` takes it; an added box may belong to the track ``of``.
@@ -155,8 +155,8 @@ def _shown(question: Question) -> dict[str, Any]:
     sides = [[_row(box, box.id) for box in side] for side in (question.boxes_a, question.boxes_b)]
     ids = dict.fromkeys(row[1] for side in sides for row in side)
     about_it = {name: getattr(question, name) for name in ("key", "sentence", "frame")}
-    said = [part for one in (question.yes, question.no) for part in (one, *one.parts)]
-    about = [_row(box, 0) for box in dict.fromkeys(box for part in said for box in part.there)]
+    message = [part for one in (question.yes, question.no) for part in (one, *one.parts)]
+    about = [_row(box, 0) for box in dict.fromkeys(box for part in message for box in part.there)]
     return {**about_it, "ids": [*ids], "yes": sides[0], "no": sides[1], "about": about}
 
 

@@ -51,7 +51,7 @@ def review(result: Path, /, video: Path | None = None) -> int:
         thread = threading.Thread(target=server.run, args=([opened],), daemon=True)
         thread.start()
         show_page(f"http://{HOST}:{port}/{token}/", "review the result")
-        # What is said last is still written when a signal comes.
+        # What is decided last is still written when a signal comes.
         DEADLINE.keeps = True
         with suppress(KeyboardInterrupt):
             while thread.is_alive():

@@ -69,7 +69,7 @@ class Session:
 
     Attributes:
         folder: the result.
-        corrections_file: where everything that is said is appended.
+        corrections_file: to which every correction is appended.
         names: of tracks, by id.
         noun: what is tracked, by the command of the result: person, animal or target.
         source: the video; None where there is none, or no pictures.
@@ -156,7 +156,7 @@ class Session:
 
     @property
     def answered(self) -> int:
-        """What was said and not taken back."""
+        """What was decided and not taken back."""
         return len(self._log.given)
 
     def questions(self) -> list[Question]:
@@ -176,8 +176,8 @@ class Session:
         found = [question for question in self._asked or [] if question.key == key]
         if not found:
             raise RequestError(f"expected the key of a question that was asked, got {key}; ask for the questions again")
-        said = found[0].yes if yes else found[0].no
-        return self.correct(replace(said, sentence=f"{found[0].sentence} {'Yes' if yes else 'No'}"))
+        answer_given = found[0].yes if yes else found[0].no
+        return self.correct(replace(answer_given, sentence=f"{found[0].sentence} {'Yes' if yes else 'No'}"))
 
     def made(
         self,
@@ -230,7 +230,7 @@ class Session:
         """Do what a person says; it is among the corrections on disk when this returns.
 
         Raises:
-            RequestError: it contradicts what was said before, or speaks of boxes that are not there.
+            RequestError: it contradicts what was decided before, or speaks of boxes that are not there.
         """
         find = Finder(self._flow.network.frames, self._flow.network.boxes)
         parts = correction.parts or (correction,)
@@ -241,7 +241,7 @@ class Session:
         return self._recorded(correction)
 
     def undo(self) -> Changes:
-        """Take back what was said last."""
+        """Take back what was decided last."""
         return self._recorded("undo") if self._log.given else Changes([], ["there is nothing to take back"])
 
     def redo(self) -> Changes:

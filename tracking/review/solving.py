@@ -1,4 +1,4 @@
-"""Tracks solved again under what a person said: the cheapest flow that does all of it.
+"""Tracks solved again under what a person decided: the cheapest flow that does all of it.
 
 Costs of links are fitted to the answers, too: whether links as dear, over gaps as long, were right in this video.
 """
@@ -79,7 +79,7 @@ class CorrectedFlow:
         except InfeasibleError:
             self._ways, self.flow = kept
             last = f": {corrections[-1]}" if corrections else ""
-            raise RequestError(f"this cannot hold together with what was said before{last}; take it back") from None
+            raise RequestError(f"this cannot hold together with what was decided before{last}; take it back") from None
         self.demands, self.notes = demands, notes + demands.left_out
         self._grow_returns()
 
@@ -91,8 +91,8 @@ class CorrectedFlow:
         length = np.bincount(labels[used], minlength=count)
         dropped = np.bincount(labels[used & self._dropped], minlength=count)
         certain = np.zeros(count, dtype=np.bool_)
-        said = [i for i, wanted in self.demands.used.items() if wanted]
-        certain[labels[said]] = True
+        given = [i for i, wanted in self.demands.used.items() if wanted]
+        certain[labels[given]] = True
         kept = certain | ((length >= self.network.fewest) & (2 * dropped <= length))
         return np.where(np.append(kept, False)[labels], labels, -1)
 
@@ -291,7 +291,7 @@ def _links_near(
     return np.where(later, n, others), np.where(later, others, n), cost
 
 
-def refitted(network: SolvedNetwork, said: Sequence[Correction]) -> SolvedNetwork:
+def refitted(network: SolvedNetwork, given: Sequence[Correction]) -> SolvedNetwork:
     """The network with costs fitted to corrections, where those that were held out are better explained, too.
 
     That two detections follow each other has the logit of what ending one track and starting another costs more than
@@ -299,9 +299,9 @@ def refitted(network: SolvedNetwork, said: Sequence[Correction]) -> SolvedNetwor
 
     Args:
         network: as it was solved.
-        said: corrections.
+        given: corrections.
     """
-    i, j, same = _answers(network, said)
+    i, j, same = _answers(network, given)
     links = network.graph.tail * len(network) + network.graph.head
     order = np.argsort(links)
     place = np.searchsorted(links, i * len(network) + j, sorter=order).clip(max=max(len(links) - 1, 0))
@@ -325,10 +325,10 @@ def refitted(network: SolvedNetwork, said: Sequence[Correction]) -> SolvedNetwor
     return replace(network, graph=replace(network.graph, transition=network.graph.transition - change))
 
 
-def _answers(network: SolvedNetwork, said: Sequence[Correction]) -> tuple[IntArray, IntArray, BoolArray]:
-    """Detections that do or do not follow each other by what was said."""
+def _answers(network: SolvedNetwork, given: Sequence[Correction]) -> tuple[IntArray, IntArray, BoolArray]:
+    """Detections that do or do not follow each other by what was decided."""
     find, rows = Finder(network.frames, network.boxes), list[tuple[int, int, bool]]()
-    for one in (part for each in said for part in (each.parts or (each,))):
+    for one in (part for each in given for part in (each.parts or (each,))):
         numbers = [find(box) for box in one.there]
         if NOTHING not in numbers and one.kind in ("next", "right"):
             rows += [(a, b, True) for a, b in itertools.pairwise(numbers)]

@@ -232,18 +232,18 @@ def replayed(tracks: Sequence[Track], network: SolvedNetwork, path: Path, video:
     Raises:
         RequestError: it cannot be read, or speaks of another video.
     """
-    said = read_corrections(path, video).given
-    flow, done, left_out = CorrectedFlow(network), [*said], list[str]()
+    wanted = read_corrections(path, video).given
+    flow, done, left_out = CorrectedFlow(network), [*wanted], list[str]()
     try:
-        flow.correct(said)
+        flow.correct(wanted)
     except RequestError:
         # With other detections some cannot hold any more: each is tried by itself.
         done = []
-        for one in said:
+        for one in wanted:
             try:
                 flow.correct([*done, one])
                 done.append(one)
             except RequestError as error:
                 left_out.append(str(error))
     _, corrected, names = Reporter(tracks).reported(flow)
-    return Replayed(corrected, names, len(said), done, [*left_out, *flow.demands.left_out], video)
+    return Replayed(corrected, names, len(wanted), done, [*left_out, *flow.demands.left_out], video)

@@ -12,8 +12,8 @@ recovers by itself. So here
   search the target all around. Where the best one's response is higher elsewhere, and would end the doubt, for several
   frames in a row, it takes over, with that filter. The witness may undo this, then or ten frames later. All particles
   have the present size;
-* where the witness takes the box for surroundings, the status is lost (`witness`), and it looks at the heaviest
-  particles' places. Where it sees the target in two looks, that place takes over.
+* where the witness takes the box for surroundings, the status is lost (`witness`), and it judges the heaviest
+  particles' places. Where it recognises the target twice in a row, that place takes over.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ target's sides; factor on the response in the log-likelihood."""
 MARGIN, WINS, PROBATION = 0.1, 3, 10
 """How much more than the filter's a challenger's response must be, and for how many frames in a row; frames after which
 what was won can be given back."""
-PLACES, SEEN, LEAST_SIDE = 4, 2, 8.0
-"""Places that the witness looks at while the target is lost, in how many looks in a row it must see it, and sides of
+PLACES, AGREED, LEAST_SIDE = 4, 2, 8.0
+"""Places that the witness judges while the target is lost, how often in a row it must recognise it, and sides of
 the first box, in pixels, from which on it can."""
 
 
@@ -121,7 +121,7 @@ class Combined:
         self._evidence = Evidence()
         self._particles: ParticleState | None = None
         self._former: RegularisedTarget | None = None
-        self._wins = self._seen = self._frame = self.doubted = self.searched_frames = 0
+        self._wins = self._agreed = self._frame = self.doubted = self.searched_frames = 0
         self._witness = Witness(self._describe, image, np.asarray(box, dtype=np.float64))
 
     def follow(self, image: ImageArray) -> TargetState:
@@ -171,7 +171,7 @@ class Combined:
     def go_on_at(self, there: RegularisedTarget) -> None:
         """Take the target to be where one of `heaviest_places` is; the doubt ends."""
         self.target = there
-        self.doubted, self._particles, self._seen = 0, None, 0
+        self.doubted, self._particles, self._agreed = 0, None, 0
         self._witness.moved()
 
     def take_over(self, there: RegularisedTarget) -> None:
@@ -237,8 +237,8 @@ class Combined:
         places = self.heaviest_places(image, PLACES)
         answers = self._witness.answers(image, np.stack([self.box(there) for there in places]))
         best = int(np.argmax(answers))
-        self._seen = self._seen + 1 if answers[best] > KNOWN else 0
-        if self._seen >= SEEN:
+        self._agreed = self._agreed + 1 if answers[best] > KNOWN else 0
+        if self._agreed >= AGREED:
             self.take_over(places[best])
 
     def _renewed(self, state: ParticleState, maps: ResponseMaps) -> ParticleState:

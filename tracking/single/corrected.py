@@ -26,8 +26,8 @@ def corrected_boxes(path: Path, source: Source) -> dict[int, FloatArray]:
     from tsuiseki.tracking.review.corrections import CorrectedVideo, read_corrections
     from tsuiseki.tracking.review.demands import corners
 
-    said = read_corrections(path, CorrectedVideo(Path(source.name).name, image_size(source), 0)).given
-    parts = [part for one in said for part in (one.parts or (one,)) if part.kind == "box"]
+    file = read_corrections(path, CorrectedVideo(Path(source.name).name, image_size(source), 0)).given
+    parts = [part for one in file for part in (one.parts or (one,)) if part.kind == "box"]
     if not parts:
         raise RequestError(f"{path}: expected boxes that show where the target is, got none")
     return {part.there[-1].frame: corners(part.there[-1]) for part in parts}
@@ -61,9 +61,9 @@ def _back(
     tracker.start(last.image, boxes[last.index])
     found = held.copy()
     for n, (frame, before) in reversed([*enumerate(held)]):
-        seen = tracker.follow(frame.image)
-        agreed = before.status == "tracking" and iou_matrix(seen.box[None], before.box[None])[0, 0] >= AGREED
-        if seen.status == "lost" or agreed or frame.index in boxes:
+        now = tracker.follow(frame.image)
+        agreed = before.status == "tracking" and iou_matrix(now.box[None], before.box[None])[0, 0] >= AGREED
+        if now.status == "lost" or agreed or frame.index in boxes:
             break
-        found[n] = frame, Estimate(before.frame, seen.box, seen.score, seen.status)
+        found[n] = frame, Estimate(before.frame, now.box, now.score, now.status)
     return found

@@ -281,14 +281,14 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
     if target.sizes is None:
         return target
     middle = round(model.ladder.level(target.size))
-    seen = model.ladder.sample(image, target.centre, middle)
+    sampled = model.ladder.sample(image, target.centre, middle)
     probabilities = target.colour.probabilities(model.patch(image, target.centre, target.size))
     width, height = model.target / model.scale
     near = settings.sizes // 2
     reach = max(settings.size_reach, near)
     factors = SIZE_STEP ** (middle + np.arange(-reach, reach + 1.0)) / target.size * target.contrast_at
     contrast = size_contrast(probabilities, float(width), float(height), factors)
-    best = best_offset(target.sizes.respond(seen) + SIZE_COLOUR * contrast[reach - near : reach + near + 1])
+    best = best_offset(target.sizes.respond(sampled) + SIZE_COLOUR * contrast[reach - near : reach + near + 1])
     clear = settings.size_reach > 0 and contrast[reach - near : reach + near + 1].max() >= settings.size_by_area
     if clear:
         area = coloured_area(probabilities, float(width), float(height))
@@ -303,7 +303,7 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
     factor = SIZE_STEP ** (middle + best) / target.size
     size = target.size * float(np.clip(factor, 1 / SIZE_CHANGE, SIZE_CHANGE))
     size = float(np.clip(size, SMALLEST, LARGEST))
-    return replace(target, size=size, sample=seen, insisted=insisted)
+    return replace(target, size=size, sample=sampled, insisted=insisted)
 
 
 def _agrees(model: Model, target: RegularisedTarget, image: ImageArray, step: float) -> bool:

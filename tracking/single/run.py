@@ -226,12 +226,12 @@ def single(
     source = video.open(images=True) if labelled is None else source
     given = _first_box(source, box, select, labelled)
     tracker, constants = choice.tracker(output.seed)
-    said = None if corrections is None else corrected_boxes(corrections, source)
+    chosen_boxes = None if corrections is None else corrected_boxes(corrections, source)
     with output.run() as run:
         wanted = partial(_drawn, run) if given is None else given
-        followed = follow_target(run.frames(source, record=video.overlay), wanted, tracker, run.times, said)
-        if said is not None:
-            followed = from_both_sides(followed, said, choice.tracker(output.seed)[0])
+        followed = follow_target(run.frames(source, record=video.overlay), wanted, tracker, run.times, chosen_boxes)
+        if chosen_boxes is not None:
+            followed = from_both_sides(followed, chosen_boxes, choice.tracker(output.seed)[0])
         steps = run.steps(followed)
         result = single_result(source, steps, run.times, output.settings, constants, plot)
         warn_if_not_asked(tracker)

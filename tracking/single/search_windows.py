@@ -142,11 +142,11 @@ class SizeLadder:
         """``(S,)`` relative sizes of a sample."""
         return np.asarray(self.step ** (first + np.arange(self.count, dtype=np.float64)))
 
-    def sample(self, image: ImageArray, centre: FloatArray, middle: int, seen: SizeSample | None = None) -> SizeSample:
-        """The levels about ``middle``; if ``seen`` at this place of this frame they are not cut again."""
+    def sample(self, image: ImageArray, centre: FloatArray, middle: int, known: SizeSample | None = None) -> SizeSample:
+        """The levels about ``middle``; if ``known`` at this place of this frame they are not cut again."""
         first = middle - self.count // 2
-        if seen is not None and seen.first == first:
-            return seen
+        if known is not None and known.first == first:
+            return known
         width, height = (self.template + 2 * self.cell).tolist()
         pixels = self.target / self.template  # image pixels per template pixel, at the first size
         levels = range(first, first + self.count)

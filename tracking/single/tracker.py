@@ -136,8 +136,8 @@ def follow_target(
                 )
             given = None if boxes is None else boxes.get(frame.index)
             if given is None:
-                seen = tracker.follow(frame.image)
+                state = tracker.follow(frame.image)
             else:
-                seen = TargetState(check_start(given, frame.image), CERTAIN, "tracking")
-                tracker.start(frame.image, seen.box)
-        yield frame, Estimate(frame.index, seen.box, seen.score, seen.status)
+                state = TargetState(check_start(given, frame.image), CERTAIN, "tracking")
+                tracker.start(frame.image, state.box)
+        yield frame, Estimate(frame.index, state.box, state.score, state.status)

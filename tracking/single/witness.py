@@ -34,7 +34,7 @@ SLOPE, MOST = 3.0, 2.5
 """The log-likelihood ratio of on and off is ``SLOPE * answer``, at most so much to either side."""
 LEAVES, RETURNS = 0.02, 0.01
 """Chances between two answers that a box on the target leaves it, and that one off it returns."""
-BELIEVED, BOUND = 4.0, 8.0
+AT_FIRST, BOUND = 4.0, 8.0
 """Log-odds of being on: in the first frame, and at most to either side."""
 
 
@@ -77,7 +77,7 @@ class Witness:
         self._describe = describe
         self._targets: deque[FloatArray] = deque(maxlen=KEPT)
         self._around: deque[FloatArray] = deque(maxlen=KEPT)
-        self.belief, self._looks = BELIEVED, 0
+        self.belief, self._updates = AT_FIRST, 0
         self._first = self._features(image, box[None]), self._features(image, _around(box))
         self._regression = Regression.learn(*self._first)
 
@@ -91,15 +91,15 @@ class Witness:
         return self._regression(self._features(image, boxes))
 
     def update(self, image: ImageArray, box: FloatArray, sure: bool) -> None:
-        """Look at ``box`` ``(4,)``; learn it where the tracker is ``sure`` and the answer is above `KNOWN`."""
+        """Judge ``box`` ``(4,)``; learn it where the tracker is ``sure`` and the answer is above `KNOWN`."""
         features = self._features(image, box[None])
         answer = float(self._regression(features)[0])
         on = 1 / (1 + np.exp(-self.belief))
         on = on * (1 - LEAVES) + (1 - on) * RETURNS
-        seen = float(np.clip(SLOPE * answer, -MOST, MOST))
-        self.belief = float(np.clip(np.log(on / (1 - on)) + seen, -BOUND, BOUND))
-        self._looks += 1
-        if sure and answer > KNOWN and self._looks % LEARN == 0:
+        ratio = float(np.clip(SLOPE * answer, -MOST, MOST))
+        self.belief = float(np.clip(np.log(on / (1 - on)) + ratio, -BOUND, BOUND))
+        self._updates += 1
+        if sure and answer > KNOWN and self._updates % LEARN == 0:
             self._targets.append(features)
             self._around.append(self._features(image, _around(box)))
             on_it, around = self._first

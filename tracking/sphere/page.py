@@ -209,7 +209,7 @@ def sphere_result(
 
     Args:
         chosen: what ran.
-        log: what was found.
+        log: what was measured.
         times: of the run.
         settings: of the run.
         truth: the true path to compare with on the page, where it is known.
@@ -275,10 +275,10 @@ def _summary(log: SphereLog, cameras: Sequence[PlacedCamera], seconds: Mapping[s
     rows.append(("Searches of the volume", str(len(log.searches))))
     for view, placed in enumerate(cameras):
         frames = sum(m.frames[view] is not None for m in log.moments)
-        seen = sum(
+        detected = sum(
             p.open[view] > 0.5 for p, m in zip(log.positions, log.moments, strict=True) if m.frames[view] is not None
         )
-        rows.append((f"{placed.name}: frames, of them with the ball", f"{frames}, {seen}"))
+        rows.append((f"{placed.name}: frames, of them with the ball", f"{frames}, {detected}"))
     rows.append(("Filter, a moment", f"{1000 * seconds.get('filter', 0.0) / count:.1f} ms"))
     cells = "".join(f"<tr><th scope=row>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in rows)
     return scrolling(f"<table><tbody>{cells}</tbody></table>")

@@ -91,14 +91,14 @@ def sphere_points_run(
     def search(views: Views, rng: np.random.Generator) -> FloatArray:
         return _placed_by_rays(pinholes, views, deviation, settings.particles, rng)
 
-    def seen(moments: Sequence[Moment]) -> Iterator[MomentViews]:
+    def matched(moments: Sequence[Moment]) -> Iterator[MomentViews]:
         for moment in moments:
             found = [None if f is None else p[f] for f, p in zip(moment.frames, pixels, strict=True)]
             yield moment, [None if f is None or np.isnan(f[0]) else f for f in found]
 
     place = None if start is None else as_place(start)
     begin = Start(place, settings.spread, settings.particles, search, SPEED)
-    return SphereRun(placed, stamps, settings.tolerance, tracker, begin, seen, radius)
+    return SphereRun(placed, stamps, settings.tolerance, tracker, begin, matched, radius)
 
 
 def _placed_by_rays(

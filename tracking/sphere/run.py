@@ -149,8 +149,8 @@ def sphere_run(
         half = 0.5 / max(video.frame_rate for video in videos)
         return LatestFrames(frames, half if settings.tolerance is None else settings.tolerance).moments()
 
-    seen, tracker = newest if live else recorded, _tracker(settings, weigh, radius)
-    return SphereRun(placed, stamps, settings.tolerance, tracker, start, seen, radius, videos)
+    taken, tracker = newest if live else recorded, _tracker(settings, weigh, radius)
+    return SphereRun(placed, stamps, settings.tolerance, tracker, start, taken, radius, videos)
 
 
 def _start(
@@ -182,13 +182,13 @@ def check_start(position: FloatArray, cameras: Sequence[PlacedCamera]) -> None:
         RequestError: it lies behind a camera, or in fewer than two images.
     """
     depths = [float(entry.camera.to_camera(position[None])[0, 2]) for entry in cameras]
-    seen = sum(bool(in_view(entry.camera, position[None])[0]) for entry in cameras)
+    taken = sum(bool(in_view(entry.camera, position[None])[0]) for entry in cameras)
     shown = ",".join(f"{v:g}" for v in position)
     behind = [entry.name for entry, depth in zip(cameras, depths, strict=True) if depth <= 0]
-    if behind and seen < 2:
+    if behind and taken < 2:
         raise RequestError(f"expected the ball before the cameras, but {shown} lies behind {behind[0]}; check `start`")
-    if seen < 2:
-        raise RequestError(f"expected a start that two cameras see, but {shown} is in {seen} of {len(cameras)} images")
+    if taken < 2:
+        raise RequestError(f"expected a start that two cameras see, but {shown} is in {taken} of {len(cameras)} images")
 
 
 def _tracker(settings: SphereSettings, weigh: ViewLikelihood, radius: float) -> SphereTracker:
@@ -296,8 +296,8 @@ def sphere(
     with output.run() as run:
         run.sources += chosen.sources
 
-        def watched(seen: Iterable[MomentViews]) -> Iterator[MomentViews]:
-            return run.steps(seen if chosen.length else run.unending(seen), total=chosen.length)
+        def watched(taken: Iterable[MomentViews]) -> Iterator[MomentViews]:
+            return run.steps(taken if chosen.length else run.unending(taken), total=chosen.length)
 
         log = chosen.run(np.random.default_rng(output.seed), run.times, watched)
         result = sphere_result(chosen, log, run.times, output.settings, true_path)

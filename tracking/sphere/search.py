@@ -91,8 +91,8 @@ def _places(camera: PinholeCamera, cameras: Sequence[PinholeCamera], radius: flo
         depth = focal * radius / size
         points = camera.position + rays * (depth / (rays @ camera.rotation[2]))[:, None]
         inside = ((points >= volume[0]) & (points <= volume[1])).all(axis=1)
-        seen = sum(in_view(other, points).astype(np.int64) for other in cameras)
-        places.append(points[inside & (seen >= 2)])
+        cameras_there = sum(in_view(other, points).astype(np.int64) for other in cameras)
+        places.append(points[inside & (cameras_there >= 2)])
         size /= DEPTH_STEP
     return np.concatenate(places)
 

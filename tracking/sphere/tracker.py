@@ -316,7 +316,7 @@ class SphereRun:
         for moment, views in watch(self._moments()):
             now = moment.time
             recent |= {k: (now, view) for k, view in enumerate(views) if view is not None}
-            recent = {k: seen for k, seen in recent.items() if now - seen[0] <= RECENT}
+            recent = {k: spot for k, spot in recent.items() if now - spot[0] <= RECENT}
             if state is None and start.position is not None:
                 state = tracker.start_at(
                     start.position, start.spread, start.particles, len(views), rng, now, start.speed

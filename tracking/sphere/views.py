@@ -104,8 +104,8 @@ def polar_maps(
     centre = outlines.centre - 0.5
     spokes = np.stack([outlines.middle - outlines.centre, outlines.first, outlines.second], axis=2)
     # A particle behind the camera has NaN here, which remap must not see.
-    seen = np.isfinite(spokes).all(axis=(1, 2))
-    centre[~seen], spokes[~seen] = -1e4, 0.0
+    visible = np.isfinite(spokes).all(axis=(1, 2))
+    centre[~visible], spokes[~visible] = -1e4, 0.0
     t = np.arange(settings.angles) * (2 * np.pi / settings.angles)
     around = np.stack([np.ones_like(t), np.cos(t), np.sin(t)]).astype(np.float32)
     shares = np.linspace(1 - settings.reach, 1 + settings.reach, settings.radii, dtype=np.float32)[:, None]
@@ -273,8 +273,8 @@ class SphereContourLikelihood(EachView):
             return most
         maps = polar_maps(camera, middle + self.radius * BESIDE, self.radius, self.settings)
         support, share = outline_support(image, maps, self.settings).T
-        seen = support[share > 0]
-        return min(most, float(seen.mean())) if len(seen) else most
+        visible = support[share > 0]
+        return min(most, float(visible.mean())) if len(visible) else most
 
     def broad(self) -> SphereContourLikelihood:
         """One that notices a ball from farther off, at a third of the cost: for searching."""

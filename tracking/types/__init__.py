@@ -97,7 +97,7 @@ class Frame(ComparedByValue):
 
 @dataclass(frozen=True, eq=False)
 class Detections(Columns, ComparedByValue):
-    """What a detector found in one frame.
+    """What a detector reports in one frame.
 
     Attributes:
         boxes: ``(N, 4)`` pixels, x1 < x2 and y1 < y2.

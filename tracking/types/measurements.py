@@ -1,4 +1,4 @@
-"""What a sensor measures, the targets found in it, and the model of both."""
+"""What a sensor measures, the targets in it, and the model of both."""
 
 from __future__ import annotations
 

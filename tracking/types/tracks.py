@@ -170,7 +170,7 @@ class PointTable:
 
 @dataclass(frozen=True)
 class FloorDetections:
-    """People found in one frame, and where they stand.
+    """People detected in one frame, and where they stand.
 
     Attributes:
         detections: boxes in the image, with features where something described them.

@@ -186,7 +186,7 @@ class VideoWriter:
     def _pack(self) -> None:
         """Put the coded pictures into the file, at their own rate."""
         coded = cv2.VideoCapture(str(self._coding), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
-        # An interval of 0: which pictures are key frames is said of each.
+        # An interval of 0: each picture says whether it is a key frame.
         options = [cv2.VIDEOWRITER_PROP_RAW_VIDEO, 1, cv2.VIDEOWRITER_PROP_KEY_INTERVAL, 0]
         packed = self._writing(self.path, self.frame_rate, options)
         try:

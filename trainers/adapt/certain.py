@@ -64,8 +64,8 @@ def certain_boxes(file: Path, size: tuple[int, int]) -> CertainBoxes:
     Raises:
         RequestError: they cannot be read, or speak of a video of another size.
     """
-    said = [row for one in read_corrections(file, CorrectedVideo("", size, 0)).given for row in _boxes(one)]
-    rows = np.array(said, dtype=np.float64).reshape(-1, 6)
+    labelled = [row for one in read_corrections(file, CorrectedVideo("", size, 0)).given for row in _boxes(one)]
+    rows = np.array(labelled, dtype=np.float64).reshape(-1, 6)
     boxes = np.column_stack([rows[:, 1:3], rows[:, 1:3] + rows[:, 3:5]])
     return CertainBoxes(rows[:, 0].astype(np.int64), boxes, rows[:, 5].astype(np.int64))
 

@@ -45,7 +45,7 @@ class TrackedPeople:
 
 @dataclass(frozen=True)
 class RoundVideo:
-    """A video with what a round found in it.
+    """A video with a round's detections.
 
     Attributes:
         watched: the video.
@@ -70,7 +70,7 @@ def labelled(
     onto_silhouettes: float,
     certain: CertainBoxes | None = None,
 ) -> RoundVideo:
-    """Take labels from what was found in a video; see `label`."""
+    """Take labels from the detections in a video; see `label`."""
     kept = [found.detections[frame - found.first] for frame in watched.frames]
     labels = label(watched, foreground, found.tracks, kept, sitting, onto_silhouettes, certain)
     return RoundVideo(watched, foreground, found, labels, found.first + round((1 - HELD_OUT) * watched.length))

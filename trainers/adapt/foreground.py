@@ -26,7 +26,7 @@ _DARKEST, _BRIGHTEST, _TINT = 0.45, 1.02, 0.10
 # Columns and rows of a silhouette count from this share of the box's height and width on.
 _COLUMN, _ROW = 0.06, 0.12
 _LEAST_FILLED = 0.15
-# What the thresholds take off each side: rendered people on two empty views are found to 0.02 with it.
+# What the thresholds take off each side: rendered people on two empty views are measured to 0.02 with it.
 _ROOM = np.array([0.08, 0.03])
 _FEWEST = 20
 # The middle of a box is all person: from these shares of its width and height on, to as much before the other end.

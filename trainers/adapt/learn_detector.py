@@ -43,7 +43,7 @@ CHECKPOINT = "detector.ckpt"
 _EMA = 0.98
 # A box of which better ones cover this share together is left out: no person stands half in each of two others.
 _STRADDLING = 0.85
-# Labels leave out whoever they are unsure of, so what is left is distinguished more easily than all that will be found:
+# Labels leave out whoever they are unsure of, so what is left is easier than all that will be detected:
 # a steeper fit would be surer than it may be.
 _STEEPEST = 1.0
 _OUTPUTS = ("logits", "offsets", "anchors")

@@ -139,7 +139,7 @@ DEFAULT = -1
 
 @dataclass(frozen=True)
 class Round:
-    """What a round found.
+    """What came of a round.
 
     Attributes:
         number: 0 for the detector that it starts from, `DEFAULT` for what `tsuiseki track people` takes.
@@ -148,7 +148,7 @@ class Round:
         verdicts: on the tracks of each video.
         columns: tiles across for the detector.
         tracks: everyone who was followed in each video, taken or not, in the order of the verdicts.
-        detections: found in each frame of each video, from its first one on.
+        detections: in each frame of each video, from its first one on.
         people: labels of the kept pictures of each video.
     """
 

@@ -105,7 +105,7 @@ def default_round(adaptation: Adaptation) -> Round:
 def against_default(learnt: Round, default: Round) -> tuple[bool, str]:
     """Whether a round that learnt is to be kept beside the default detector; and a line on how it compares.
 
-    It must agree with its tracks clearly more, and as precisely. What is slower is kept, and said.
+    It must agree with its tracks clearly more, and as precisely. What is slower is kept, and reported.
     """
     ours, theirs = learnt.scores, default.scores
     rises = ours.agreement > theirs.agreement + _BETTER_AT_FIRST
@@ -258,7 +258,7 @@ def _check_people(first: Round, camera: CameraVideos) -> None:
         return
     names = ", ".join(video.source for video in camera.videos)
     others = sum(map(len, first.verdicts))
-    seen = f"{others} uncertain tracks" if others else "no person"
+    rest = f"{others} uncertain tracks" if others else "no person"
     raise RequestError(
-        f"expected people to learn from in {names}, found {seen}; give another video, or a `teacher` that sees them"
+        f"expected people to learn from in {names}, found {rest}; give another video, or a `teacher` that sees them"
     )

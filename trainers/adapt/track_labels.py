@@ -125,11 +125,11 @@ def label(
     number_of = {frame: number for number, frame in enumerate(watched.frames)}
     shares = _moving(tracks, foreground, number_of)
     verdicts = [_judge(track, share, watched.frame_rate) for track, share in zip(tracks, shares, strict=True)]
-    verdicts = [_as_said(one, track, certain) for one, track in zip(verdicts, tracks, strict=True)]
+    verdicts = [_as_given(one, track, certain) for one, track in zip(verdicts, tracks, strict=True)]
     # Of each track the boxes that lie on those of tracks that are taken.
     covered = explained_boxes(tracks, [one.verdict == TAKEN for one in verdicts])
     verdicts = [_unless_twice(one, track, on) for one, track, on in zip(verdicts, tracks, covered, strict=True)]
-    verdicts = [_as_said(one, track, certain) for one, track in zip(verdicts, tracks, strict=True)]
+    verdicts = [_as_given(one, track, certain) for one, track in zip(verdicts, tracks, strict=True)]
     offset = _offset(tracks, verdicts, foreground, number_of, onto_silhouettes)
     # A box that was filled in where others are shows a person who is hidden: no example.
     entries = _together([
@@ -142,8 +142,8 @@ def label(
         picture = None if foreground is None else foreground.picture(number)
         people = _placed(entries.select(entries.frames == frame), found[number], picture, offset, onto_silhouettes)
         people = people.select(_reach_in(people.boxes, watched.size))
-        said = None if certain is None else certain.at(frame)
-        rows.append(_rows(number, people, rejected[number], picture, said))
+        given = None if certain is None else certain.at(frame)
+        rows.append(_rows(number, people, rejected[number], picture, given))
     moved = tuple(_moved(track, offset, watched.size) for track in tracks)
     return TrackLabels(_joined(rows), tuple(verdicts), moved, offset)
 
@@ -184,7 +184,7 @@ def _unless_twice(verdict: Verdict, track: Track, explained: BoolArray) -> Verdi
     return replace(verdict, verdict=TWICE) if twice else verdict
 
 
-def _as_said(verdict: Verdict, track: Track, certain: CertainBoxes | None) -> Verdict:
+def _as_given(verdict: Verdict, track: Track, certain: CertainBoxes | None) -> Verdict:
     """The verdict, or what corrections say: deleted where most detections were, taken where one is a person."""
     kinds = np.empty(0) if certain is None else certain.on(track.frames, track.boxes)
     if 2 * (kinds == BACKGROUND).sum() > track.observed.sum():
@@ -217,8 +217,10 @@ def _offset(
 
 def _moved(track: Track, offset: FloatArray, size: tuple[int, int]) -> Track:
     boxes = track.boxes + offset * np.tile(track.boxes[:, 2:] - track.boxes[:, :2], 2)
-    seen = _reach_in(boxes, size)
-    return Track(track.id, track.frames[seen], boxes[seen], track.scores[seen], track.observed[seen])
+    kept_rows = _reach_in(boxes, size)
+    return Track(
+        track.id, track.frames[kept_rows], boxes[kept_rows], track.scores[kept_rows], track.observed[kept_rows]
+    )
 
 
 def _reach_in(boxes: FloatArray, size: tuple[int, int]) -> BoolArray:
@@ -257,12 +259,12 @@ def _placed(
 
 
 def _rows(
-    number: int, people: _Entries, rejected: Detections, picture: Difference | None, said: CertainBoxes | None
+    number: int, people: _Entries, rejected: Detections, picture: Difference | None, given: CertainBoxes | None
 ) -> GroundTruth:
     """Labels of one picture."""
-    people = people if said is None else _corrected(people, said)
+    people = people if given is None else _corrected(people, given)
     others = _perhaps_people(people.boxes, people.sure, rejected, picture)
-    others = others if said is None else others[~_alike(others, said.boxes[said.kinds == BACKGROUND])]
+    others = others if given is None else others[~_alike(others, given.boxes[given.kinds == BACKGROUND])]
     every = np.concatenate([people.boxes, others])
     counted = np.concatenate([people.sure, np.zeros(len(others), dtype=np.bool_)])
     visibility = np.ones(len(every))
@@ -271,10 +273,10 @@ def _rows(
     return GroundTruth(np.full(len(every), number), names.astype(np.int64), every, counted, ~counted, visibility)
 
 
-def _corrected(people: _Entries, said: CertainBoxes) -> _Entries:
+def _corrected(people: _Entries, given: CertainBoxes) -> _Entries:
     """Boxes of tracks in one frame, without false positives, with those drawn, and those that no track has."""
-    kept = people.select(~_alike(people.boxes, said.boxes[said.kinds != PERSON]))
-    boxes = said.boxes[(said.kinds != BACKGROUND) & ~_alike(said.boxes, kept.boxes)]
+    kept = people.select(~_alike(people.boxes, given.boxes[given.kinds != PERSON]))
+    boxes = given.boxes[(given.kinds != BACKGROUND) & ~_alike(given.boxes, kept.boxes)]
     numbers, there = _NAMES_OF_OTHERS - 1 - np.arange(len(boxes)), np.ones(len(boxes), dtype=np.bool_)
     return _together([kept, _Entries(numbers, numbers, boxes, there, there)])
 

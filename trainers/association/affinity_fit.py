@@ -112,14 +112,14 @@ def check_trained_elsewhere(uses: Sequence[NetworkUse]) -> None:
     for use in uses:
         if use.trained_there:
             raise RequestError(
-                f"{use.path}: expected a {use.card.kind} that has not seen frames {use.first}-{use.last} of "
+                f"{use.path}: expected a {use.card.kind} that was not trained on frames {use.first}-{use.last} of "
                 f"{use.sequence}, got one trained on {use.card.training_data!r}; costs fitted there trust it too "
                 "much. Give other `frames`, or networks that each leave a part out (`cross_fit`, "
                 "`cross_fit_detectors`), or take it all the same with `seen`"
             )
     for path in dict.fromkeys(use.path for use in uses if not use.card.training_data):
         warnings.warn(
-            f"{path} does not say what it was trained on; costs fitted to frames it has seen trust it too much",
+            f"{path} does not say what it was trained on; costs fitted to frames it was trained on trust it too much",
             stacklevel=2,
         )
 
@@ -250,9 +250,9 @@ def fit_affinity(
 ) -> Path:
     """Fit the transition and observation costs of the flow to labelled video, and export them to one ONNX file.
 
-    A network that was trained on the same frames does better there than in video it has not seen, and the costs would
+    A network that was trained on the same frames does better there than in other video, and the costs would
     learn to trust it too much. One that says so of itself is refused. With ``cross_fit`` or ``cross_fit_detectors`` the
-    frames are cut into as many equal parts as there are networks, and network k, which must not have seen part k,
+    frames are cut into as many equal parts as there are networks, and network k, which must not be trained on part k,
     runs on it.
 
     Args:

@@ -149,7 +149,7 @@ def label_detections(detections: Sequence[Detections], truth: GroundTruth, first
 
 
 def match_boxes(found: FloatArray, labelled: FloatArray) -> tuple[IntArray, BoolArray]:
-    """``(N,)`` index of the label that each found box shows, -1 for none, and whether the box lies right."""
+    """``(N,)`` index of the label that each detected box shows, -1 for none, and whether the box lies right."""
     overlaps = iou_matrix(found, labelled)
     person = _assign(overlaps, RIGHT_OVERLAP)
     right = person >= 0

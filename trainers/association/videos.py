@@ -1,4 +1,4 @@
-"""Labelled sequences with detections: what stands beside the labels, drawn from them, or found by a detector."""
+"""Labelled sequences with detections: what stands beside the labels, drawn from them, or those of a detector."""
 
 from __future__ import annotations
 

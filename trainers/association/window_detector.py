@@ -1,4 +1,4 @@
-"""The scores of the detections of a window, with gradients into the heads of the detector that found them.
+"""The scores of the detections of a window, with gradients into the heads of the detector that reported them.
 
 The tracker takes a score s for the probability p that the video's own calibration gives it, and logit p, times a
 weight, is what a detection is worth. That calibration is a staircase without a useful slope. So a step takes the

@@ -206,17 +206,17 @@ class AssociationData(lightning.LightningDataModule):
         )
         recognise = ActionRecogniser(self.action) if self.action else None
 
-        def seen(folders: list[Path], frames: tuple[int, int] | None) -> list[DetectedVideo]:
+        def detected(folders: list[Path], frames: tuple[int, int] | None) -> list[DetectedVideo]:
             found = detected_videos(folders, find, frames, self.seed, frame_rate=self.frame_rate)
             found = map(filmed, found) if self.tracker == "drone" else found
             return [acting(described(video, appearance), recognise) for video in found]
 
-        videos = seen(self.train, self.frames)
+        videos = detected(self.train, self.frames)
         if self.validation is None:
             held = [part_of(video, 1 - self.held_back, 1.0) for video in videos]
             videos = [part_of(video, 0.0, 1 - self.held_back) for video in videos]
         else:
-            held = seen(self.validation, None)
+            held = detected(self.validation, None)
         self.learnt = graphs_of(videos, self.settings)
         self.held = graphs_of(held, self.settings, check=False)
 

@@ -114,7 +114,7 @@ def reviewed(given: GivenSequence, answers: int) -> Course:
     shares = {name: float(sum(bool(error & arcs) for error in wrong)) for name, arcs in first_ones.items()}
     right = np.where((ids > 0) & (owners >= 0), owners + 1, 0)
     allowed = combined_scores(track_sums(given, reporter.tracks(flow.network, right, {}))[None])["idf1"]
-    idf1, hota, said, asked = list[float](), list[float](), list[Correction](), set[str]()
+    idf1, hota, accepted, asked = list[float](), list[float](), list[Correction](), set[str]()
     for _ in range(answers + 1):
         ids = track_ids(flow.network.track, flow.labels(), reporter.most)
         now = combined_scores(track_sums(given, reporter.tracks(flow.network, ids, flow.demands.shown))[None])
@@ -126,10 +126,10 @@ def reviewed(given: GivenSequence, answers: int) -> Course:
         asked.add(questions[0].key)
         correction = answered(questions[0], Finder(flow.network.frames, flow.network.boxes), owners)
         try:
-            flow.correct([*said, *([] if correction is None else [correction])])
-            said += [] if correction is None else [correction]
+            flow.correct([*accepted, *([] if correction is None else [correction])])
+            accepted += [] if correction is None else [correction]
         except RequestError:
-            flow.correct(said)
+            flow.correct(accepted)
     return Course(len(wrong), len(ranked["random"]), shares, idf1, hota, allowed, by_hand)
 
 

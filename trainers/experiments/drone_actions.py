@@ -84,7 +84,7 @@ TUNED_ON = frozenset(
      *range(20600, 20604), *range(910000, 910004)]
 )  # fmt: skip
 # Chosen by IDF1 on the same clips as the settings of the flow (seeds 2000 to 2002 and 20500 to 20505); its tracks are
-# where the detector found people, as the flow's are.
+# where the detector reports people, as the flow's are.
 DEEPSORT = DeepSortSettings(
     feature_gate=0.5,
     position_gate=0.95,

@@ -97,13 +97,13 @@ def kept_ids(truth: PlacedTruth, found: PlacedTruth, in_view: dict[int, np.ndarr
     wait = round(APART / float(np.median(np.diff(times))))
     ids = {who: _ids_of(truth, found, who, times) for who in in_view}
     kept = changes = 0
-    for who, seen in in_view.items():
-        for frame, camera in np.argwhere(seen[:-1] & ~seen[1:]).tolist():
-            later = seen[frame + 1 : frame + 1 + wait].copy()
+    for who, visible in in_view.items():
+        for frame, camera in np.argwhere(visible[:-1] & ~visible[1:]).tolist():
+            later = visible[frame + 1 : frame + 1 + wait].copy()
             later[:, camera] = False
             if not later.any():
                 continue
-            entered = np.flatnonzero((later & ~seen[frame]).any(axis=1))
+            entered = np.flatnonzero((later & ~visible[frame]).any(axis=1))
             after = frame + 1 + (int(entered[0]) if len(entered) else len(later) - 1)
             changes += 1
             kept += ids[who][frame] >= 0 and ids[who][frame] == ids[who][after]

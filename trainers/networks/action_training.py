@@ -120,8 +120,8 @@ class ActionTraining(Tested):
         """The loss of the streams' mean on a batch, or the sum of their own losses."""
         del batch_index
         assert isinstance(self.positive_weight, Tensor)
-        said = [logits.float() for logits in self(batch.crops).values()]
-        parts = [fused_logits(said)] if self.fused else said
+        outputs = [logits.float() for logits in self(batch.crops).values()]
+        parts = [fused_logits(outputs)] if self.fused else outputs
         losses = [action_loss(logits, batch.actions, self.positive_weight) for logits in parts]
         loss = torch.stack(losses).sum()
         shown = loss / len(losses)
@@ -131,18 +131,18 @@ class ActionTraining(Tested):
     def validation_step(self, batch: ActionBatch, batch_index: int) -> None:
         """Recognise a batch; the scores need all of them."""
         del batch_index
-        said = {name: logits.float().sigmoid().cpu() for name, logits in self(batch.crops).items()}
-        self._validated.append((said, batch.actions.cpu()))
+        outputs = {name: logits.float().sigmoid().cpu() for name, logits in self(batch.crops).items()}
+        self._validated.append((outputs, batch.actions.cpu()))
 
     def on_validation_epoch_end(self) -> None:
         """Log the mAP of the average of all streams, and of each."""
         if not self.trainer.sanity_checking:
             parts, actions = zip(*gathered(self, self._validated), strict=True)
             truth = torch.cat(actions).numpy() > 0
-            said = {name: torch.cat([part[name] for part in parts]).double().numpy() for name in self.inputs}
-            together = np.mean(list(said.values()), axis=0)
+            outputs = {name: torch.cat([part[name] for part in parts]).double().numpy() for name in self.inputs}
+            together = np.mean(list(outputs.values()), axis=0)
             self.log(f"{self.stage}/map", mean_average_precision(together, truth), prog_bar=True, sync_dist=True)
-            for name, probabilities in said.items():
+            for name, probabilities in outputs.items():
                 self.log(f"{self.stage}/map_{name}", mean_average_precision(probabilities, truth), sync_dist=True)
         self._validated = []
 

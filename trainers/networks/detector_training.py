@@ -152,7 +152,7 @@ class DetectorTraining(Tested):
         return total
 
     def validation_step(self, batch: DetectionBatch, batch_index: int) -> None:
-        """Keep what was found in a batch, and what was there."""
+        """Keep the detections of a batch, and its labels."""
         del batch_index
         logits, offsets = self(batch.images)
         found = detections(logits, offsets, self.network.anchors, self.card)

@@ -105,9 +105,9 @@ def _levels(name: str, value: float) -> list[tuple[str, float]]:
 def _skin(body: BaseBody, shape: FloatArray, hidden: IntArray, texture: ImageArray) -> Mesh:
     covered = np.zeros(len(shape), dtype=np.bool_)
     covered[hidden] = True
-    seen = ~covered[body.quads].all(axis=1)
-    triangles = triangles_of_quads(body.quads[seen])
-    uv = body.uv[seen][:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2)
+    uncovered = ~covered[body.quads].all(axis=1)
+    triangles = triangles_of_quads(body.quads[uncovered])
+    uv = body.uv[uncovered][:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2)
     return Mesh(shape, triangles, uv, body.weights, np.full(len(triangles), Worn.SKIN, np.uint8), texture)
 
 

@@ -225,12 +225,12 @@ def render_figure(
     vertices = posed(figure, skeleton)
     parts = [_fragments(mesh, points, camera) for mesh, points in zip(figure.meshes, vertices, strict=True)]
     owned = [np.stack([np.full(len(p.pixel), k), p.triangle], axis=1) for k, p in enumerate(parts)]
-    seen = nearest(joined([replace(part, triangle=of) for part, of in zip(parts, owned, strict=True)]))
+    visible = nearest(joined([replace(part, triangle=of) for part, of in zip(parts, owned, strict=True)]))
     size = (camera.height, camera.width)
     albedo, normal = np.zeros((*size, 3), np.uint8), np.zeros((*size, 3), np.int8)
     label = np.zeros(size, np.uint8)
     for k, (mesh, points) in enumerate(zip(figure.meshes, vertices, strict=True)):
-        own = seen.chosen(np.flatnonzero(seen.triangle[:, 0] == k))
+        own = visible.chosen(np.flatnonzero(visible.triangle[:, 0] == k))
         triangle = own.triangle[:, 1]
         rows, columns = np.divmod(own.pixel, camera.width)
         albedo[rows, columns] = _texel(mesh, triangle, own.where)[:, :3]
@@ -277,12 +277,12 @@ def smaller(sprite: Sprite, factor: float) -> Sprite:
     size = tuple(max(round(n * factor), 1) for n in sprite.label.shape[::-1])
     there = (sprite.label > 0).astype(np.float32)
     covered = cv2.resize(there, size, interpolation=cv2.INTER_AREA)
-    seen = covered > 0.5
-    over = np.where(seen, np.maximum(covered, 1e-6), np.inf)[..., None]
+    visible = covered > 0.5
+    over = np.where(visible, np.maximum(covered, 1e-6), np.inf)[..., None]
     albedo = cv2.resize(sprite.albedo.astype(np.float32), size, interpolation=cv2.INTER_AREA) / over
     normal = cv2.resize(sprite.normal.astype(np.float32), size, interpolation=cv2.INTER_AREA) / over
     label = np.asarray(cv2.resize(sprite.label, size, interpolation=cv2.INTER_NEAREST), np.uint8)
-    label = np.where(seen, np.maximum(label, 1), 0).astype(np.uint8)
+    label = np.where(visible, np.maximum(label, 1), 0).astype(np.uint8)
     grown = np.array(size) / sprite.label.shape[::-1]
     return replace(
         sprite, albedo=np.clip(albedo, 0, 255).astype(np.uint8), normal=normal.astype(np.int8), label=label,

@@ -91,9 +91,9 @@ def draw_clusters(
         if isinstance(camera, PinholeCamera):
             middle = camera.principal_point - np.array([x1, y1])
             window = replace(camera, width=x2 - x1, height=y2 - y1, principal_point=middle)
-        picture, seen = scene.compose(below(rows, columns), [things[i] for i in members], window, light)
+        picture, visible = scene.compose(below(rows, columns), [things[i] for i in members], window, light)
         image[rows, columns] = encoded(picture.colour, exposure)
-        for i, sighting in zip(members, seen, strict=True):
+        for i, sighting in zip(members, visible, strict=True):
             if sighting is not None:
                 sightings[i] = scene.Sighting(sighting.box + np.array([x1, y1, x1, y1]), sighting.visibility)
     return sightings
@@ -124,8 +124,8 @@ def clusters(rects: FloatArray, width: int, height: int) -> list[tuple[tuple[int
     """
     size = np.array([width, height])
     with np.errstate(invalid="ignore"):
-        seen = (rects[:, :2] < size).all(axis=1) & (rects[:, 2:] > 0).all(axis=1)
-    groups = [(_inside(rects[i], width, height), [int(i)]) for i in np.flatnonzero(seen)]
+        visible = (rects[:, :2] < size).all(axis=1) & (rects[:, 2:] > 0).all(axis=1)
+    groups = [(_inside(rects[i], width, height), [int(i)]) for i in np.flatnonzero(visible)]
     before = 0
     while len(groups) != before:
         before, apart = len(groups), list[tuple[FloatArray, list[int]]]()

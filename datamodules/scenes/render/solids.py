@@ -352,12 +352,12 @@ def trace(solids: Solids, camera: RayCamera, samples: int, beyond: float = 1.0) 
     """
     width, height = camera.width * samples, camera.height * samples
     rects = extents(solids, camera)
-    seen = np.isfinite(rects).all(axis=1)
-    if not seen.any():
+    visible = np.isfinite(rects).all(axis=1)
+    if not visible.any():
         return None
     margin = np.array([width, height] * 2) * beyond
     low, high = -margin, margin + np.array([width, height] * 2)
-    windows = np.clip(np.floor(rects[seen] * samples), low, high).astype(np.int64) + np.array([0, 0, 1, 1])
+    windows = np.clip(np.floor(rects[visible] * samples), low, high).astype(np.int64) + np.array([0, 0, 1, 1])
     left, top = windows[:, :2].min(axis=0)
     right, bottom = windows[:, 2:].max(axis=0)
     if right <= 0 or bottom <= 0 or left >= width or top >= height:
@@ -366,7 +366,7 @@ def trace(solids: Solids, camera: RayCamera, samples: int, beyond: float = 1.0) 
     distance = np.full((bottom - top, right - left), np.inf, dtype=np.float32)
     solid = np.zeros(distance.shape, dtype=np.int16)
     origins = np.einsum("kij,kj->ki", solids.to_local, camera.position.astype(np.float32) - solids.start)
-    for k, (x1, y1, x2, y2) in zip(np.flatnonzero(seen), windows - np.array([left, top, left, top]), strict=True):
+    for k, (x1, y1, x2, y2) in zip(np.flatnonzero(visible), windows - np.array([left, top, left, top]), strict=True):
         part = rays[:, y1:y2, x1:x2]
         if part.size == 0:
             continue

@@ -159,10 +159,10 @@ def _lit(shell: Shell, camera: RayCamera, grid: Float32, light: Light) -> tuple[
         reach = (planes - origin[axis])[:, None] / rays[axis]
     reach = np.where(reach > 1e-6, reach, np.float32(np.inf))
     face = reach.argmin(axis=0)
-    seen = np.isfinite(rays[0])
-    points = origin[:, None] + np.where(seen, rays, 0) * np.where(seen, reach.min(axis=0), 0)
+    hit = np.isfinite(rays[0])
+    points = origin[:, None] + np.where(hit, rays, 0) * np.where(hit, reach.min(axis=0), 0)
     albedo = _albedo(shell, points, face)
-    albedo[~seen] = 0
+    albedo[~hit] = 0
     normals = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float32)
     ambient = 0.5 * (1 + normals[:, 2:]) * light.sky + 0.5 * (1 - normals[:, 2:]) * light.ground
     facing = np.maximum(normals @ light.direction, 0)[:, None] * light.sun

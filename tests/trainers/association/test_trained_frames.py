@@ -36,7 +36,9 @@ def use(said: str, first: int, last: int) -> NetworkUse:
 
 @pytest.mark.parametrize(("first", "last"), [(1, 400), (300, 301), (250, 260)])
 def test_seen_frames_are_refused(first: int, last: int) -> None:
-    with pytest.raises(RequestError, match=rf"d.onnx: expected a detector that has not seen frames {first}-{last} of"):
+    with pytest.raises(
+        RequestError, match=rf"d.onnx: expected a detector that was not trained on frames {first}-{last} of"
+    ):
         check_trained_elsewhere([use("PETS frames 1-300", first, last)])
 
 

@@ -111,12 +111,12 @@ def draw_by_measurement(
     weights scaled to sum to one.
     """
     drawn = np.zeros((len(mass), count), dtype=np.int64)
-    seen = np.flatnonzero(mass > 0)
-    if len(seen) == 0:
+    measured = np.flatnonzero(mass > 0)
+    if len(measured) == 0:
         return drawn
     order = np.argsort(pairs.measurement, kind="stable")
     measurement = pairs.measurement[order]
-    row = np.searchsorted(seen, measurement)
+    row = np.searchsorted(measured, measurement)
     useful = mass[measurement] > 0
     order, measurement, row = order[useful], measurement[useful], row[useful]
     cumulative = np.cumsum(joint[order] / mass[measurement])
@@ -124,10 +124,10 @@ def draw_by_measurement(
     # Within a measurement the cumulative weight runs from its row number to the next; made exact at both ends.
     base = np.concatenate([[0.0], cumulative[ends[:-1]]])
     within = (cumulative - base[row]) / (cumulative[ends] - base)[row]
-    places = np.ceil(count * np.clip(within, 0.0, 1.0) - rng.random(len(seen))[row]).clip(0, count)
+    places = np.ceil(count * np.clip(within, 0.0, 1.0) - rng.random(len(measured))[row]).clip(0, count)
     places[ends] = count
     copies = np.diff(row * count + places, prepend=0).astype(np.int64)
-    drawn[seen] = np.repeat(pairs.particle[order], copies).reshape(len(seen), count)
+    drawn[measured] = np.repeat(pairs.particle[order], copies).reshape(len(measured), count)
     return drawn
 
 

@@ -141,7 +141,7 @@ class Confirmation:
     def __init__(self, hits: int, frames: int) -> None:
         self.hits, self.frames = hits, frames
         self._confirmed: set[int] = set()
-        self._seen: dict[int, tuple[int, int]] = {}  # frames and hits of each target not confirmed yet
+        self._covered: dict[int, tuple[int, int]] = {}  # frames and hits of each target not confirmed yet
 
     def update(self, labels: IntArray, supported: BoolArray) -> IntArray:
         """Take the targets of the next frame; the labels of those that cannot be confirmed any more.
@@ -152,13 +152,13 @@ class Confirmation:
         """
         names = labels.tolist()
         self._confirmed.intersection_update(names)
-        self._seen = {name: self._seen.get(name, (0, 0)) for name in names if name not in self._confirmed}
+        self._covered = {name: self._covered.get(name, (0, 0)) for name in names if name not in self._confirmed}
         failed = []
         for name, hit in zip(names, supported.tolist(), strict=True):
             if name in self._confirmed:
                 continue
-            age, hits = self._seen[name]
-            self._seen[name] = age, hits = age + 1, hits + hit
+            age, hits = self._covered[name]
+            self._covered[name] = age, hits = age + 1, hits + hit
             if hits >= self.hits:
                 self._confirmed.add(name)
             elif age - hits > self.frames - self.hits:
