@@ -175,17 +175,21 @@ def changed(images: ImageArray, change: Changes, size: int, *, is_flow: bool) ->
     return np.asarray(np.clip(levels, 0, 255), dtype=np.uint8)
 
 
+VALIDATED = 64
+"""Crops of a batch in validation."""
+
+
 class ValidationBatches(Dataset[ActionBatch]):
     """Every sample once, in its middle, one picture each."""
 
-    def __init__(self, crops: ActionCrops, streams: tuple[StreamName, ...], size: int, batch_size: int = 64) -> None:
-        self.crops, self.streams, self.size, self.batch_size = crops, streams, size, batch_size
+    def __init__(self, crops: ActionCrops, streams: tuple[StreamName, ...], size: int) -> None:
+        self.crops, self.streams, self.size = crops, streams, size
 
     def __len__(self) -> int:
-        return -(-len(self.crops) // self.batch_size)
+        return -(-len(self.crops) // VALIDATED)
 
     def __getitem__(self, index: int) -> ActionBatch:
-        rows = np.arange(index * self.batch_size, min((index + 1) * self.batch_size, len(self.crops)))
+        rows = np.arange(index * VALIDATED, min((index + 1) * VALIDATED, len(self.crops)))
         if not len(rows):
             raise IndexError(index)
         images = {name: centre_crops(self.crops.crops(name, rows), self.size)[:, None] for name in self.streams}

@@ -25,6 +25,8 @@ _NOISE, _CERTAIN = 10.0, 28.0
 # Labellers leave a little room about people; the silhouette of a generated one is exact.
 _LABEL_MARGIN = 0.04
 _SMALLEST_ASPECT = 0.28
+# Height in pixels at which people are rendered.
+_HEIGHT = 110
 
 
 @dataclass(frozen=True)
@@ -133,13 +135,11 @@ def _cut_out(image: ImageArray, alpha: NDArray[np.float32], box: FloatArray) -> 
     return Cutout(np.dstack([image[y1:y2, x1:x2], mask]), box - offset)
 
 
-def generate_people(
-    rng: np.random.Generator, count: int, height_px: int = 110, tilt: tuple[float, float] = (0.0, 0.7)
-) -> list[Cutout]:
+def generate_people(rng: np.random.Generator, count: int, tilt: tuple[float, float] = (0.0, 0.7)) -> list[Cutout]:
     """``count`` generated people, seen from cameras that look down by ``tilt`` radians."""
     people: list[Cutout] = []
     while len(people) < count:
-        pixels = render_person_sprite(rng, height_px, tilt=float(rng.uniform(*tilt)))
+        pixels = render_person_sprite(rng, _HEIGHT, tilt=float(rng.uniform(*tilt)))
         height, width = pixels.shape[:2]
         if width / height > 0.75:
             continue

@@ -190,8 +190,8 @@ def read_crops(path: Path) -> IdentityCrops:
 PER_TRACKLET = 8
 
 
-def training_crops(folder: str | Path, per_tracklet: int = PER_TRACKLET) -> list[PersonCrop]:
-    """Up to ``per_tracklet`` crops of every tracklet, spread over it, without distractors and junk.
+def training_crops(folder: str | Path) -> list[PersonCrop]:
+    """Up to `PER_TRACKLET` crops of every tracklet, spread over it, without distractors and junk.
 
     Raises:
         RequestError: fewer than two people are left, or see `read_mars`.
@@ -200,7 +200,7 @@ def training_crops(folder: str | Path, per_tracklet: int = PER_TRACKLET) -> list
     people = [crop for crop in read_mars(folder) if crop.person > 0]
     for _, group in itertools.groupby(people, key=lambda crop: (crop.person, crop.camera, crop.tracklet)):
         tracklet = list(group)
-        count = min(per_tracklet, len(tracklet))
+        count = min(PER_TRACKLET, len(tracklet))
         chosen += [tracklet[i] for i in np.unique(np.linspace(0, len(tracklet) - 1, count).round().astype(int))]
     if len({crop.person for crop in chosen}) < 2:
         raise RequestError(f"{folder}: expected crops of at least two people, to tell them apart")

@@ -250,12 +250,11 @@ def _check_together(scene: Scene, where: str) -> None:
     scene.check_video(scene.size, where)
 
 
-def scene_text(scene: Scene, camera: str = "") -> str:
-    """The text of a file for `read_scene`; ``camera`` names the file of its camera."""
+def scene_text(scene: Scene) -> str:
+    """The text of a file for `read_scene`, without a camera."""
     content: dict[str, Any] = {"size": list(scene.size)} if scene.size else {}
     content |= {"unit": scene.unit}
     content |= {"scale": scene.scale} if scene.scale is not None else {}
-    content |= {"camera": camera} if camera else {}
     content["lines"] = [
         {
             "name": line.name,

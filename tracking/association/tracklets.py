@@ -306,7 +306,7 @@ def _means(appearance: FloatArray, into: IntArray, weight: IntArray) -> FloatArr
 EXPLAINED = 0.8
 
 
-def explained_boxes(tracks: Sequence[Track], people: Sequence[bool], share: float = EXPLAINED) -> list[BoolArray]:
+def explained_boxes(tracks: Sequence[Track], people: Sequence[bool]) -> list[BoolArray]:
     """``(len(track),)`` for each track: which of its boxes those of surer tracks cover together.
 
     The surer track is the one whose detections have the larger sum of scores.
@@ -314,7 +314,6 @@ def explained_boxes(tracks: Sequence[Track], people: Sequence[bool], share: floa
     Args:
         tracks: of one video.
         people: which of them may explain others.
-        share: of a box that must be covered, in (0, 1].
     """
     sureness = np.array([float(track.scores[track.observed].sum()) for track in tracks])
     rows = np.concatenate([np.empty(0, np.int64), *(np.full(len(t), n) for n, t in enumerate(tracks))])
@@ -326,7 +325,7 @@ def explained_boxes(tracks: Sequence[Track], people: Sequence[bool], share: floa
     for here in np.split(order, np.flatnonzero(np.diff(frames[order])) + 1):
         who = rows[here]
         surer = counted[who][None] & (sureness[who][None] > sureness[who][:, None])
-        explained[here] = shared_with_all(boxes[here], boxes[here], surer) >= share
+        explained[here] = shared_with_all(boxes[here], boxes[here], surer) >= EXPLAINED
     ends = np.cumsum([0, *map(len, tracks)])
     return [explained[first:end] for first, end in itertools.pairwise(ends)]
 
@@ -337,17 +336,16 @@ def is_straddling(track: Track, explained: BoolArray) -> bool:
     return len(detected) > 0 and 2 * int(detected.sum()) > len(detected)
 
 
-def straddling_tracks(tracks: Sequence[Track], share: float = EXPLAINED) -> BoolArray:
+def straddling_tracks(tracks: Sequence[Track]) -> BoolArray:
     """``(N,)`` which tracks of a video have most of their detections on the boxes of surer ones that stay.
 
     Args:
         tracks: of one video.
-        share: of a box that must be covered, in (0, 1].
     """
     straddles = np.zeros(len(tracks), dtype=np.bool_)
     # A dropped track explains none. Only surer tracks explain others, so this ends after as many rounds at most.
     for _ in tracks:
-        explained = explained_boxes(tracks, (~straddles).tolist(), share)
+        explained = explained_boxes(tracks, (~straddles).tolist())
         now = np.array([is_straddling(*each) for each in zip(tracks, explained, strict=True)], dtype=np.bool_)
         if (now == straddles).all():
             break

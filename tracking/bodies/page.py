@@ -38,9 +38,7 @@ def draw_bodies(frame: Frame, body: Body, tracks: Sequence[BodyTrack]) -> ImageA
     return image
 
 
-def draw_contour(
-    image: ImageArray, body: Body, contour: Points, colour: Colour, thickness: int = 2, tracked: bool = True
-) -> None:
+def draw_contour(image: ImageArray, body: Body, contour: Points, colour: Colour, tracked: bool = True) -> None:
     """Draw the strokes of a contour ``(K, 2)`` into ``image``; as dots where it is not ``tracked``."""
     # Far outside the image OpenCV's fixed-point coordinates would overflow.
     contour = np.clip(contour, -1e4, 1e4)
@@ -48,7 +46,7 @@ def draw_contour(
     for stroke in body.strokes:
         points = fixed[stroke.first : stroke.last]
         if tracked:
-            cv2.polylines(image, [points], stroke.closed, colour, thickness, cv2.LINE_AA, SHIFT)
+            cv2.polylines(image, [points], stroke.closed, colour, 2, cv2.LINE_AA, SHIFT)
             continue
         for x, y in points.tolist():
             cv2.circle(image, (x, y), 2**SHIFT, colour, cv2.FILLED, cv2.LINE_AA, SHIFT)
@@ -57,7 +55,7 @@ def draw_contour(
 PIXEL_COLUMNS = 2
 
 
-def plot_states(path: Path, body: Body, tracks: Sequence[BodyTrack], truth: Sequence[BodyTrack] = ()) -> None:
+def plot_states(path: Path, body: Body, tracks: Sequence[BodyTrack]) -> None:
     """Write one panel for each column of the state, a line for each body in the colour of its id.
 
     Frames in which a body was missed are shaded in its colour along the bottom of each panel. Angles run on over
@@ -67,14 +65,11 @@ def plot_states(path: Path, body: Body, tracks: Sequence[BodyTrack], truth: Sequ
         path: image to write.
         body: names the columns.
         tracks: what to show.
-        truth: drawn under it in grey.
     """
     figure = Figure(figsize=(9, 1.7 * len(body.fields)), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(len(body.fields), 1, sharex=True)
     for column, axes in enumerate(panels):
-        for track in truth:
-            axes.plot(track.frames + 1, _shown(body, track, column), color="0.6", linewidth=2.5)
         for track in tracks:
             colour = np.array(track_colour(track.id)) / 255 * 0.85
             axes.plot(track.frames + 1, _shown(body, track, column), color=colour, linewidth=1.1, label=f"{track.id}")

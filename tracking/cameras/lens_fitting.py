@@ -173,11 +173,11 @@ def fit_omnidirectional(lens: Lens, degree: int = DEGREE) -> OmnidirectionalLens
     return fit_inverse(replace(fitted, field=float(widest)) if ends else fitted)
 
 
-def fit_inverse(lens: OmnidirectionalLens, degree: int = INVERSE_DEGREE) -> OmnidirectionalLens:
+def fit_inverse(lens: OmnidirectionalLens) -> OmnidirectionalLens:
     """``lens`` with the inverse polynomial nearest to its exact inverse."""
     rho = np.linspace(0, lens.rim, 2000)
     angle = -np.arctan2(lens.forward(rho), rho)
-    fitted = np.polynomial.Polynomial.fit(angle, rho, degree).convert()
+    fitted = np.polynomial.Polynomial.fit(angle, rho, INVERSE_DEGREE).convert()
     return replace(lens, inverse=np.asarray(fitted.coef, dtype=np.float64))
 
 

@@ -11,10 +11,12 @@ from tsuiseki.tracking.types import BoolArray, FloatArray
 
 # Rays that meet at less than this angle (radians) leave the distance open.
 SMALLEST_ANGLE = 2e-3
+# Gauss-Newton steps.
+STEPS = 4
 
 
 def triangulate(
-    cameras: Sequence[PinholeCamera], pixels: FloatArray, sigma: float = 1.0, iterations: int = 4
+    cameras: Sequence[PinholeCamera], pixels: FloatArray, sigma: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
     """The points whose projections lie nearest to ``pixels``, and how well they are known.
 
@@ -24,7 +26,6 @@ def triangulate(
         cameras: C cameras.
         pixels: ``(N, C, 2)``; NaN where a camera did not see the point.
         sigma: standard deviation of the pixels along x and y.
-        iterations: Gauss-Newton steps.
 
     Returns:
         ``(N, 3)`` points, metres, and ``(N, 3, 3)`` covariances; NaN where fewer than two cameras saw the point, their
@@ -40,7 +41,7 @@ def triangulate(
     visible = np.isfinite(rays).all(axis=2)
     points, enough = _nearest_to_rays(np.stack([c.position for c in cameras]), rays, visible)
     information = np.zeros((len(points), 3, 3))
-    for _ in range(iterations):
+    for _ in range(STEPS):
         step, information, depth = _normal_equations(cameras, pixels, visible, points)
         enough &= ((depth > 0) | ~visible).all(axis=1) & np.isfinite(step).all(axis=1)
         points = np.where(enough[:, None], points + step, points)
@@ -87,10 +88,10 @@ def _normal_equations(
     return step, information, np.stack(depths, axis=1)
 
 
-def projection_slopes(camera: PinholeCamera, points: FloatArray, step: float = 1e-4) -> FloatArray:
-    """``(N, 2, 3)`` derivatives of pixels by world coordinates, by central differences of ``step`` times the depth."""
+def projection_slopes(camera: PinholeCamera, points: FloatArray) -> FloatArray:
+    """``(N, 2, 3)`` derivatives of pixels by world coordinates, by central differences of 1e-4 times the depth."""
     depth = np.abs(camera.to_camera(points)[:, 2])
-    reach = (step * np.maximum(depth, 1e-3))[:, None]
+    reach = (1e-4 * np.maximum(depth, 1e-3))[:, None]
     columns = []
     for axis in np.eye(3):
         ahead, _ = camera.project(points + reach * axis)

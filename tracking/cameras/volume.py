@@ -25,8 +25,8 @@ def in_view(camera: PinholeCamera, points: FloatArray) -> BoolArray:
     return np.asarray(inside & (depth > 0))
 
 
-def common_volume(cameras: Sequence[PinholeCamera], radius: float, views: int = 2) -> FloatArray:
-    """``(2, 3)`` corners of a box, above z = 0, with all places where at least ``views`` cameras see the ball well.
+def common_volume(cameras: Sequence[PinholeCamera], radius: float) -> FloatArray:
+    """``(2, 3)`` corners of a box, above z = 0, with all places where two cameras see the ball well.
 
     Well means a radius of at least two and a half pixels and at most a quarter of the image height.
 
@@ -39,7 +39,7 @@ def common_volume(cameras: Sequence[PinholeCamera], radius: float, views: int = 
     axes = [np.linspace(a, b, 40) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     visible = _visible_well(cameras, radius, grid)
-    good = grid[visible >= views]
+    good = grid[visible >= 2]
     if len(good) == 0:
         raise RequestError(
             f"expected cameras that can see a ball of {radius:g} m together above z = 0, found no such place; "

@@ -72,16 +72,15 @@ def scores_of(sums: FloatArray) -> dict[str, FloatArray]:
 
 
 def paired_bootstrap(
-    ours: FloatArray, theirs: FloatArray, samples: int, rng: np.random.Generator, share: float = 0.95
+    ours: FloatArray, theirs: FloatArray, samples: int, rng: np.random.Generator
 ) -> dict[str, Interval]:
-    """How far ours is above theirs, with intervals over the sequences.
+    """How far ours is above theirs, with intervals of 95 % over the sequences.
 
     Args:
         ours: ``(S, 83)`` sums of S sequences.
         theirs: likewise, of the same sequences in the same order.
         samples: how many samples of S sequences are drawn with replacement.
         rng: draws them.
-        share: of the samples within the interval.
 
     Returns:
         An interval for each of hota, det_a, ass_a, mota, idf1 and id_switches. With a single sequence it is that of one
@@ -96,7 +95,7 @@ def paired_bootstrap(
     drawn = rng.multinomial(count, np.full(count, 1 / count), samples).astype(np.float64)
     one, other = scores_of(ours.sum(axis=0)), scores_of(theirs.sum(axis=0))
     many, others = scores_of(drawn @ ours), scores_of(drawn @ theirs)
-    outside = (1 - share) / 2
+    outside = (1 - 0.95) / 2
     found = {}
     for name in (*SCORES, "id_switches"):
         low, high = np.quantile(many[name] - others[name], (outside, 1 - outside))

@@ -86,8 +86,8 @@ SURROUNDINGS = 0.25
 RESTING = (0.05, 3.0)
 # Rounds of the search for resting animals, each with the appearance of the animals known by then.
 ROUNDS = 4
-# Share of the contrast of animals from which a pixel is of a core.
-CORE = 0.5
+# Shares of the contrast of animals from which a pixel is of a core, and of an animal.
+CORE, SHARE = 0.5, 0.1
 
 
 @dataclass(frozen=True)
@@ -141,23 +141,22 @@ class StandingOut:
 
 
 def learn_background(
-    images: Sequence[ImageArray], contrast: Contrast = "auto", share: float = 0.1, threshold: float | None = None
+    images: Sequence[ImageArray], contrast: Contrast = "auto", threshold: float | None = None
 ) -> Background:
     """The background of some frames spread over a video.
 
     Args:
         images: ``(H, W, 3)`` uint8 RGB, at least one; some twenty are enough.
         contrast: how animals differ from it; ``auto`` measures it.
-        share: of the animals' own contrast, from which a pixel belongs to one; in (0, 1).
-        threshold: the same in grey levels; by default found by ``share``.
+        threshold: grey levels from which a pixel belongs to an animal; by default `SHARE` of their own contrast.
 
     Raises:
-        RequestError: there is no image, a share out of range, or a threshold not above 0.
+        RequestError: there is no image, or a threshold out of range.
     """
     if not len(images):
         raise RequestError("expected at least one frame to learn the background from, got none")
-    if not 0 < share < 1 or (threshold is not None and not 0 < threshold < 255):
-        raise RequestError(f"expected a share in (0, 1) and a threshold in (0, 255), got {share:g} and {threshold}")
+    if threshold is not None and not 0 < threshold < 255:
+        raise RequestError(f"expected a threshold in (0, 255), got {threshold:g}")
     ordered = np.sort(np.stack(images), axis=0)
     if contrast == "auto":
         contrast = _estimated_contrast(ordered)
@@ -165,7 +164,7 @@ def learn_background(
     surroundings = _surroundings(back)
     for done in range(ROUNDS + 1):
         least, peak = _noise_and_peak(images, back, surroundings, contrast)
-        level = max(least, share * peak) if threshold is None else threshold
+        level = max(least, SHARE * peak) if threshold is None else threshold
         core = max(level, CORE * peak)
         masks = [_difference(image, back, contrast) > core for image in images]
         area = usual_area(masks)

@@ -30,6 +30,8 @@ Tile: TypeAlias = CylinderView | DownwardView
 AT_BORDER = 0.008
 # Of a box's diameter, how near to the point below the camera it must lie to be taken from the view down.
 BELOW = 0.6
+# Most tiles of one call of the detector.
+BATCH = 8
 
 
 def tiles_around(camera: Camera, size: tuple[int, int], settings: UnrollingSettings) -> list[Tile]:
@@ -54,7 +56,6 @@ class UnrolledDetector:
         camera: of the images, over the floor.
         size: height and width of a tile, pixels; best the detector's input.
         settings: the views.
-        batch_size: most tiles of one call of ``detector``.
     """
 
     def __init__(
@@ -63,9 +64,8 @@ class UnrolledDetector:
         camera: Camera,
         size: tuple[int, int],
         settings: UnrollingSettings | None = None,
-        batch_size: int = 8,
     ) -> None:
-        self.detector, self.camera, self.batch_size = detector, camera, batch_size
+        self.detector, self.camera = detector, camera
         self.settings = settings or UnrollingSettings()
         self.tiles = tiles_around(camera, size, self.settings)
         self._maps = [_map(tile, camera) for tile in self.tiles]
@@ -84,8 +84,8 @@ class UnrolledDetector:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB of the camera, with angles."""
         pictures = [tile for image in images for tile in self.unroll(image)]
         found: list[Detections] = []
-        for start in range(0, len(pictures), self.batch_size):
-            found += self.detector.detect(pictures[start : start + self.batch_size])
+        for start in range(0, len(pictures), BATCH):
+            found += self.detector.detect(pictures[start : start + BATCH])
         count = len(self.tiles)
         return [self._rolled(found[n * count : (n + 1) * count]) for n in range(len(images))]
 

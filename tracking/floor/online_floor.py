@@ -26,6 +26,7 @@ BIRTHS, LIVES, SPEED, ACCELERATION = 0.004, 20.0, 0.9, 0.8
 """New people per square metre and second; mean time that one stays, seconds; speed, m/s; acceleration, m/s²."""
 PARTICLES, NEAR = 300, 9.0
 REPORT, CONFIRM, KERNEL = 0.5, 0.8, 0.3
+SHORTEST = 3
 """Existence from which a person is reported, and for the first time; width of the kernel that spreads particles."""
 
 
@@ -33,13 +34,12 @@ def _stay(states: FloatArray, _: float, __: np.random.Generator) -> FloatArray:
     return states
 
 
-def people_online(measured: MeasuredFloor, seed: int = 0, short: int = 3) -> list[PersonOnFloor]:
-    """The tracks that the answers at each moment make, of at least ``short`` moments on the plan.
+def people_online(measured: MeasuredFloor, seed: int = 0) -> list[PersonOnFloor]:
+    """The tracks that the answers at each moment make, of at least `SHORTEST` moments on the plan.
 
     Args:
         measured: of the run.
         seed: of the particles.
-        short: see above.
     """
     rng, points, times, views = np.random.default_rng(seed), measured.points, measured.times, measured.views
     edges = np.searchsorted(points.moment, np.arange(len(times) + 1))
@@ -67,7 +67,7 @@ def people_online(measured: MeasuredFloor, seed: int = 0, short: int = 3) -> lis
             held.setdefault(int(ids[k]), []).append(
                 (moment, mean[k], covariance[k], state.existence[rows[k]], detected[k])
             )
-    kept = [own for _, own in sorted(held.items()) if len(own) >= short]
+    kept = [own for _, own in sorted(held.items()) if len(own) >= SHORTEST]
     people = []
     for number, own in enumerate(kept, start=1):
         at, mean, covariance, existence, detected = (np.array(column) for column in zip(*own, strict=True))

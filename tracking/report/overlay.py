@@ -85,21 +85,13 @@ class Overlay:
         cv2.polylines(image, [_pixels(feet)], isClosed=False, color=colour, thickness=thin, lineType=cv2.LINE_AA)
 
 
-def write_overlay(
-    path: Path,
-    frames: Iterable[Frame],
-    tracks: Iterable[Track],
-    frame_rate: float,
-    captions: Mapping[int, Sequence[str]] | None = None,
-    trail_seconds: float = TRAIL_SECONDS,
-) -> None:
+def write_overlay(path: Path, frames: Iterable[Frame], tracks: Iterable[Track], frame_rate: float) -> None:
     """Write the video with its tracks as WebM; see `Overlay`.
 
     Raises:
         RunError: the video breaks off, or WebM cannot be written.
     """
-    overlay = Overlay(tracks, frame_rate, captions, trail_seconds)
-    write_drawn(path, frames, frame_rate, overlay.draw)
+    write_drawn(path, frames, frame_rate, Overlay(tracks, frame_rate).draw)
 
 
 def write_drawn(path: Path, frames: Iterable[Frame], frame_rate: float, draw: Callable[[Frame], ImageArray]) -> None:

@@ -123,16 +123,10 @@ class LatestFrames:
     Args:
         videos: makes the frames of each camera; called in its thread.
         tolerance: frames that came within so many seconds count as taken together.
-        clock: seconds, never falling.
     """
 
-    def __init__(
-        self,
-        videos: Sequence[Callable[[], Iterator[Frame]]],
-        tolerance: float,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self.videos, self.tolerance, self.clock = videos, tolerance, clock
+    def __init__(self, videos: Sequence[Callable[[], Iterator[Frame]]], tolerance: float) -> None:
+        self.videos, self.tolerance = videos, tolerance
         self._changed = threading.Condition()
         self._newest: dict[int, Stamped] = {}
         self._running: set[int] = set()
@@ -147,7 +141,7 @@ class LatestFrames:
         Raises:
             RunError, RequestError: a camera cannot be read, or has not the right size.
         """
-        begin = self.clock()
+        begin = time.monotonic()
         self._running = set(range(len(self.videos)))
         readers = [threading.Thread(target=self._read, args=(view,), daemon=True) for view in self._running]
         for reader in readers:
@@ -168,7 +162,7 @@ class LatestFrames:
         try:
             for frame in frames:
                 with self._changed:
-                    self._newest[view] = self.clock(), frame
+                    self._newest[view] = time.monotonic(), frame
                     self._changed.notify_all()
                 if self._stopping:
                     return
@@ -189,7 +183,7 @@ class LatestFrames:
                 if self._error is not None:
                     raise self._error
                 if self._newest:
-                    waited = self.clock() - min(stamp for stamp, _ in self._newest.values())
+                    waited = time.monotonic() - min(stamp for stamp, _ in self._newest.values())
                     if self._running <= self._newest.keys() or waited >= self.tolerance:
                         together = paired(self._newest, self.tolerance)
                         self._newest = {view: one for view, one in self._newest.items() if view not in together}

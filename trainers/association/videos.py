@@ -111,7 +111,6 @@ def detected_videos(
     find: Find,
     frames: tuple[int, int] | None = None,
     seed: int = 0,
-    faults: DetectorFaults = LIKE_REAL,
     frame_rate: float = OTHER_RATE,
 ) -> Iterator[DetectedVideo]:
     """The labelled sequences of folders with detections, cut to ``frames``; see `labelled_sequences` and `detected`.
@@ -121,7 +120,7 @@ def detected_videos(
     """
     rng = np.random.default_rng(seed)
     for sequence in labelled_sequences(folders, frame_rate):
-        video = detected(sequence, find, rng, faults, frames)
+        video = detected(sequence, find, rng, frames=frames)
         check_video(video)
         yield video if frames is None else between(video, frames[0] - 1, frames[1])
 

@@ -267,8 +267,8 @@ def _teaches(graph: Graph, name: str) -> bool:
     return people > 1
 
 
-def affordable(graph: Graph, most: float = DEAREST) -> Graph:
-    """The graph without the links that cost more than ``most`` by default, unless the labelled flow has them."""
+def affordable(graph: Graph) -> Graph:
+    """The graph without the links that cost more than `DEAREST` by default, unless the labelled flow has them."""
     nodes = 3 * len(graph)
-    kept = (graph.costs[nodes:] <= most) | (graph.labelled[nodes:] > 0)
+    kept = (graph.costs[nodes:] <= DEAREST) | (graph.labelled[nodes:] > 0)
     return kept_of(graph, np.ones(len(graph), np.bool_), kept)

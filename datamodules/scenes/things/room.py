@@ -100,8 +100,9 @@ def random_furniture(rng: np.random.Generator, size: FloatArray, pieces: int) ->
     return things, np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
-def hall_furniture(rng: np.random.Generator, pieces: int = 7) -> list[Thing]:
+def hall_furniture(rng: np.random.Generator) -> list[Thing]:
     """Boxes along the walls of `HALL`, in several colours and patterns."""
+    pieces = 7
     angle = rng.permutation(pieces) * (2 * np.pi / pieces) + rng.uniform(-0.2, 0.2, pieces)
     size = np.stack([rng.uniform(0.25, 0.7, pieces), rng.uniform(0.2, 0.4, pieces), rng.uniform(0.3, 1.0, pieces)], 1)
     reach = np.minimum(5.9 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle))), 7.0)

@@ -49,7 +49,7 @@ def test_what_only_one_finds_has_another_colour(report: AdaptedReport) -> None:
 
 def test_pictures_say_of_which_round_they_are(report: AdaptedReport) -> None:
     kept, given_up = adapted_page(report), adapted_page(replace(report, best=0))
-    assert "start: 2 found" in kept
-    assert "round 1: 2 found" in kept
+    assert "start: 2 detected" in kept
+    assert "round 1: 2 detected" in kept
     assert "1 round; round 1 is kept" in kept
-    assert "round 1, not kept: 2 found" in given_up
+    assert "round 1, not kept: 2 detected" in given_up
