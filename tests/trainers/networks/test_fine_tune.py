@@ -17,6 +17,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types.class_choice import ClassChoice
+from tsuiseki.trainers.networks import fine_tune
 from tsuiseki.trainers.networks.detector_labels import anchor_choice
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 from tsuiseki.trainers.networks.fine_tune import HELD_OUT, LEARNT, classes_of, folder_of
@@ -125,6 +126,15 @@ def test_anchors_are_those_of_the_start_unless_the_labels_are_of_another_kind(tm
     anchors, line = anchor_choice(flat, start, (240, 320))
     assert anchors == [[(60.0, 10.0)], [(90.0, 12.0)]]
     assert line.startswith("anchors of the labels: mean IoU 1.00 with 20 labels")
+
+
+def test_the_held_out_part_does_not_choose_the_epoch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    exported: list[Path] = []
+    monkeypatch.setattr(fine_tune, "export_detector", lambda _, checkpoint: exported.append(checkpoint))
+    monkeypatch.setattr(fine_tune, "_compared", lambda *_: "")
+    folder, kept = walk(tmp_path / "set"), tmp_path / "out" / "checkpoints"
+    last = fine_tune.fine_tune([f"--data={folder}"], folder, lambda _: kept / "best.ckpt")
+    assert [last] == exported == [kept / "last.ckpt"]
 
 
 def test_a_folder_a_file_of_options_and_nothing_are_told_apart(tmp_path: Path) -> None:
