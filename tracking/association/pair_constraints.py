@@ -16,8 +16,8 @@ from tsuiseki.tracking.association.network_flow import SCALE, track_labels
 from tsuiseki.tracking.association.residual_flow import FORBIDDEN, FORCED, FREE, LARGEST, InfeasibleError, ResidualFlow
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Seconds and arcs of a program.
-TIME_LIMIT, MOST_ARCS = 1.0, 20_000
+# Bounds of a program. Arcs and branches are the same on a slow machine; seconds are the bound of the wait.
+MOST_ARCS, MOST_BRANCHES, TIME_LIMIT = 20_000, 100, 10.0
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ def _solved(
     bounds: tuple[FloatArray, FloatArray],
     gap: float,
 ) -> BoolArray | None:
-    """The arcs of the solution; None where the time did not do."""
+    """The arcs of the solution; None where its bounds were too narrow."""
     costs = np.append(flow.reduced[free] / SCALE, np.zeros(len(bounds[0]) - len(free)))
     whole = np.append(np.ones(len(free)), np.zeros(len(bounds[0]) - len(free)))
     found = scipy.optimize.milp(
@@ -210,7 +210,7 @@ def _solved(
         integrality=whole,
         bounds=scipy.optimize.Bounds(*bounds),
         constraints=scipy.optimize.LinearConstraint(*rows),
-        options={"time_limit": TIME_LIMIT, "mip_rel_gap": 0.0},
+        options={"time_limit": TIME_LIMIT, "node_limit": MOST_BRANCHES, "mip_rel_gap": 0.0},
     )
     if found.status != 0:
         return None

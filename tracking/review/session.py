@@ -35,7 +35,7 @@ from tsuiseki.tracking.review.corrections import (
 )
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
-from tsuiseki.tracking.review.solving import EVERY, CorrectedFlow, refitted
+from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.review.tracks import Reporter, acting, changes, corrected_bodies
 from tsuiseki.tracking.types import IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, boxes_about
@@ -116,10 +116,10 @@ class Session:
         self.corrections_file = self.folder / CORRECTIONS_FILE
         there = self.corrections_file.is_file()
         self._log = read_corrections(self.corrections_file, self._video) if there else CorrectionLog()
-        self._reporter, self._flow, self._fitted = Reporter(solved), CorrectedFlow(self._network), 0
+        self._reporter, self._flow = Reporter(solved), CorrectedFlow(self._network)
         self._tracks: list[Track] = []
         self._asked: list[Question] | None = None
-        self._solve(self._log)
+        self._flow.correct(self._log.given)
         self._refresh()
         # Of a review that was killed, the last corrections may not be in the tracks yet.
         self.saved = self._result.facts.get("corrections", 0) == len(self._log.given)
@@ -250,18 +250,10 @@ class Session:
 
     def _recorded(self, row: Correction | Literal["undo", "redo"]) -> Changes:
         log = self._log.and_then(row)
-        self._solve(log)
+        self._flow.correct(log.given)
         append(self.corrections_file, [row], self._video)
         self._log, self.saved = log, False
         return self._refresh()
-
-    def _solve(self, log: CorrectionLog) -> None:
-        """Solve under corrections; after every twenty, at costs that are fitted to them."""
-        flow, fitted = self._flow, len(log.given) // EVERY
-        if fitted != self._fitted:
-            flow = CorrectedFlow(refitted(self._network, log.given[: EVERY * fitted]))
-        flow.correct(log.given)
-        self._flow, self._fitted = flow, fitted
 
     def _refresh(self) -> Changes:
         """Report anew, and what is other than before."""
