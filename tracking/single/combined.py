@@ -12,8 +12,9 @@ recovers by itself. So here
   search the target all around. Where the best one's response is higher elsewhere, and would end the doubt, for several
   frames in a row, it takes over, with that filter. The witness may undo this, then or ten frames later. All particles
   have the present size;
-* where the witness takes the box for surroundings, the status is lost (`witness`), and it judges the heaviest
-  particles' places. Where it recognises the target twice in a row, that place takes over.
+* where the witness does not know the box, the status is lost (`witness`). It looks at the heaviest particles' places
+  with the filter, size and colours from when it was certain. Where it sees the target in two looks, that place takes
+  over.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from tsuiseki.tracking.single import regularised, witness
 from tsuiseki.tracking.single.regularised import Model, RegularisedSettings, RegularisedTarget
 from tsuiseki.tracking.single.response import ResponseMaps, maxima_of_each, peak
 from tsuiseki.tracking.single.tracker import TargetState, box_centre
-from tsuiseki.tracking.single.witness import KNOWN, Describe, Witness
+from tsuiseki.tracking.single.witness import Describe, Witness
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 from tsuiseki.tracking.weights import shipped
 
@@ -53,9 +54,10 @@ target's sides; factor on the response in the log-likelihood."""
 MARGIN, WINS, PROBATION = 0.1, 3, 10
 """How much more than the filter's a challenger's response must be, and for how many frames in a row; frames after which
 what was won can be given back."""
-PLACES, AGREED, LEAST_SIDE = 4, 2, 8.0
-"""Places that the witness judges while the target is lost, how often in a row it must recognise it, and sides of
-the first box, in pixels, from which on it can."""
+CERTAIN, PLACES, CLEAR, AGREED, LEAST_SIDE = 2.0, 8, 1.1, 2, 8.0
+"""Belief of the witness above which the target's state is kept, to look for it once it is lost. Places that the witness
+looks at then, evidence from which on it sees the target there, and in how many looks in a row it must. Sides of the
+first box, in pixels, from which on it can."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ class Combined:
         width, height = (box[2:] - box[:2]).tolist()
         self._model = Model.of(self.settings.filter, width, height)
         self.target = regularised.start(self._model, image, box_centre(np.asarray(box)))
-        self._first = self.target.filters
+        self._first, self._certain = self.target.filters, self.target
         self._stored: deque[ComplexArray] = deque(maxlen=STORED)
         self._evidence = Evidence()
         self._particles: ParticleState | None = None
@@ -135,7 +137,9 @@ class Combined:
         if self._former is not None:
             self._reconsider(image, self._former)
         if self._frame % witness.EVERY == 0:
-            self._witness.update(image, self.box(self.target), sure=not self.doubted)
+            self._witness.update(image, self.box(self.target))
+            if self._witness.belief > CERTAIN:
+                self._certain = self.target
             if self._witness.lost and self._model.target.min() >= LEAST_SIDE:
                 self._find_again(image)
         return self.state()
@@ -148,7 +152,9 @@ class Combined:
         """``(4,)`` of the target, or of one of `heaviest_places`."""
         return self._model.box(target.centre, target.size)
 
-    def heaviest_places(self, image: ImageArray, count: int) -> list[RegularisedTarget]:
+    def heaviest_places(
+        self, image: ImageArray, count: int, target: RegularisedTarget | None = None
+    ) -> list[RegularisedTarget]:
         """The target at the maxima about the heaviest particles that are half a target and more from each other.
 
         One frame of a search of its own: a search that goes on is left as it is.
@@ -156,17 +162,19 @@ class Combined:
         Args:
             image: the frame that `follow` was given last.
             count: of places, at most.
+            target: whose size, colours and filters are looked for about its centre; by default the present one.
         """
         self.searched_frames += 1
-        bank = self._bank()
-        maps = self._maps(image, bank)
-        state = self._weighed(self._drawn(maps), maps)
-        apart = self._model.target * self.target.size / 2
+        target = target or self.target
+        bank = self._bank(target)
+        maps = self._maps(image, target, bank)
+        state = self._weighed(target, self._drawn(maps), maps)
+        apart = self._model.target * target.size / 2
         chosen: list[FloatArray] = []
         for particle in state.particles[np.argsort(-state.log_weights, kind="stable")]:
             if all((np.abs(particle[:2] - other[:2]) > apart).any() for other in chosen[:count]):
                 chosen.append(particle)
-        return [self._climbed(image, self._at(particle, bank)) for particle in chosen[:count]]
+        return [self._climbed(image, _at(target, particle, bank)) for particle in chosen[:count]]
 
     def go_on_at(self, there: RegularisedTarget) -> None:
         """Take the target to be where one of `heaviest_places` is; the doubt ends."""
@@ -202,13 +210,13 @@ class Combined:
     def _search(self, image: ImageArray) -> None:
         """One frame of the particles; where they have won often enough, the target is theirs."""
         self.searched_frames += 1
-        target, bank = self.target, self._bank()
-        maps = self._maps(image, bank)
+        target, bank = self.target, self._bank(self.target)
+        maps = self._maps(image, target, bank)
         if self._particles is None:
             self._particles, self._wins = self._drawn(maps), 0
-        state = self._particles = self._weighed(self._renewed(self._particles, maps), maps)
+        state = self._particles = self._weighed(target, self._renewed(self._particles, maps), maps)
         heaviest = state.particles[int(np.argmax(state.log_weights))]
-        there = self._climbed(image, self._at(heaviest, bank))
+        there = self._climbed(image, _at(target, heaviest, bank))
         moved = bool((np.abs(there.centre - target.centre) > 0.5 * self._model.target * target.size).any())
         elsewhere = moved or int(heaviest[2]) > 0
         better = there.peak > target.peak + MARGIN
@@ -219,25 +227,25 @@ class Combined:
             self.take_over(there)
 
     def _likelier(self, image: ImageArray, there: RegularisedTarget, target: RegularisedTarget) -> bool:
-        """Whether the witness takes ``there`` for the target rather than ``target``."""
-        answers = self._witness.answers(image, np.stack([self.box(there), self.box(target)]))
-        return bool(answers[0] > answers[1])
+        """Whether the witness takes ``there`` for the target, and rather than ``target``."""
+        evidence = self._witness.evidence(image, np.stack([self.box(there), self.box(target)]))
+        return bool(evidence[0] > max(evidence[1], 0))
 
     def _reconsider(self, image: ImageArray, former: RegularisedTarget) -> None:
-        """Follow on from where the filter was before a challenge won; after the probation the likelier place stays."""
+        """Follow on from where the filter was before a challenge won, and go back if the target is lost after it."""
         self._former = regularised.locate(self._model, former, image)
         if self._frame < self._until:
             return
         former, self._former = self._former, None
-        if self._likelier(image, former, self.target):
+        if self._witness.lost and self._likelier(image, former, self.target):
             self.go_on_at(former)
 
     def _find_again(self, image: ImageArray) -> None:
-        """Of a target that is lost: where the witness takes a place for it often enough, the target is there."""
-        places = self.heaviest_places(image, PLACES)
-        answers = self._witness.answers(image, np.stack([self.box(there) for there in places]))
-        best = int(np.argmax(answers))
-        self._agreed = self._agreed + 1 if answers[best] > KNOWN else 0
+        """Of a target that is lost: where the witness sees it often enough, as it was when that was certain, it is."""
+        places = self.heaviest_places(image, PLACES, replace(self._certain, centre=self.target.centre))
+        evidence = self._witness.evidence(image, np.stack([self.box(there) for there in places]))
+        best = int(np.argmax(evidence))
+        self._agreed = self._agreed + 1 if evidence[best] > CLEAR else 0
         if self._agreed >= AGREED:
             self.take_over(places[best])
 
@@ -250,18 +258,14 @@ class Combined:
         log_weights[chosen] = -np.log(len(state))
         return ParticleState(particles, normalise(log_weights))
 
-    def _bank(self) -> ComplexArray:
-        """``(K, D, rows, columns // 2 + 1)`` the present filter, the first one, and those stored."""
-        return np.stack([self.target.filters, self._first, *self._stored])
+    def _bank(self, target: RegularisedTarget) -> ComplexArray:
+        """``(K, D, rows, columns // 2 + 1)`` the target's filter, the first one, and those stored."""
+        return np.stack([target.filters, self._first, *self._stored])
 
-    def _weighed(self, state: ParticleState, maps: ResponseMaps) -> ParticleState:
+    def _weighed(self, target: RegularisedTarget, state: ParticleState, maps: ResponseMaps) -> ParticleState:
         """One step of the particle filter."""
-        motion = PlaneWalk(self._model.target * self.target.size * SPREAD)
+        motion = PlaneWalk(self._model.target * target.size * SPREAD)
         return ParticleFilter(bootstrap(motion), _log_likelihood, threshold=1.0).step(state, maps, self._rng)[0]
-
-    def _at(self, particle: FloatArray, bank: ComplexArray) -> RegularisedTarget:
-        """The target at a particle, with its filter."""
-        return replace(self.target, centre=particle[:2], filters=bank[int(particle[2])])
 
     def _climbed(self, image: ImageArray, there: RegularisedTarget) -> RegularisedTarget:
         """``there`` at the maximum about it, in a window of its own as the filter alone has one."""
@@ -271,9 +275,9 @@ class Combined:
         place = np.clip(there.centre + shift * self._model.cell_pixels(there.size), 0, extent)
         return replace(there, centre=place, peak=value)
 
-    def _maps(self, image: ImageArray, bank: ComplexArray) -> ResponseMaps:
+    def _maps(self, image: ImageArray, target: RegularisedTarget, bank: ComplexArray) -> ResponseMaps:
         """Responses of all filters in the windows about the target that lie in the image."""
-        model, target = self._model, self.target
+        model = self._model
         step = np.array(model.shape[::-1]) * model.cell_pixels(target.size) / 2
         offsets = np.arange(-self.settings.reach, self.settings.reach + 1)
         grid = np.array([(x, y) for y in offsets for x in offsets])
@@ -300,6 +304,11 @@ class Combined:
         if self.doubted == 0:
             return "tracking"
         return "searching" if self.doubted <= LOST_AFTER else "lost"
+
+
+def _at(target: RegularisedTarget, particle: FloatArray, bank: ComplexArray) -> RegularisedTarget:
+    """The target at a particle, with its filter."""
+    return replace(target, centre=particle[:2], filters=bank[int(particle[2])])
 
 
 def _log_likelihood(particles: FloatArray, maps: ResponseMaps) -> FloatArray:

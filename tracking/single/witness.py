@@ -1,11 +1,14 @@
-"""A witness: a linear classifier of the target's appearance features against its surroundings', learnt from the clip.
+"""A witness: whether a box looks like the target, by features of an appearance network, learnt from the clip.
 
-A correlation filter that slides onto the background learns it and stays confident. The witness learns only where its
-own answer is high, from the target and from boxes around it, so it does not slide along. It is a ridge regression to 1
-on the target and -1 around it; both classes weigh alike. Its features are those of an appearance network, which learns
-nothing from the clip. Its answers add up to a belief, the forward recursion of a hidden Markov model of two states: the
-box is on the target, or off it (Rabiner, "A tutorial on hidden Markov models", 1989, eq. 20). Where being off is far
-likelier, the target is lost.
+A correlation filter that slides onto the background learns it and stays confident. The witness asks two questions. How
+alike is the box to what is known of the target? The likeness is the greatest cosine of their features. Is it rather the
+target or what is around it? The answer is a ridge regression to 1 on the target and -1 around it; both classes weigh
+alike. Only a box that passes both is learnt, so the witness does not slide along. The network learns nothing from the
+clip.
+
+Likeness and answer together are the evidence of a look. The looks add up to a belief, the forward recursion of a hidden
+Markov model of two states: the box is on the target, or off it (Rabiner, "A tutorial on hidden Markov models", 1989,
+eq. 20). Where being off is likelier, the target is lost.
 """
 
 from __future__ import annotations
@@ -21,21 +24,23 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 Describe = Callable[[ImageArray, FloatArray], FloatArray]
 """Appearance features ``(N, D)`` of boxes ``(N, 4)`` in an image."""
 EVERY, LEARN = 3, 3
-"""Frames between two answers, and answers between two that are learnt."""
+"""Frames between two looks, and looks between two that are learnt."""
 RIDGE = 0.005
 """Ridge penalty of the regression. Features have length one and the weights of all of them sum to one."""
-KNOWN, KEPT = 0.5, 20
-"""Answer above which the box is learnt, and how many learnt frames are kept beside the first."""
+KNOWN, KEPT = 0.65, 20
+"""Likeness from which on the box is learnt if its answer is positive, too, and how many learnt frames are kept beside
+the first."""
 AROUND = np.array(
     [[-1.1, 0], [1.1, 0], [0, -1.1], [0, 1.1], [-1.1, -0.6], [1.1, 0.6], [2, 0], [-2, 0]], dtype=np.float64
 )
 """Where the boxes of the surroundings are, in sides of the target."""
-SLOPE, MOST = 3.0, 2.5
-"""The log-likelihood ratio of on and off is ``SLOPE * answer``, at most so much to either side."""
-LEAVES, RETURNS = 0.02, 0.01
-"""Chances between two answers that a box on the target leaves it, and that one off it returns."""
-AT_FIRST, BOUND = 4.0, 8.0
-"""Log-odds of being on: in the first frame, and at most to either side."""
+EVEN, SLOPE, MOST = 0.65, 5.0, 2.5
+"""Likeness and answer together that speak neither for nor against the target. The log-likelihood ratio of on and off is
+``SLOPE`` times what they are above it, at most so much to either side."""
+CHANGES = 0.1
+"""Chance between two looks that a box on the target leaves it, or that one off it returns."""
+AT_FIRST = 4.0
+"""Log-odds of being on in the first frame."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ class Regression:
 
 
 class Witness:
-    """The regression, and the features of the target and of its surroundings that it learns from.
+    """What the target and its surroundings looked like, and the regression that tells them apart.
 
     Args:
         describe: appearance features of boxes.
@@ -75,41 +80,45 @@ class Witness:
 
     def __init__(self, describe: Describe, image: ImageArray, box: FloatArray) -> None:
         self._describe = describe
-        self._targets: deque[FloatArray] = deque(maxlen=KEPT)
-        self._around: deque[FloatArray] = deque(maxlen=KEPT)
+        self._learnt: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=KEPT)
         self.belief, self._updates = AT_FIRST, 0
         self._first = self._features(image, box[None]), self._features(image, _around(box))
-        self._regression = Regression.learn(*self._first)
+        self._learn()
 
     @property
     def lost(self) -> bool:
         """Whether the box no longer shows the target."""
         return self.belief < 0
 
-    def answers(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
-        """``(N,)`` about 1 where boxes ``(N, 4)`` show the target, about -1 where they show what was around it."""
-        return self._regression(self._features(image, boxes))
+    def evidence(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
+        """``(N,)`` how much boxes ``(N, 4)`` look like the target, in [-2.65, 1.35]; negative: rather like others."""
+        likeness, answers = self._compare(self._features(image, boxes))
+        return likeness + answers - EVEN
 
-    def update(self, image: ImageArray, box: FloatArray, sure: bool) -> None:
-        """Judge ``box`` ``(4,)``; learn it where the tracker is ``sure`` and the answer is above `KNOWN`."""
+    def update(self, image: ImageArray, box: FloatArray) -> None:
+        """Judge ``box`` ``(4,)``, and learn it where it is known and not like the surroundings."""
         features = self._features(image, box[None])
-        answer = float(self._regression(features)[0])
-        on = 1 / (1 + np.exp(-self.belief))
-        on = on * (1 - LEAVES) + (1 - on) * RETURNS
-        ratio = float(np.clip(SLOPE * answer, -MOST, MOST))
-        self.belief = float(np.clip(np.log(on / (1 - on)) + ratio, -BOUND, BOUND))
+        likeness, answer = (float(one[0]) for one in self._compare(features))
+        on = CHANGES + (1 - 2 * CHANGES) / (1 + np.exp(-self.belief))
+        ratio = float(np.clip(SLOPE * (likeness + answer - EVEN), -MOST, MOST))
+        self.belief = float(np.log(on / (1 - on))) + ratio
         self._updates += 1
-        if sure and answer > KNOWN and self._updates % LEARN == 0:
-            self._targets.append(features)
-            self._around.append(self._features(image, _around(box)))
-            on_it, around = self._first
-            self._regression = Regression.learn(
-                np.concatenate([on_it, *self._targets]), np.concatenate([around, *self._around])
-            )
+        if likeness > KNOWN and answer > 0 and self._updates % LEARN == 0:
+            self._learnt.append((features, self._features(image, _around(box))))
+            self._learn()
 
     def moved(self) -> None:
-        """The box is elsewhere now: it counts as the target until the answers are low again."""
+        """The box is elsewhere now: it counts as the target until the evidence is against it again."""
         self.belief = max(self.belief, 0.0)
+
+    def _learn(self) -> None:
+        targets, around = zip(self._first, *self._learnt, strict=True)
+        self._known = np.concatenate(targets)
+        self._regression = Regression.learn(self._known, np.concatenate(around))
+
+    def _compare(self, features: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """``(N,)`` greatest cosine to what is known of the target, and the regression's answer, both in [-1, 1]."""
+        return (features @ self._known.T).max(axis=1), np.clip(self._regression(features), -1, 1)
 
     def _features(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         """``(N, D)`` of length one."""

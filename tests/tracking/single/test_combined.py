@@ -101,3 +101,15 @@ def test_a_lost_target_is_found_where_the_witness_sees_it_again():
     assert {s.status for s in seen[34:39]} == {"lost"}
     assert seen[-1].status == "tracking"
     assert overlaps(seen, boxes)[-1] > 0.6
+
+
+def test_a_lost_target_is_looked_for_as_it_was_when_it_was_certain():
+    """Its size comes to be wrong while it is hidden."""
+    images, boxes = clip(walk(24))
+    tracker = Combined(describe=mean_colours)
+    run(tracker, images, boxes[0])
+    certain = tracker._certain
+    tracker.target = replace(tracker.target, size=2.0)
+    places = tracker.heaviest_places(images[-1], 4, replace(certain, centre=tracker.target.centre))
+    assert {place.size for place in places} == {certain.size}
+    assert max(iou_pairs(tracker.box(place), boxes[-1]) for place in places) > 0.6
