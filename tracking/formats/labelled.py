@@ -148,9 +148,9 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
     """
     path = path.parent if path.name == ABOUT else path
     if path.is_dir():
-        inside = (part for part in sorted(path.iterdir()) if part.is_dir())
+        parts = (part for part in sorted(path.iterdir()) if part.is_dir())
         found = _in_folder(path, multiple_actions)
-        found = found or [video for part in inside for video in _in_folder(part, multiple_actions)]
+        found = found or [video for part in parts for video in _in_folder(part, multiple_actions)]
         if not found:
             raise RequestError(
                 f"{path}: expected labelled video, such as img1/ and gt/gt.txt, annotations.json, annotations.xml, or "
