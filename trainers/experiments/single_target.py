@@ -209,7 +209,7 @@ STATUS: Mapping[str, Entrant] = {
     "combined, --recognise": Recognising(shipped("appearance_people")),
     "kcf-particle, robust": ROBUST,
 }
-SIZES = ((0, 24), (24, 48), (48, 96), (24, 96))
+GENERATED = ((0, 24), (24, 48), (48, 96), (24, 96))
 """Generated clips: `combined` and `recognition` were tuned on the first 24, `recognition` on the next 24, too."""
 
 
@@ -335,11 +335,11 @@ def leave_one_out(candidates: Mapping[str, FloatArray]) -> list[str]:
 
 def lost_status(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> Outcome:
     """Whether ``lost`` says the truth: within ten frames of losing the target, and not while it is followed."""
-    last = max(high for _, high in SIZES)
+    last = max(high for _, high in GENERATED)
     given = scored(bench, clips, STATUS, seeds, "status, given clips")
     drawn = scored(bench, [GeneratedClip(k) for k in range(last)], STATUS, seeds, "status, generated clips")
     found = {("given clips", name): of for name, of in given.items()}
-    for low, high in SIZES:
+    for low, high in GENERATED:
         found |= {(f"generated clips {low + 1} to {high}", name): of[low:high] for name, of in drawn.items()}
     columns = [
         Column("AUC [%]", lambda one: one.auc_21.mean(), ".1f", gain=study.with_bootstrap),

@@ -148,7 +148,7 @@ def test_a_result_of_another_length_is_said(labelled, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("tsuiseki.trainers.experiments.single_target.CHASES", ((0, 1),))
+    monkeypatch.setattr("tsuiseki.trainers.experiments.single_target.GENERATED", ((0, 1),))
     out, cache = tmp_path / "out", tmp_path / "cache"
     words = ["reproduce", "multi-correlation-filter", "--data", str(labelled), "--cache", str(cache)]
     words += ["--seeds", "1", "--sweep_seeds", "1"]

@@ -141,7 +141,7 @@ def test_the_table_of_the_status_has_given_clips_and_generated_ones(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tracker = RegularisedSettings(sizes=1)
-    monkeypatch.setattr(single, "CHASES", ((0, 1), (1, 2), (0, 2)))
+    monkeypatch.setattr(single, "GENERATED", ((0, 1), (1, 2), (0, 2)))
     monkeypatch.setattr(single, "STATUS", {"filter": tracker})
     given = GeneratedClip(0)
     outcome = single.lost_status(Bench(Store(tmp_path)), [given], [0])
