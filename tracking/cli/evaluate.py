@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json as text
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -188,9 +189,9 @@ def detection(
         truth: whatever evaluate people takes, also labels of single pictures; or rotated boxes: the
             JSON of CEPDOF or MW-R, or a folder of HABBOF's text files.
         results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
-            NAME/detections.txt for each sequence NAME; exported detectors (.onnx), which run on the labelled images;
-            for rotated boxes a JSON list of image_id, bbox (cx, cy, w, h, degrees clockwise) and score, which is scored
-            by the overlap of the turned boxes.
+            NAME/detections.txt for each sequence NAME; detectors, exported (.onnx) or as trained (.ckpt, needs the
+            train extra), which run on the labelled images; for rotated boxes a JSON list of image_id, bbox (cx, cy, w,
+            h, degrees clockwise) and score, which is scored by the overlap of the turned boxes.
         iou: overlap from which a detection is right.
         score_range: smallest and largest score that the detections may have.
         json: write the scores to this file, with recall and precision at every detection.
@@ -209,8 +210,20 @@ def detection(
         scores = {name: evaluate_rotated_file(given.truth, result, iou) for name, result in shown}
     else:
         truths = read_truths(given.truth, labels.range, labels.protocol, labels.size, single=True)
-        scores = {name: evaluate_detection_files(truths, result, iou, score_range) for name, result in shown}
+        with tempfile.TemporaryDirectory() as folder:
+            exported = {name: _exported(result, Path(folder) / f"{n}.onnx") for n, (name, result) in enumerate(shown)}
+            scores = {name: evaluate_detection_files(truths, at, iou, score_range) for name, at in exported.items()}
     given.report(detection_table(scores, iou), evaluation_values(scores))
+
+
+def _exported(result: Path, out: Path) -> Path:
+    """``result``; of a checkpoint the network that ``out`` then holds."""
+    if result.suffix != ".ckpt":
+        return result
+    from tsuiseki.trainers.exporting.export_networks import write_detector
+
+    write_detector(result, out)
+    return out
 
 
 def floor(given: Comparison, distance: float = 1.0, near: float = 0.5) -> None:

@@ -172,7 +172,7 @@ def evaluate_detection_files(
     """
     every: dict[str, tuple[GroundTruth, list[int], list[Detections]]] = {}
     for truth in truths:
-        if result.suffix in (".onnx", ".ckpt"):
+        if result.suffix == ".onnx":
             file, found = result, _detected(truth, result, score_range)
         else:
             file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
@@ -215,12 +215,8 @@ def _detected(truth: Truth, network: Path, score_range: tuple[float, float]) -> 
     """The detections of an exported network in the labelled images that count.
 
     Raises:
-        RequestError: there are no images, or the network is a checkpoint.
+        RequestError: there are no images.
     """
-    if network.suffix == ".ckpt":
-        raise RequestError(
-            f"{network}: expected an exported network; write it by `tsuiseki export detector --checkpoint {network}`"
-        )
     if not truth.length or len(truth.files) != truth.length:
         raise RequestError(f"{truth.name}: expected images beside the labels, to detect in, found none")
     detector, wanted = open_detector(network, max(score_range[0], LOWEST_SCORE)), truth.frames.within(truth.length)

@@ -103,6 +103,12 @@ def export_detector(
     return difference
 
 
+def write_detector(checkpoint: Path, out: Path) -> None:
+    """Write the detector of a training as ONNX; errors are those of `export_detector`."""
+    network, card = _trained(checkpoint, None)
+    _written(network, card, ModelFile(out=out), None)
+
+
 def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[AnchorDetector | OneClass, ModelCard]:
     try:
         if checkpoint.suffix == ".onnx":

@@ -186,4 +186,4 @@ def test_an_exported_detector_looks_at_the_labelled_images(tmp_path: Path, capsy
     assert main(["evaluate", "detection", str(tmp_path / "gt" / "gt.txt"), str(model)]) == 2
     assert "expected images beside the labels" in capsys.readouterr().err
     assert main(["evaluate", "detection", str(tmp_path), str(tmp_path / "best.ckpt")]) == 2
-    assert "write it by" in capsys.readouterr().err
+    assert "best.ckpt" in capsys.readouterr().err

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
+import lightning
 import numpy as np
 import onnx
 import pytest
@@ -262,3 +264,28 @@ def test_coco_without_a_connection(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("torchvision.models._api.load_state_dict_from_url", unreachable)
     with pytest.raises(RequestError, match=r"expected to download .*no route to host"):
         export_detector(ModelFile(out=tmp_path / "x.onnx"), weights="coco")
+
+
+@pytest.mark.slow
+def test_a_checkpoint_is_scored_as_its_export_is(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    module = DetectorTraining(trunk="mobilenet_v3_small", height=64, width=64, channels=16)
+    for head in module.network.class_heads:
+        nn.init.zeros_(head[-1].bias)  # scores about a half, so that something is detected
+    trainer = lightning.Trainer(max_epochs=0, accelerator="cpu", logger=False, enable_progress_bar=False)
+    trainer.strategy.connect(module)
+    checkpoint, file = tmp_path / "trained.ckpt", tmp_path / "exported.onnx"
+    trainer.save_checkpoint(checkpoint)
+    export_detector(ModelFile(out=file), checkpoint)
+    for folder in ("img1", "gt"):
+        (tmp_path / "video" / folder).mkdir(parents=True)
+    picture = np.random.default_rng(0).integers(0, 255, (64, 64, 3), dtype=np.uint8)
+    cv2.imwrite(str(tmp_path / "video/img1/000001.png"), picture)
+    (tmp_path / "video/gt/gt.txt").write_text("1,1,20,20,20,40,1,1,1\n")
+    scores = []
+    for network in (checkpoint, file):
+        out = tmp_path / f"{network.stem}.json"
+        assert main(["evaluate", "detection", str(tmp_path / "video"), str(network), "--json", str(out)]) == 0
+        scores.append(out.read_text().replace(network.stem, "network"))
+    assert scores[0] == scores[1]
+    assert json.loads(scores[0])["network"]["combined"]["scores"]
