@@ -3,7 +3,7 @@
 A crossing is real with a probability that falls with what was filled in at the line and how short the path is. Where
 tracks break off near a line, a crossing may have been missed. A person who is detected in a share s of the frames has a
 track at all with probability p = 1 - (1 - s)^n, and stands for (1 - p) / p people without one (Horvitz and Thompson, A
-generalization of sampling without replacement, 1952, eq. 4). The true count is that of detections, less the false ones,
+generalization of sampling without replacement, 1952, eq. 4). The true count is the number counted, less the false ones,
 plus the missed ones. The false are Poisson; the mean of the missed is itself doubtful, gamma, which makes them negative
 binomial.
 

@@ -7,11 +7,11 @@ recovers by itself. So here
 * the filter is `regularised`, with the target's colours and size;
 * the target is in doubt when two measures, the response and the colours, are both low against their own running
   medians; doubt ends at higher values than it begins (hysteresis);
-* in doubt the filter goes on learning all the same and stays one of the hypotheses: it is never worse than alone;
+* in doubt the filter goes on learning all the same and stays one of the hypotheses;
 * the particles of 3.2.3 to 3.2.5, each a place and the number of a filter (the present, the first, or a stored one),
   search the target all around. Where the best one's response is higher elsewhere, and would end the doubt, for several
-  frames in a row, it takes over, with that filter. The witness may undo this, then or ten frames later. All particles
-  have the present size;
+  frames in a row, it takes over, with that filter, if the witness agrees. Ten frames later it may undo this. All
+  particles have the present size;
 * where the witness does not know the box, the status is lost (`witness`). It looks at the heaviest particles' places
   with the filter, size and colours from when it was certain. Where it sees the target in two looks, that place takes
   over.

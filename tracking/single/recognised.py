@@ -23,7 +23,7 @@ import numpy as np
 
 from tsuiseki.tracking.single.combined import Combined
 from tsuiseki.tracking.single.tracker import SingleTracker, TargetState, box_centre
-from tsuiseki.tracking.single.witness import Describe
+from tsuiseki.tracking.single.witness import Describe, unit_features
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 MEMORY, HEARD = 15, 0.6
@@ -140,5 +140,4 @@ class Recognised:
         return np.asarray(self._features(image, boxes) @ self._first)
 
     def _features(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
-        found = np.asarray(self._describe(image, boxes), dtype=np.float64)
-        return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
+        return unit_features(self._describe, image, boxes)

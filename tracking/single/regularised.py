@@ -314,20 +314,19 @@ def _agrees(model: Model, target: RegularisedTarget, image: ImageArray, step: fl
     return away >= settings.size_agreement * present
 
 
-def update(model: Model, target: RegularisedTarget, image: ImageArray, rate: float = 1.0) -> RegularisedTarget:
-    """The target after learning from where it is, at ``rate`` in (0, 1] of the usual speed."""
+def update(model: Model, target: RegularisedTarget, image: ImageArray) -> RegularisedTarget:
+    """The target after learning from where it is."""
     patch = model.patch(image, target.centre, target.size)
     width, height = model.target / model.scale
-    colour = target.colour.blend(PixelColour.learn(patch, float(width), float(height)), COLOUR_SHARE_LEARNT * rate)
-    learning = replace(LEARNING, memory=LEARNING.memory / rate)
-    filters = learn(model.describe([patch])[0], model.wanted, model.support, target.filters, learning)
+    colour = target.colour.blend(PixelColour.learn(patch, float(width), float(height)), COLOUR_SHARE_LEARNT)
+    filters = learn(model.describe([patch])[0], model.wanted, model.support, target.filters, LEARNING)
     sizes = target.sizes
     if sizes is not None:
         level = model.ladder.level(target.size)
         sample = model.ladder.sample(image, target.centre, round(level), target.sample)
         new = ScaleFilter.learn(sample, level - round(level))
         insists = abs(target.insisted) >= SIZE_PATIENCE
-        sizes = sizes.blend(new, (SIZE_RELEARNING if insists else SIZE_RATE) * rate)
+        sizes = sizes.blend(new, SIZE_RELEARNING if insists else SIZE_RATE)
     return replace(target, filters=filters, colour=colour, sizes=sizes, sample=None)
 
 

@@ -121,9 +121,13 @@ class Witness:
         return (features @ self._known.T).max(axis=1), np.clip(self._regression(features), -1, 1)
 
     def _features(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
-        """``(N, D)`` of length one."""
-        found = np.asarray(self._describe(image, boxes), dtype=np.float64)
-        return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
+        return unit_features(self._describe, image, boxes)
+
+
+def unit_features(describe: Describe, image: ImageArray, boxes: FloatArray) -> FloatArray:
+    """``(N, D)`` features of ``(N, 4)`` boxes, of length one."""
+    found = np.asarray(describe(image, boxes), dtype=np.float64)
+    return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
 
 
 def _around(box: FloatArray) -> FloatArray:
