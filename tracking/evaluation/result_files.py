@@ -19,7 +19,7 @@ from tsuiseki.tracking.evaluation.detection import (
 )
 from tsuiseki.tracking.evaluation.multi import MANY, SequencePair, restrict, where_labelled
 from tsuiseki.tracking.evaluation.truths import Truth
-from tsuiseki.tracking.features.exported import open_detector
+from tsuiseki.tracking.features.exported import Detect, open_detector
 from tsuiseki.tracking.formats.exports import format_at, read_exported
 from tsuiseki.tracking.formats.label_checks import PEOPLE, compare_with_labels, compare_with_picture, same_class
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
@@ -171,9 +171,10 @@ def evaluate_detection_files(
         RequestError: a sequence has no detections, or they are broken.
     """
     every: dict[str, tuple[GroundTruth, list[int], list[Detections]]] = {}
+    network = open_detector(result, max(score_range[0], LOWEST_SCORE)) if result.suffix == ".onnx" else None
     for truth in truths:
-        if result.suffix == ".onnx":
-            file, found = result, _detected(truth, result, score_range)
+        if network is not None:
+            file, found = result, _detected(truth, network, score_range[1])
         else:
             file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
             found = read_detections(file, truth.length, score_range)
@@ -211,20 +212,20 @@ def evaluate_detection_files(
     return DetectionEvaluation(sequences, scored(every.values()), visible)
 
 
-def _detected(truth: Truth, network: Path, score_range: tuple[float, float]) -> list[Detections]:
-    """The detections of an exported network in the labelled images that count.
+def _detected(truth: Truth, network: Detect, most: float) -> list[Detections]:
+    """The detections of a network in the labelled images that count, with scores up to ``most``.
 
     Raises:
         RequestError: there are no images.
     """
     if not truth.length or len(truth.files) != truth.length:
         raise RequestError(f"{truth.name}: expected images beside the labels, to detect in, found none")
-    detector, wanted = open_detector(network, max(score_range[0], LOWEST_SCORE)), truth.frames.within(truth.length)
+    wanted = truth.frames.within(truth.length)
     found = [Detections.empty()] * truth.length
     assert wanted.last is not None
     for number in range(wanted.first, wanted.last + 1):
-        here = detector.detect([read_image(truth.files[number])])[0]
-        found[number] = here.select(here.scores <= score_range[1])
+        here = network.detect([read_image(truth.files[number])])[0]
+        found[number] = here.select(here.scores <= most)
     return found
 
 
