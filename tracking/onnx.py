@@ -6,14 +6,10 @@ of another kind or of a newer format version is refused with what was expected a
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
-import itertools
 import json
 import os
 import re
-import sys
-import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,13 +28,6 @@ FORMAT_VERSION = 1
 # Of every call: with ``terminate`` all that are under way end at their next layer.
 CALLS = onnxruntime.RunOptions()
 _PIXELS = {"tensor(float)": "float32", "tensor(float16)": "float16", "tensor(uint8)": "uint8"}
-# Calls before which the memory of networks has grown, at first and with several at a time.
-_COUNTED, _GROWN = itertools.count(), (8, 64)
-_MOST_AT_A_TIME = 64
-_TURNS, _SETTLING = threading.Semaphore(_MOST_AT_A_TIME), threading.Lock()
-# Bytes: of a page, and more than a thread's stack has; what Linux calls the advice.
-_LARGE_PAGE, _LARGE_PIECE = 2**21, 2**24
-_MADV_HUGEPAGE, _MADV_COLLAPSE = 14, 25
 # How a file names another that holds weights: the key, then the length of the name and the name itself.
 _WEIGHTS_AT = re.compile(rb"\n\x08location\x12([\x01-\x7f])")
 
@@ -195,53 +184,13 @@ def run_session(
         RequestError: the network cannot work on them; with onnxruntime's reason, in one line.
         Dropped: `CALLS` are to end.
     """
-    if next(_COUNTED) in _GROWN:
-        _settle()
     try:
-        with _TURNS:
-            found: list[NDArray[Any]] = session.run(outputs, dict(inputs), CALLS)
+        found: list[NDArray[Any]] = session.run(outputs, dict(inputs), CALLS)
     except Exception as error:
         if CALLS.terminate:
             raise Dropped from None
         raise RequestError(f"{path}: the network refuses its input; onnxruntime says: {_reason(error)}") from error
     return found
-
-
-def _settle() -> None:
-    """`on_large_pages` while no network runs: what one works in stays where it is."""
-    with _SETTLING:
-        for _ in range(_MOST_AT_A_TIME):
-            _TURNS.acquire()
-        try:
-            on_large_pages()
-        finally:
-            _TURNS.release(_MOST_AT_A_TIME)
-
-
-def on_large_pages() -> int:
-    """Put the large pieces of this process's memory, those that networks work in, on large pages where Linux can.
-
-    The layers of a network are larger than what the processor remembers of small pages: it runs a seventh faster.
-
-    Returns:
-        Number of pieces that the system was asked for.
-    """
-    maps = Path("/proc/self/maps")
-    if sys.platform != "linux" or not os.access(maps, os.R_OK):
-        return 0
-    advise = ctypes.CDLL(None).madvise
-    advise.argtypes = (ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int)
-    asked = 0
-    for line in maps.read_text(encoding="utf-8", errors="replace").splitlines():
-        place, allowed, *name = line.split(maxsplit=5)
-        start, end = (int(one, 16) for one in place.split("-"))
-        if allowed == "rw-p" and name[3:] in ([], ["[heap]"]) and end - start >= _LARGE_PIECE:
-            first, last = -(-start // _LARGE_PAGE) * _LARGE_PAGE, end // _LARGE_PAGE * _LARGE_PAGE
-            advise(first, last - first, _MADV_HUGEPAGE)
-            for page in range(first, last, _LARGE_PAGE):  # An older system does this by itself, later.
-                advise(page, _LARGE_PAGE, _MADV_COLLAPSE)
-            asked += 1
-    return asked
 
 
 def _reason(error: Exception) -> str:

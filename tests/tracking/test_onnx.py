@@ -1,7 +1,6 @@
 """Models whose weights lie in files beside them, as `torch.onnx.export` writes them."""
 
 import shutil
-import sys
 
 import numpy as np
 import onnx
@@ -11,7 +10,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.drone.observations import file_digest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import open_appearance, open_detector
-from tsuiseki.tracking.onnx import OnnxModel, on_large_pages, open_session, weight_files
+from tsuiseki.tracking.onnx import OnnxModel, open_session, weight_files
 from tsuiseki.tracking.weights import shipped
 
 
@@ -99,9 +98,3 @@ def test_exports_of_others_with_weights_apart(data_folder, tmp_path):
     shutil.copy(cases / "ext_ok" / "v8.onnx", tmp_path)
     with pytest.raises(RequestError, match=r"v8.onnx: expected its weights in .*v8.onnx.data"):
         open_detector(tmp_path / "v8.onnx")
-
-
-def test_memory_on_large_pages_stays_as_it_is() -> None:
-    large = np.arange(2**23)  # 64 MB
-    assert on_large_pages() >= (sys.platform == "linux")
-    np.testing.assert_array_equal(large, np.arange(2**23))
