@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln, xlogy
+import scipy
 
 from tsuiseki.tracking.answers.crossings import Crossings, line_distances
 from tsuiseki.tracking.answers.paths import Paths
@@ -180,14 +180,14 @@ def interval_of(count: int, false: float, missed: float) -> tuple[int, int]:
     (10, 10)
     """
     numbers = np.arange(int(false + 10 * np.sqrt(false) + 10))
-    less = np.exp(xlogy(numbers, false) - false - gammaln(numbers + 1))
+    less = np.exp(scipy.special.xlogy(numbers, false) - false - scipy.special.gammaln(numbers + 1))
     numbers = np.arange(int(missed + 10 * np.sqrt(missed + missed**2 / SHAPE) + 10))
     more_chances = np.exp(
-        gammaln(numbers + SHAPE)
-        - gammaln(numbers + 1)
-        - gammaln(SHAPE)
+        scipy.special.gammaln(numbers + SHAPE)
+        - scipy.special.gammaln(numbers + 1)
+        - scipy.special.gammaln(SHAPE)
         - SHAPE * np.log1p(missed / SHAPE)
-        + xlogy(numbers, missed / (SHAPE + missed))
+        + scipy.special.xlogy(numbers, missed / (SHAPE + missed))
     )  # negative binomial
     # Of values from `count` less the most false ones on; without room for more at the ends.
     total = np.concatenate([[0.0], np.convolve(less[::-1], more_chances), [0.0]])
