@@ -64,14 +64,17 @@ def _lock(file: BinaryIO, entry: CatalogueModel) -> None:
 
 
 def _fetched(entry: CatalogueModel, file: BinaryIO) -> Iterator[None]:
-    """Append to ``file`` until it is whole."""
-    reason = ""
+    """Append to ``file`` until it is whole; a step for each megabyte that it has, however often it is cut off."""
+    reason, shown = "", 0
     for _ in range(TRIES):
         if entry.size and file.tell() == entry.size:
             break
         try:
             with _answer(entry.address, file) as answer:
-                yield from _appended(answer, file, Path(file.name))
+                for _ in _appended(answer, file, Path(file.name)):
+                    while shown < file.tell() // MEGABYTE:
+                        shown += 1
+                        yield
             break
         except HTTPError as error:
             if error.code != _NOT_SATISFIABLE:
@@ -103,7 +106,7 @@ def _empty(file: BinaryIO) -> None:
 
 
 def _appended(answer: HTTPResponse, file: BinaryIO, path: Path) -> Iterator[None]:
-    """Append all of ``answer``, a step a megabyte of the whole file.
+    """Append all of ``answer``, step by step.
 
     Raises:
         TimeoutError: it comes more slowly than `SLOWEST`.
@@ -113,12 +116,10 @@ def _appended(answer: HTTPResponse, file: BinaryIO, path: Path) -> Iterator[None
     free = shutil.disk_usage(path.parent).free
     if length > free:
         raise OSError(errno.ENOSPC, "")
-    start, shown, begun = file.tell(), 0, time.monotonic()
+    start, begun = file.tell(), time.monotonic()
     while chunk := answer.read1(1 << 16):
         file.write(chunk)
-        for _ in range(shown, file.tell() // MEGABYTE):
-            shown += 1
-            yield
+        yield
         if time.monotonic() - begun > PATIENCE + (file.tell() - start) / SLOWEST:
             raise TimeoutError("too slow")
     if length and file.tell() - start < length:

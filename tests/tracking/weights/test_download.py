@@ -157,6 +157,12 @@ def test_a_download_that_was_cut_goes_on_where_it_ended(entry, server):
     assert entry.file.read_bytes() == server.content
 
 
+def test_the_progress_counts_each_megabyte_once_however_often_it_is_cut(entry, server, monkeypatch):
+    monkeypatch.setattr(download, "MEGABYTE", 100)
+    server.cut = [300, 200]
+    assert sum(1 for _ in download.download(entry)) == len(server.content) // 100
+
+
 def test_one_that_keeps_breaking_off_is_kept_for_the_next_command(entry, server):
     server.cut = [100] * download.TRIES
     with pytest.raises(RunError, match=rf"broke off {download.TRIES} times, .* 500 bytes are kept: give the command"):
