@@ -171,7 +171,7 @@ def check_sensible(name: str, value: Any, default: Any) -> None:
     """Refuse what would run without end or fill the memory.
 
     A number is to be below `TIMES` times its default; where that is 0, none or no number, at most `LARGEST`. It is 0 or
-    from `SMALLEST` on. Seeds may be any. What names something in the file system is to name a file or a folder.
+    from `SMALLEST` on. Seeds, and times of day, may be any. What names something in the file system is to name a file or a folder.
 
     Args:
         name: of the argument, with those above it before dots; empty where it is given by place.
@@ -190,7 +190,7 @@ def check_sensible(name: str, value: Any, default: Any) -> None:
             check_sensible(name, each, default)
     elif isinstance(value, str | Path):
         check_regular(name, Path(value))
-    elif isinstance(value, Real) and not isinstance(value, bool) and "seed" not in name:
+    elif isinstance(value, Real) and not isinstance(value, bool) and "seed" not in name and name != "time":
         defaults = default if isinstance(default, list | tuple) else [default]
         largest = max((abs(each) for each in defaults if isinstance(each, int | float)), default=0)
         limit, why = (TIMES * largest, f", {TIMES} times the default") if largest else (LARGEST, "")

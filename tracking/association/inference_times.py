@@ -118,7 +118,7 @@ class Clock:
             raise RequestError("`time`: expected with every frame or with none, got it with some")
         now = float(self.frame if time is None else time)
         if now < self._last:
-            raise RequestError(f"`time`: expected {self._last:g} s or later, got {now:g}; times do not go back")
+            raise RequestError(f"`time`: expected {self._last} s or later, got {now}; times do not go back")
         self._timed, self._last = time is not None, now
         self.frame += 1
         return now
