@@ -171,7 +171,8 @@ def check_sensible(name: str, value: Any, default: Any) -> None:
     """Refuse what would run without end or fill the memory.
 
     A number is to be below `TIMES` times its default; where that is 0, none or no number, at most `LARGEST`. It is 0 or
-    from `SMALLEST` on. Seeds, and times of day, may be any. What names something in the file system is to name a file or a folder.
+    from `SMALLEST` on. Seeds and times of day may be any. What names something in the file system is to name a file or
+    a folder.
 
     Args:
         name: of the argument, with those above it before dots; empty where it is given by place.

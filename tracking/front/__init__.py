@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.evaluation.calls import evaluate_target as evaluate_target
     from tsuiseki.tracking.features.exported import Appearance as Appearance
     from tsuiseki.tracking.features.exported import Detector as Detector
+    from tsuiseki.tracking.features.foreign_options import AppearanceOptions as AppearanceOptions
+    from tsuiseki.tracking.features.foreign_options import DetectorOptions as DetectorOptions
     from tsuiseki.tracking.fisheye.run import track_fisheye as track_fisheye
     from tsuiseki.tracking.fisheye.settings import CeilingOptions as CeilingOptions
     from tsuiseki.tracking.floor.run import OneFloorSettings as OneFloorSettings

@@ -26,6 +26,7 @@ from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
+from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of, inner_detector, knows_scores
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.interchange import BadBoxes
@@ -85,6 +86,8 @@ class PeopleKeywords(TypedDict, total=False):
         detector: an exported detector's file, a `Detector`, or a function from an image to detections.
         appearance: an exported network's file, an `Appearance`, or a function from crops to rows; ``"none"`` for none.
         affinity: exported link costs for ``flow``, or the costs themselves; ``"none"`` takes hand-set costs.
+        detector_options: what the file of another project's detector leaves open.
+        appearance_options: likewise for an appearance network.
         frames: only these frames, such as ``"301-400"``, counted from 1 with both ends as on the command line; all
             other numbers of frames in Python count from 0.
         frame_rate: frames a second, where the source does not say it, as images do not, or is wrong.
@@ -102,6 +105,8 @@ class PeopleKeywords(TypedDict, total=False):
     detector: DetectorLike | None
     appearance: AppearanceLike | None
     affinity: str | Path | LearntCosts | None
+    detector_options: DetectorOptions
+    appearance_options: AppearanceOptions
     score_threshold: float | None
     view: str
     frames: str | None
