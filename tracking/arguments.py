@@ -163,7 +163,8 @@ def _settings(kind: Any, value: Any, name: str, default: Any, optional: bool) ->
     except ValueError as error:
         # It speaks of the field: of `min_time` for --flow.min-time.
         meant = [field for field in value if re.search(rf"\b{re.escape(field)}\b", str(error))]
-        option = f"{option_shown(f'{name}.{meant[0]}')}: " if len(meant) == 1 else ""
+        named = len(meant) != 1 or str(error).startswith("`")
+        option = "" if named else f"{option_shown(f'{name}.{meant[0]}')}: "
         raise RequestError(f"{option}{error}") from error
 
 

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.answers.counting import Answers, Table
-from tsuiseki.tracking.report.chart import Chart, steps_chart, table_chart
-from tsuiseki.tracking.report.plots import COLOURS
+from tsuiseki.tracking.report.chart import COLOURS, Chart, steps_chart, table_chart
 from tsuiseki.tracking.types import FloatArray
 
 Draw = Callable[[Answers], Chart]

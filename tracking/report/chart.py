@@ -14,6 +14,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from tsuiseki.tracking.types import FloatArray
 
+COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
+"""Readable on white and on black, and for the colour-blind: Okabe and Ito's set without yellow and black."""
 INK = ""
 """Colour of text and axes: black in a picture, on a page that of its text."""
 SIZE, LETTER = 13, 7.5
