@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -13,11 +14,17 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import PEOPLE, NothingLabelledError
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
+from tsuiseki.tracking.formats.mot_sequence import list_images
+from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.video.source import open_source
 
 # Shares of a video in [0, 1]: where a part begins, and where it ends.
 Part: TypeAlias = tuple[float, float]
+# Frames of video files, one folder a video.
+FRAMES = Path("out/cache/frames")
 
 
 @dataclass(frozen=True)
@@ -76,8 +83,9 @@ def labelled_images(
 def _images_of(
     video: LabelledVideo, frames: tuple[int, int] | None, part: Part, single: bool, classes: Sequence[str]
 ) -> Iterator[LabelledFrame]:
-    if video.length is None or len(video.files) != video.length:
-        there = f"the video {video.files[0]}; write its frames there" if len(video.files) == 1 else "none"
+    files = picture_files(video)
+    if video.length is None or len(files) != video.length:
+        there = f"the video {files[0]}; write its frames there" if len(files) == 1 else "none"
         raise RequestError(f"{video.name}: training needs images in img1/ or images/, found {there}")
     truth, kinds = _of_classes(video, single, classes)
     first, last = frames or (1, video.length)
@@ -86,7 +94,7 @@ def _images_of(
         here = truth.frames == frame
         rows = truth.select(here)
         yield LabelledFrame(
-            video.files[frame], video.name, frame, rows.boxes, rows.ids, rows.ignored, rows.visibility, kinds[here]
+            files[frame], video.name, frame, rows.boxes, rows.ids, rows.ignored, rows.visibility, kinds[here]
         )
 
 
@@ -109,6 +117,26 @@ def _of_classes(video: LabelledVideo, single: bool, classes: Sequence[str]) -> t
     columns = {each.name: [getattr(truth, each.name) for _, truth in found] for each in fields(GroundTruth)}
     kinds = np.repeat([kind for kind, _ in found], [len(truth) for _, truth in found])
     return GroundTruth(**{name: np.concatenate(some) for name, some in columns.items()}), kinds
+
+
+def picture_files(video: LabelledVideo) -> tuple[Path, ...]:
+    """The images of a video, one a frame; those of a video file are written into `FRAMES` once.
+
+    Raises:
+        RequestError: the video file cannot be read, or is shorter than its labels.
+    """
+    if len(video.files) != 1 or video.length in (None, 1):
+        return video.files
+    file, last = video.files[0].resolve(), video.first + (video.length or 1) - 1
+    state = f"{file} {file.stat().st_mtime_ns} {video.first} {last}"
+    folder = FRAMES / f"{file.stem}-{hashlib.sha1(state.encode(), usedforsecurity=False).hexdigest()[:12]}"
+    if not folder.exists():
+        print(f"writing frames {video.first + 1}-{last + 1} of {file} into {folder}", flush=True)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with output_folder(folder, overwrite=False) as work:
+            for frame in open_source(file, FrameRange(video.first, last)).frames():
+                cv2.imwrite(str(work / f"{frame.index + 1:06}.png"), cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR))
+    return list_images(folder)
 
 
 def read_image(path: Path) -> ImageArray:

@@ -20,7 +20,7 @@ ALLOWED = {
     "datamodules": {"datamodules", "tracking.types", "tracking.errors", "tracking.formats", "tracking.cameras",
                     "tracking.geometry", "tracking.onnx", "tracking.preprocessing", "tracking.output",
                     "tracking.processes", "tracking.options", "tracking.devices", "tracking.features.action",
-                    "tracking.features.optical_flow", "tracking.features.exported"},
+                    "tracking.features.optical_flow", "tracking.features.exported", "tracking.video"},
     "trainers": {"trainers", "models", "datamodules", "tracking"},
     "configs": set(),
 }  # fmt: skip

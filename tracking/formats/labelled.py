@@ -79,6 +79,9 @@ class LabelledVideo:
         size: width and height of the pictures, where the sequence says.
         classes: names of the classes by the numbers that results bear, where the layout has numbers.
         every: these are the classes that somebody labelled, and no layout's own.
+        first: frame of a video file, from 0, that is frame 0 of the labels.
+        frame_rate: frames a second, where the layout says; None elsewhere.
+        network: file of the detections of a reviewed result, whose frames count as in the video; None elsewhere.
     """
 
     name: str
@@ -89,6 +92,9 @@ class LabelledVideo:
     size: Size = None
     classes: Mapping[int, str] = field(default_factory=dict)
     every: bool = False
+    first: int = 0
+    frame_rate: float | None = None
+    network: Path | None = None
 
     def people(
         self, protocol: Protocol = "lenient", size: Size = None, wanted: Wanted = None, single: bool = False
@@ -214,7 +220,8 @@ def _reviewed(folder: Path) -> LabelledVideo:
         return truth.select(np.argsort(frames, kind="stable"))
 
     files = images[first : last + 1] or ((source,) if source.is_file() else ())
-    return LabelledVideo(folder.name, files, last + 1 - first, read, size=known.get("size"))
+    about = {"size": known.get("size"), "frame_rate": known.get("frame_rate"), "first": first}
+    return LabelledVideo(folder.name, files, last + 1 - first, read, **about, network=folder / "flow.npz")
 
 
 def _sequence(sequence: MotSequence) -> LabelledVideo:

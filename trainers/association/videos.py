@@ -9,14 +9,15 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.labelled_images import read_image
+from tsuiseki.datamodules.labelled_images import picture_files, read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
+from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import owners_of
 from tsuiseki.tracking.features.action import ActionRecogniser, averaged
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Describe, Detector
-from tsuiseki.tracking.formats.labelled import open_labelled
+from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences
 from tsuiseki.tracking.types import Detections, ImageArray, IntArray
@@ -32,7 +33,7 @@ Find: TypeAlias = Detector | Literal["given", "simulated"]
 
 
 def labelled_sequences(folders: Sequence[Path], frame_rate: float = OTHER_RATE) -> Iterator[DetectedVideo]:
-    """The labelled sequences of folders, without detections.
+    """The labelled sequences of folders, without detections but those of reviewed results.
 
     Args:
         folders: sequences, or folders of them.
@@ -46,21 +47,29 @@ def labelled_sequences(folders: Sequence[Path], frame_rate: float = OTHER_RATE) 
             sequence = _sequence(folder, labelled.name)
             truth = labelled.people()
             length = labelled.length or int(truth.frames.max(initial=-1)) + 1
-            # One file a frame; none where there are labels alone, or one video file.
-            images = labelled.files if len(labelled.files) > 1 else ()
+            images = picture_files(labelled)
             if sequence is not None:
                 images, width, height = sequence.images, sequence.width, sequence.height
             else:
                 height, width = read_image(images[0]).shape[:2] if images else (0, 0)
             yield DetectedVideo(
                 labelled.name,
-                [Detections.empty()] * length,
+                _solved(labelled, length),
                 truth,
-                frame_rate if sequence is None else sequence.frame_rate,
+                labelled.frame_rate or (frame_rate if sequence is None else sequence.frame_rate),
                 (width, height) if min(width, height) > 0 else None,
                 images,
                 given=None if sequence is None else sequence.detections_path,
             )
+
+
+def _solved(video: LabelledVideo, length: int) -> list[Detections]:
+    """The detections that a reviewed result was solved on; none elsewhere."""
+    if video.network is None or not video.network.is_file():
+        return [Detections.empty()] * length
+    network = SolvedNetwork.read(video.network)
+    rows = [np.flatnonzero(network.frames == video.first + n) for n in range(length)]
+    return [Detections(network.boxes[here], network.scores[here]) for here in rows]
 
 
 def detected(
@@ -83,6 +92,8 @@ def detected(
         RequestError: labels without detections, or images for a detector that are not there.
     """
     if find == "given":
+        if any(map(len, video.detections)):
+            return video
         if video.given is None or not video.given.is_file():
             raise RequestError(
                 f"expected det/det.txt beside the labels of {video.name}, found none; give a detector, or detections "

@@ -17,35 +17,15 @@ from tsuiseki.tracking.evaluation.detection import evaluate_classes
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.label_checks import PEOPLE, same_class
 from tsuiseki.tracking.formats.labelled import open_labelled
-from tsuiseki.tracking.formats.yolo import ABOUT
 from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
 from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.exporting.export_networks import export_detector
 from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, anchor_choice
 
-DATA, CONFIG = "--data", "detector_fine_tune.yaml"
+CONFIG = "detector_fine_tune.yaml"
 # Of each video, in the order of time.
 LEARNT, HELD_OUT = (0.0, 0.9), (0.9, 1.0)
-
-
-def folder_of(arguments: Sequence[str]) -> Path | None:
-    """The folder of labels that ``--data FOLDER`` names; None without it, or for a YAML file of options.
-
-    YOLO's ``data.yaml`` stands for its folder.
-
-    Raises:
-        RequestError: no folder follows.
-    """
-    for number, word in enumerate(arguments):
-        if word == DATA and number + 1 == len(arguments):
-            raise RequestError("expected a folder of labelled video after `data`, got nothing")
-        if word == DATA or word.startswith(f"{DATA}="):
-            given = Path(arguments[number + 1] if word == DATA else word.partition("=")[2])
-            if given.name == ABOUT:
-                return given.parent
-            return None if given.suffix in (".yaml", ".yml") else given
-    return None
 
 
 def fine_tune(arguments: Sequence[str], folder: Path, fit: Callable[[Sequence[str]], Path | None]) -> Path | None:
@@ -54,7 +34,7 @@ def fine_tune(arguments: Sequence[str], folder: Path, fit: Callable[[Sequence[st
     The held-out tenth chooses nothing, so that its scores tell what to expect.
 
     Args:
-        arguments: of the command; those given win over the usual ones.
+        arguments: of the command, without ``--data FOLDER``; those given win over the usual ones.
         folder: labelled video of any layout, see `open_labelled`.
         fit: trains as arguments say.
 
@@ -64,13 +44,7 @@ def fine_tune(arguments: Sequence[str], folder: Path, fit: Callable[[Sequence[st
     Raises:
         RequestError: unusable labels or arguments.
     """
-    rest, words = list[str](), iter(arguments)
-    for word in words:
-        if word == DATA:
-            next(words)
-        elif not word.startswith(f"{DATA}="):
-            rest.append(word)
-    classes = classes_of(folder, rest)
+    classes = classes_of(folder, arguments)
     print(f"learning {', '.join(classes)}", flush=True)
     held_out = labelled_images(folder, part=HELD_OUT, classes=classes)
     start = shipped(LEARNING_DETECTOR)
@@ -90,7 +64,7 @@ def fine_tune(arguments: Sequence[str], folder: Path, fit: Callable[[Sequence[st
             for name, part in (("train", LEARNT), ("val", HELD_OUT))
         ),
     ]
-    best = fit([*usual, *rest])
+    best = fit([*usual, *arguments])
     if best is None:
         return None
     last, out = best.with_name("last.ckpt"), best.parent.parent / "detector.onnx"

@@ -26,6 +26,7 @@ from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from tsuiseki.tracking.cli.parser import named_config
 from tsuiseki.tracking.errors import Interrupted, RequestError, RunError
+from tsuiseki.tracking.formats.yolo import ABOUT
 from tsuiseki.tracking.output import RunRecord
 
 
@@ -39,6 +40,7 @@ class Task:
         data: likewise of its LightningDataModule.
         monitor: the validation metric whose largest value makes the best checkpoint.
         links: arguments of the model that the data takes over, and what they are called there.
+        folders: argument of the data for what ``--data FOLDER`` names; empty where there is none.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Task:
     data: str
     monitor: str
     links: Mapping[str, str] = field(default_factory=dict)
+    folders: str = ""
 
 
 DETECTOR = Task(
@@ -61,6 +64,7 @@ APPEARANCE = Task(
     "datamodules.appearance_data:AppearanceData",
     "val/map",
     {"height": "height", "width": "width"},
+    "train_folders",
 )
 ACTION = Task(
     "action",
@@ -74,10 +78,11 @@ ASSOCIATION = Task(
     "trainers.association.training:AssociationTraining",
     "trainers.association.windows:AssociationData",
     "val/agreement",
+    folders="train",
 )
 # Packages of Lightning's loggers whose own errors end a training.
 LOGGING = ("wandb", "mlflow", "comet_ml", "neptune")
-PROPOSE, CONFIG = "--propose-anchors", ("--config", "-c")
+PROPOSE, DATA, CONFIG = "--propose-anchors", "--data", ("--config", "-c")
 
 
 def fit_detector(arguments: Sequence[str]) -> Path | None:
@@ -90,10 +95,10 @@ def fit_detector(arguments: Sequence[str]) -> Path | None:
         The best checkpoint; None for anchors, and where `fit` gives none.
     """
     if PROPOSE not in arguments:
-        from tsuiseki.trainers.networks.fine_tune import fine_tune, folder_of
+        from tsuiseki.trainers.networks.fine_tune import fine_tune
 
-        folder = folder_of(arguments)
-        return fit(DETECTOR, arguments) if folder is None else fine_tune(arguments, folder, partial(fit, DETECTOR))
+        folder, rest = folder_of(arguments)
+        return fit(DETECTOR, rest) if folder is None else fine_tune(rest, folder, partial(fit, DETECTOR))
     from tsuiseki.tracking.cli.parser import call
     from tsuiseki.trainers.networks.detector_labels import anchors_for
 
@@ -136,11 +141,12 @@ def fit_association(arguments: Sequence[str]) -> Path | None:
 def fit(task: Task, arguments: Sequence[str]) -> Path | None:
     """Train as the command line ``arguments`` say.
 
-    Besides ``--config FILE``, ``--trainer.*``, ``--model.*`` and ``--data.*`` these are ``--out DIR``,
-    ``--ckpt_path FILE`` (go on from there) and ``--overwrite``. ``DIR`` gets ``checkpoints/{best,last}.ckpt`` (and
-    what a `ModelCheckpoint` among ``--trainer.callbacks`` keeps), ``metrics/version_N/{metrics.csv,config.yaml}`` (N
-    counts the sittings), TensorBoard events and ``run.json``. Loggers and views of the progress that ``--trainer.*``
-    gives are taken instead.
+    Besides ``--config FILE``, ``--data FOLDER``, ``--trainer.*``, ``--model.*`` and ``--data.*`` these are
+    ``--out DIR``, ``--ckpt_path FILE`` (go on from there) and ``--overwrite``.
+
+    ``DIR`` gets ``checkpoints/{best,last}.ckpt`` (and what a `ModelCheckpoint` among ``--trainer.callbacks`` keeps),
+    ``metrics/version_N/{metrics.csv,config.yaml}`` (N counts the sittings), TensorBoard events and ``run.json``.
+    Loggers and views of the progress that ``--trainer.*`` gives are taken instead.
 
     Returns:
         The best checkpoint; None where this training kept none, for want of a validation, say.
@@ -309,6 +315,27 @@ class EpochLines(Callback):
         print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {values}  {pace}", flush=True)
 
 
+def folder_of(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
+    """The folder of labels that ``--data FOLDER`` names, and the other arguments; None for a YAML file of options.
+
+    YOLO's ``data.yaml`` stands for its folder.
+
+    Raises:
+        RequestError: no folder follows.
+    """
+    words = list(arguments)
+    for number, word in enumerate(words):
+        if word == DATA and number + 1 == len(words):
+            raise RequestError("expected a folder of labelled video after `data`, got nothing")
+        if word == DATA or word.startswith(f"{DATA}="):
+            given = Path(words[number + 1] if word == DATA else word.partition("=")[2])
+            if given.name != ABOUT and given.suffix in (".yaml", ".yml"):
+                return None, words
+            rest = words[:number] + words[number + 1 + (word == DATA) :]
+            return given.parent if given.name == ABOUT else given, rest
+    return None, words
+
+
 def _with_named_configs(arguments: Sequence[str]) -> list[str]:
     """The arguments with the paths of configurations that are given by name."""
     words = list(arguments)
@@ -326,6 +353,11 @@ def _class(place: str) -> Any:
 
 
 def _parse(task: Task, arguments: Sequence[str]) -> TaskCLI:
+    folder, rest = folder_of(arguments) if task.folders else (None, arguments)
+    if folder is not None:
+        if not folder.exists():
+            raise RequestError(f"expected labelled video at {folder}, found none")
+        arguments = [*rest, f"--data.{task.folders}={json.dumps([str(folder)])}"]
     try:
         return TaskCLI(task, arguments)
     except (ArgumentError, MisconfigurationException, ModuleNotFoundError, ValueError) as error:

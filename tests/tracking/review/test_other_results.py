@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import json
+
+import cv2
 import numpy as np
 import pytest
 
 from tests.tracking.review.conftest import FRAMES as FRAMES_OF_CLIP
 from tests.tracking.review.conftest import PEOPLE
-from tsuiseki.datamodules.labelled_images import labelled_images
+from tsuiseki.datamodules.labelled_images import labelled_images, read_image
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.single import read_boxes, write_boxes
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.review.reviewed import Reviewed
 from tsuiseki.tracking.review.session import Session
 from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.video.webm import VideoWriter
+from tsuiseki.trainers.association.videos import detected, labelled_sequences
 
 FRAMES, LOST = 100, slice(60, 90)
 
@@ -90,3 +95,24 @@ def test_a_reviewed_result_is_training_data(reviewable, tracked):
     assert moved.boxes.tolist() == [[30, 40, 80, 100]]
     assert (truth.evaluated != truth.ignored).all()
     assert len(labelled_images(reviewable)) == FRAMES_OF_CLIP
+
+
+def test_a_reviewed_result_of_a_video_file_is_training_data(reviewable, tracked, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with VideoWriter(tmp_path / "clip.webm", 25) as writer:
+        for path in sorted((tracked.parent / "clip").iterdir()):
+            writer.write(cv2.imread(str(path))[..., ::-1])
+    record = json.loads((reviewable / "run.json").read_text())
+    record["results"]["."]["source"] = str(tmp_path / "clip.webm")
+    record["frames"] = {"frame": list(range(21, 61))}
+    (reviewable / "run.json").write_text(json.dumps(record))
+    (reviewable / "corrections.jsonl").write_text("")
+    images = labelled_images(reviewable)
+    assert len(images) == 40
+    # Where people are, pictures and labels show the same.
+    sums = [[read_image(one.path)[int(b[1]) + 20, int(b[0]) + 15].astype(int) for b in one.boxes] for one in images]
+    colours = np.array([[200, 90 * n % 256, 40 * n % 256] for n in images[0].ids])
+    assert np.abs(np.array(sums[0]) - colours).max() < 60
+    (video,) = labelled_sequences([reviewable])
+    assert (video.frame_rate, len(video.images), len(video.detections)) == (25.0, 40, 40)
+    assert min(map(len, detected(video, "given", np.random.default_rng(0)).detections)) == PEOPLE

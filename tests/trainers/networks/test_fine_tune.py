@@ -20,7 +20,8 @@ from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.trainers.networks import fine_tune
 from tsuiseki.trainers.networks.detector_labels import anchor_choice
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
-from tsuiseki.trainers.networks.fine_tune import HELD_OUT, LEARNT, classes_of, folder_of
+from tsuiseki.trainers.networks.fine_tune import HELD_OUT, LEARNT, classes_of
+from tsuiseki.trainers.networks.fit import folder_of
 
 
 def walk(folder: Path, frames: int = 10, size: tuple[int, int] = (48, 112)) -> Path:
@@ -133,17 +134,22 @@ def test_the_held_out_part_does_not_choose_the_epoch(tmp_path: Path, monkeypatch
     monkeypatch.setattr(fine_tune, "export_detector", lambda _, checkpoint: exported.append(checkpoint))
     monkeypatch.setattr(fine_tune, "_compared", lambda *_: "")
     folder, kept = walk(tmp_path / "set"), tmp_path / "out" / "checkpoints"
-    last = fine_tune.fine_tune([f"--data={folder}"], folder, lambda _: kept / "best.ckpt")
+    last = fine_tune.fine_tune([], folder, lambda _: kept / "best.ckpt")
     assert [last] == exported == [kept / "last.ckpt"]
 
 
-def test_a_folder_a_file_of_options_and_nothing_are_told_apart(tmp_path: Path) -> None:
-    assert folder_of(["--data", str(tmp_path)]) == folder_of([f"--data={tmp_path}"]) == tmp_path
-    assert folder_of(["--data", "options.yaml"]) is folder_of(["--data.workers", "1"]) is None
-    assert folder_of(["--data", "set/data.yaml"]) == Path("set")
+def test_a_folder_a_file_of_options_and_nothing_are_told_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert folder_of(["--data", str(tmp_path), "x"]) == folder_of([f"--data={tmp_path}", "x"]) == (tmp_path, ["x"])
+    assert folder_of(["--data", "options.yaml"])[0] is folder_of(["--data.workers", "1"])[0] is None
+    assert folder_of(["--out", "x", "--data", "set/data.yaml"]) == (Path("set"), ["--out", "x"])
     with pytest.raises(RequestError, match="got nothing"):
         folder_of(["--out", "x", "--data"])
     assert main(["train", "detector", "--data", str(tmp_path / "none"), "--out", str(tmp_path / "o")]) == 2
+    for what in ("appearance", "association"):
+        assert main(["train", what, "--data", str(tmp_path / "none"), "--out", str(tmp_path / "o")]) == 2
+        assert f"expected labelled video at {tmp_path / 'none'}" in capsys.readouterr().err
 
 
 def test_configurations_that_ship_go_by_name(capsys: pytest.CaptureFixture[str]) -> None:
