@@ -18,6 +18,8 @@ from typing import Any, Literal, NamedTuple
 from tsuiseki.tracking.errors import RequestError
 
 CORRECTIONS_FILE = "corrections.jsonl"
+# How the file begins.
+START = '{"video": '
 Kind = Literal["same", "not_same", "next", "switch", "real", "not_person", "box", "name", "delete", "right", "several"]
 # How many boxes each kind names, at least and at most, and what it says of them.
 KINDS: Mapping[Kind, tuple[int, float, str]] = {
@@ -188,7 +190,8 @@ def read_corrections(path: Path, of: CorrectedVideo | None = None, slack: float 
     except (OSError, UnicodeDecodeError) as error:
         raise RequestError(f"{path}: expected corrections, JSON a line, got a file that cannot be read") from error
     log = CorrectionLog()
-    if not _is_json(lines[-1]):
+    # Of a line that a crash cut short the beginning is there.
+    if not _is_json(lines[-1]) and (len(lines) > 1 or START.startswith(lines[0][: len(START)])):
         del lines[-1]
     for number, line in enumerate(lines, 1):
         try:
@@ -204,7 +207,7 @@ def read_corrections(path: Path, of: CorrectedVideo | None = None, slack: float 
                 log = log.and_then(row["kind"] if row.get("kind") in ("undo", "redo") else Correction.parse(row))
         except RequestError as error:
             raise RequestError(str(error) if number == 1 else f"{path}, line {number}: {error}") from error
-        except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
             raise RequestError(f"{path}, line {number}: expected a correction as JSON, got {line[:60]!r}") from error
     return log
 
@@ -212,7 +215,7 @@ def read_corrections(path: Path, of: CorrectedVideo | None = None, slack: float 
 def _is_json(line: str) -> bool:
     try:
         json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         return False
     return True
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -35,6 +36,7 @@ from tsuiseki.tracking.review.corrections import (
 )
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
+from tsuiseki.tracking.review.refit import EVERY, refitted
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.review.tracks import Reporter, acting, changes, corrected_bodies
 from tsuiseki.tracking.types import IntArray, Track
@@ -116,10 +118,10 @@ class Session:
         self.corrections_file = self.folder / CORRECTIONS_FILE
         there = self.corrections_file.is_file()
         self._log = read_corrections(self.corrections_file, self._video) if there else CorrectionLog()
-        self._reporter, self._flow = Reporter(solved), CorrectedFlow(self._network)
-        self._tracks: list[Track] = []
+        self._reporter, self._flow, self._fitted = Reporter(solved), CorrectedFlow(self._network), 0
+        self._costs, self._tracks = self._network, list[Track]()
         self._asked: list[Question] | None = None
-        self._flow.correct(self._log.given)
+        self._solve(self._log)
         self._refresh()
         # Of a review that was killed, the last corrections may not be in the tracks yet.
         self.saved = self._result.facts.get("corrections", 0) == len(self._log.given)
@@ -234,7 +236,12 @@ class Session:
         """
         find = Finder(self._flow.network.frames, self._flow.network.boxes)
         parts = correction.parts or (correction,)
-        drawn = {p.boxes[-1] for p in parts if p.kind == "box"}
+        drawn = {p.there[-1] for p in parts if p.kind == "box"}
+        width, height = self.size or (math.inf, math.inf)
+        for box in drawn:
+            outside = min(box.x + box.width, box.y + box.height, width - box.x, height - box.y) <= 0
+            if outside or box.frame >= self.n_frames:
+                raise RequestError(f"{correction}: expected a box in the picture of frame 1 to {self.n_frames}")
         found = [b for p in parts if p.kind not in ("box", "real", "delete", "right") for b in p.there]
         if any(b not in drawn and find(b) < 0 for b in found):
             raise RequestError(f"{correction}: no detection is there; add the box first")
@@ -250,10 +257,21 @@ class Session:
 
     def _recorded(self, row: Correction | Literal["undo", "redo"]) -> Changes:
         log = self._log.and_then(row)
-        self._flow.correct(log.given)
+        self._solve(log)
         append(self.corrections_file, [row], self._video)
         self._log, self.saved = log, False
         return self._refresh()
+
+    def _solve(self, log: CorrectionLog) -> None:
+        """Solve under corrections, at costs that are fitted to them after every so many."""
+        flow, fitted = self._flow, len(log.given) // EVERY
+        if fitted != self._fitted:
+            network = refitted(self._network, log.given[: EVERY * fitted])
+            if network is not self._costs:
+                flow = CorrectedFlow(network)
+            self._costs = network
+        flow.correct(log.given)
+        self._flow, self._fitted = flow, fitted
 
     def _refresh(self) -> Changes:
         """Report anew, and what is other than before."""

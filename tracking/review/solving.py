@@ -1,7 +1,4 @@
-"""Tracks solved again under what a person decided: the cheapest flow that does all of it.
-
-Costs of links are fitted to the answers, too: whether links as dear, over gaps as long, were right in this video.
-"""
+"""Tracks solved again under what a person decided: the cheapest flow that does all of it."""
 
 from __future__ import annotations
 

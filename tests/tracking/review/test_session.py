@@ -149,7 +149,27 @@ def test_a_line_that_a_crash_cut_short_is_left_out_and_written_over(folder):
     assert session.names == {one: "Anna"}
     session.correct(session.made("name", [one], 5, name="Bea"))
     session.close()
-    assert Session(folder).names == {one: "Bea"}
+    session = Session(folder)
+    assert session.names == {one: "Bea"}
+    session.close()
+    session.corrections_file.write_text('{"vid')
+    Session(folder).close()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["<html>", '{"vodeo": 1', "\0", "[" * 5000, '{"video": "x", "size": null, "frames": 0}\n' + "[" * 5000 + "\n"],
+)
+def test_what_is_no_file_of_corrections_is_one_line(folder, text):
+    (folder / "corrections.jsonl").write_text(text)
+    with pytest.raises(RequestError, match=r"line [12]: expected a correction as JSON"):
+        Session(folder)
+
+
+@pytest.mark.parametrize(("frame", "box"), [(5, (-60, 0, 50, 40)), (5, (1e9, 0, 50, 40)), (40, (10, 10, 50, 40))])
+def test_a_box_beyond_the_video_is_refused(folder, frame, box):
+    with pytest.raises(RequestError, match="expected a box in the picture of frame 1 to 40"):
+        (session := Session(folder)).correct(session.made("box", [], frame, box=box))
 
 
 @pytest.mark.parametrize("spoil", ["size", "frames"])
