@@ -15,9 +15,10 @@ import numpy as np
 import scipy
 
 from tsuiseki.tracking.association.marginals import marginals
+from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.review.corrections import Box, Correction
+from tsuiseki.tracking.review.corrections import Box, Correction, boxes_of
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
 from tsuiseki.tracking.review.solving import CorrectedFlow
@@ -124,7 +125,8 @@ def reviewed(given: GivenSequence, answers: int) -> Course:
         if not questions:
             break
         asked.add(questions[0].key)
-        correction = answered(questions[0], Finder(flow.network.frames, flow.network.boxes), owners)
+        find = Finder(flow.network.frames, flow.network.boxes)
+        correction = answered(questions[0], find, owners, ids, flow.network)
         try:
             flow.correct([*accepted, *([] if correction is None else [correction])])
             accepted += [] if correction is None else [correction]
@@ -133,20 +135,37 @@ def reviewed(given: GivenSequence, answers: int) -> Course:
     return Course(len(wrong), len(ranked["random"]), shares, idf1, hota, allowed, by_hand)
 
 
-def answered(question: Question, find: Finder, owners: IntArray) -> Correction | None:
-    """What somebody says who sees whose boxes are shown; None for skip."""
+def answered(
+    question: Question, find: Finder, owners: IntArray, ids: IntArray, network: SolvedNetwork
+) -> Correction | None:
+    """What somebody says who sees whose boxes are shown; None for skip.
+
+    Args:
+        question: that is asked.
+        find: of the detections of the network.
+        owners: ``(N,)``, see `owners_of_detections`.
+        ids: ``(N,)`` of the tracks.
+        network: of the flow.
+    """
+    if question.kind == "exchange":
+        (a, b), (c, d) = ([find(box) for box in part.there] for part in question.yes.parts)
+        before, after = ([_seen(question, n, find, owners, before=first) for n in pair]
+                         for first, pair in ((True, (a, c)), (False, (b, d))))  # fmt: skip
+        if min(*before, *after) < 0 or before[0] == before[1]:
+            return None
+        return question.yes if before[0] == after[0] else question.no if before[0] == after[1] else None
     if question.kind in ("link", "end"):
         two = (question.no.parts or (question.no,))[0] if question.kind == "link" else question.yes
         one, other = (find(box) for box in two.there)
         whose = _seen(question, one, find, owners, before=True), _seen(question, other, find, owners, before=False)
-        if min(whose) < 0:
+        if IGNORED in whose or (question.kind == "end" and whose == (UNMATCHED, UNMATCHED)):
             return None
+        if whose == (UNMATCHED, UNMATCHED):
+            # The track is chosen when a question is asked: one key deletes it.
+            rows = np.flatnonzero(ids == ids[one]) if ids[one] else np.array([one, other])
+            return Correction("delete", boxes_of(network.frames[rows].tolist(), network.boxes[rows].tolist()))
         return question.yes if (whose[0] == whose[1]) == (question.kind == "link") else question.no
     found = [owners[find(box)] for part in (question.yes.parts or (question.yes,)) for box in part.there]
-    if question.kind == "exchange":
-        if min(found) < 0 or found[0] == found[2]:
-            return None
-        return question.yes if found[0] == found[1] else question.no if found[0] == found[3] else None
     person = np.mean([owner >= 0 for owner in found]) > 0.5
     return None if IGNORED in found else question.yes if person == (question.yes.kind == "real") else question.no
 
@@ -156,8 +175,9 @@ def _seen(question: Question, n: int, find: Finder, owners: IntArray, *, before:
     nodes = [(find(Box(b.frame, b.x, b.y, b.width, b.height)), b) for b in question.boxes_a]
     mine, frame = next((box.id, box.frame) for node, box in nodes if node == n)
     side = [owners[m] for m, b in nodes if b.id == mine and (b.frame <= frame if before else b.frame >= frame)]
-    known = [owner for owner in (side[-7:] if before else side[:7]) if owner >= 0]
-    return max(set(known), key=known.count) if known else UNMATCHED
+    shown = side[-7:] if before else side[:7]
+    known = [owner for owner in shown if owner >= 0]
+    return max(set(known), key=known.count) if known else min(shown)
 
 
 def owners_of_detections(frames: IntArray, boxes: FloatArray, given: GivenSequence) -> IntArray:
