@@ -205,11 +205,8 @@ class Result(Sequence[T_co]):
         return boxes if all(isinstance(track, Track) for track in boxes) else None
 
     def _table(self) -> dict[str, Any]:
-        """The table of the tracks; of boxes with ``time``, where it is known."""
+        """The table of the tracks, with ``time`` where it is known."""
         table = table_of(self.tracks, self.names)
-        return self._timed(table) if "x1" in table else table
-
-    def _timed(self, table: dict[str, Any]) -> dict[str, Any]:
         if "frame" not in table or "time" in table or not self.frame_rate > 0:
             return table
         numbers, times = self.frames.get("frame", ()), self.frames.get("time")
@@ -237,7 +234,7 @@ class Result(Sequence[T_co]):
         Raises:
             RequestError: pandas is not installed.
         """
-        frame: pandas.DataFrame = needed("pandas", "a data frame").DataFrame(self._timed(self._table()))
+        frame: pandas.DataFrame = needed("pandas", "a data frame").DataFrame(self._table())
         return frame
 
     def to_supervision(self) -> list[supervision.Detections]:

@@ -220,8 +220,8 @@ def _reviewed(folder: Path) -> LabelledVideo:
         return truth.select(np.argsort(frames, kind="stable"))
 
     files = images[first : last + 1] or ((source,) if source.is_file() else ())
-    about = {"size": known.get("size"), "frame_rate": known.get("frame_rate"), "first": first}
-    return LabelledVideo(folder.name, files, last + 1 - first, read, **about, network=folder / "flow.npz")
+    video = LabelledVideo(folder.name, files, last + 1 - first, read, size=known.get("size"), first=first)
+    return replace(video, frame_rate=known.get("frame_rate"), network=folder / "flow.npz")
 
 
 def _sequence(sequence: MotSequence) -> LabelledVideo:

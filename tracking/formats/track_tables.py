@@ -93,7 +93,7 @@ def tracks_of(table: Columns) -> list[Any]:
 def names_in(table: Columns) -> tuple[str, ...]:
     """The names that `table_of` was given."""
     if "status" in table and "id" in table:
-        return tuple(name for name in table if name not in ("frame", "id", "score", "status"))
+        return tuple(name for name in table if name not in ("frame", "time", "id", "score", "status"))
     return tuple(name.removeprefix("single_") for name in table if name.startswith("single_"))
 
 
@@ -153,7 +153,7 @@ def _origin_of(part: Columns) -> IntArray:
 
 
 def _body(part: Columns) -> BodyTrack:
-    state = np.column_stack([part[name] for name in part if name not in ("frame", "id", "score", "status")])
+    state = np.column_stack([part[name] for name in names_in(part)])
     statuses = tuple(part["status"].tolist())
     return BodyTrack(int(part["id"][0]), part["frame"], state, part["score"], statuses)
 

@@ -174,7 +174,7 @@ def _seen(question: Question, n: int, find: Finder, owners: IntArray, *, before:
     """Whose most of the boxes are that are shown on one side of a detection of a track."""
     nodes = [(find(Box(b.frame, b.x, b.y, b.width, b.height)), b) for b in question.boxes_a]
     mine, frame = next((box.id, box.frame) for node, box in nodes if node == n)
-    side = [owners[m] for m, b in nodes if b.id == mine and (b.frame <= frame if before else b.frame >= frame)]
+    side = [int(owners[m]) for m, b in nodes if b.id == mine and (b.frame <= frame if before else b.frame >= frame)]
     shown = side[-7:] if before else side[:7]
     known = [owner for owner in shown if owner >= 0]
     return max(set(known), key=known.count) if known else min(shown)

@@ -16,6 +16,7 @@ from tsuiseki.tracking.formats import sleap_hdf5
 from tsuiseki.tracking.formats.body_points import read_poses_file
 from tsuiseki.tracking.formats.exports import FORMATS
 from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.formats.track_tables import read_table
 from tsuiseki.tracking.result import Result, convert
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import BodyTrack, FloorTrack, PointTable
@@ -119,3 +120,14 @@ def test_what_cannot_be_written_is_said_in_a_line(
     nobody = Track(4, np.empty(0, np.int64), np.empty((0, 4)), np.empty(0))
     with pytest.raises(RequestError, match="expected a frame of each track, got none of id 4; leave it out"):
         tsuiseki.convert(Result([*result, nobody], size=(640, 480)), "coco", tmp_path / "c.json")
+
+
+def test_animals_have_seconds_and_come_back(tmp_path: Path) -> None:
+    track = BodyTrack(1, np.arange(2, 5), np.arange(18.0).reshape(3, 6), np.ones(3), ("tracking",) * 3)
+    names = ("a", "b", "theta", "length", "width", "bend")
+    file = tmp_path / "animals.csv"
+    convert(Result([track], frame_rate=10.0, names=names), "csv", file)
+    assert read_table(file)[0]["time"].tolist() == pytest.approx([0.2, 0.3, 0.4])
+    back = Result.load(file)
+    assert back.names == names
+    assert back.tracks[0].states.tolist() == track.states.tolist()
