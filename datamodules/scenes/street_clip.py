@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, get_args
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from tsuiseki.datamodules.scenes import clip
-from tsuiseki.datamodules.scenes.people.walkers import Walker, crowd
+from tsuiseki.datamodules.scenes.people.walkers import Motion, Walker, crowd
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, automatic_exposure, degrade
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
 from tsuiseki.datamodules.scenes.render.scene import Picture, compose, darken, empty_picture
@@ -46,6 +46,7 @@ class StreetSettings(clip.ClipSettings):
         person_height: (least, greatest) of a person where people walk, pixels.
         look_alikes: probability of being dressed much like somebody else around.
         samples: rays along each side of a pixel.
+        motion: people walk, dance in step, or play: run fast, and turn at once.
     """
 
     frames: int = 200
@@ -54,6 +55,7 @@ class StreetSettings(clip.ClipSettings):
     person_height: tuple[float, float] = (30.0, 170.0)
     look_alikes: float = 0.15
     samples: int = 2
+    motion: Motion = "walk"
 
     def __post_init__(self) -> None:
         own = (
@@ -62,6 +64,7 @@ class StreetSettings(clip.ClipSettings):
             (0 < self.person_height[0] < self.person_height[1], "person_height as (low, high)", self.person_height),
             (0 <= self.look_alikes <= 1, "look_alikes in [0, 1]", self.look_alikes),
             (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
+            (self.motion in get_args(Motion), "motion walk, dance or sport", self.motion),
         )
         self.expect("street", 32, *own)
 
@@ -122,6 +125,7 @@ def plan_street(settings: StreetSettings, seed: int) -> StreetClip:
     walkers = crowd(
         rng, settings, settings.people, settings.look_alikes, lambda r: np.asarray(spots[int(r.integers(len(spots)))]),
         lambda r: _out_of_view(r, camera, spots), np.array(obstacles, dtype=np.float64).reshape(-1, 3),
+        settings.motion,
     )  # fmt: skip
     lens = Degradation(
         exposure=automatic_exposure(background.colour) * float(np.exp(rng.normal(0, 0.15))),

@@ -76,17 +76,24 @@ FLOOR = FilmSize(300, 1280, 960, 10.0)
 FISHEYE, GOLDFISH, SPHERE = FilmSize(900, 1280, 960, 15.0), Size(150), Length(100)
 
 
-def street(output: SeededOutput, clip: FilmSize = STREET, people: int = 10, occluders: int = 7) -> int:
-    """Make a clip of people walking on a street, before a fixed camera, as a MOTChallenge sequence.
+def street(
+    output: SeededOutput,
+    clip: FilmSize = STREET,
+    people: int = 10,
+    occluders: int = 7,
+    motion: Literal["walk", "dance", "sport"] = "walk",
+) -> int:
+    """Make a clip of people on a street, before a fixed camera, as a MOTChallenge sequence.
 
     Args:
         out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
         people: about how many are around at a time.
         occluders: poles, bushes, parked cars and the like that may hide them.
+        motion: walk, dance in step, or sport: they run fast, and turn at once.
     """
     from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
 
-    settings = StreetSettings(**asdict(clip), people=people, occluders=occluders)
+    settings = StreetSettings(**asdict(clip), people=people, occluders=occluders, motion=motion)
     return _make(output, clip, partial(plan_street, settings, output.seed))
 
 

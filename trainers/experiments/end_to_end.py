@@ -12,11 +12,8 @@ import numpy as np
 import torch
 from torch.optim import AdamW
 
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
-from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.models.association_network import AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import LARGEST, Affinity
-from tsuiseki.tracking.formats.mot import read_ground_truth, write_detections
 from tsuiseki.tracking.types import Detections, FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.flow_loss import FlowLoss, finite
@@ -25,6 +22,7 @@ from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.training import AssociationTraining
 from tsuiseki.trainers.association.windows import RandomWindows, affordable
 from tsuiseki.trainers.experiments import given_sequences
+from tsuiseki.trainers.experiments.generated_sequences import write_streets
 from tsuiseki.trainers.experiments.given_sequences import DataSet, GivenSequence, given_detections, sums_of
 from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table, some_of
 from tsuiseki.trainers.networks.modules import Optimisation, WarmupCosine
@@ -239,42 +237,3 @@ def graphs_of_given(given: GivenSequence) -> Graphs:
     video = DetectedVideo(given.name, given_detections(given), given_sequences.given_labels(given), **given.filmed)
     graphs = sequence_graphs(video)
     return Graphs(affordable(graphs.detections), graphs.tracklets)
-
-
-def write_streets(folder: Path, clips: int, frames: int) -> None:
-    """Clips without pictures, ``street-N``: labels, and det.txt of detectors from good to poor, at many rates.
-
-    Args:
-        folder: is made.
-        clips: how many.
-        frames: of each.
-    """
-    for number in range(clips):
-        rng = np.random.default_rng([number, 1])
-        settings = StreetSettings(
-            width=320,
-            height=240,
-            frames=frames,
-            frame_rate=float(rng.choice([7, 10, 14, 25, 30])),
-            people=int(rng.integers(8, 22)),
-            occluders=int(rng.integers(3, 11)),
-            person_height=(16.0, 90.0),
-            samples=1,
-        )
-        home = folder / f"street-{number:02d}"
-        clip = plan_street(settings, number)
-        clip.write_truth(home, home.name, [truth for _, truth in clip.frames()])
-        truth = read_ground_truth(home / "gt" / "gt.txt")
-        # Within what the detections of MOT17, MOT15, KITTI, PETS and TUD are off their labels.
-        faults = DetectorFaults(
-            jitter=float(rng.uniform(0.02, 0.045)),
-            steady=float(rng.uniform(0.7, 0.9)),
-            missed=float(rng.uniform(0.03, 0.35)),
-            hidden=float(rng.uniform(0.5, 0.95)),
-            false_alarms=float(rng.uniform(0.2, 4.0)),
-            persistence=float(rng.uniform(0.5, 0.9)),
-            doubled=float(rng.uniform(0.0, 0.1)),
-        )
-        found = simulate_detections(rng, truth, frames, settings.width, settings.height, faults)
-        (home / "det").mkdir(parents=True)
-        write_detections(home / "det" / "det.txt", found)

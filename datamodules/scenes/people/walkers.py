@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -25,6 +26,12 @@ STANDING_SPEED = 0.25
 SPEED = (1.3, 0.2)
 # Of people on a street, the probability of walking in company, and of a halt at a place where the way turns.
 GROUPS, PAUSES = 0.35, 0.25
+# Dancers: metres from one to the next, and seconds from one figure to the next.
+FORMATION, FIGURE = 1.1, (0.8, 2.0)
+# Players: m/s, metres about the play that they run to, and seconds that it stays in one place.
+SPRINT, AROUND, PLAY = (2.0, 8.0), 3.0, 3.0
+
+Motion = Literal["walk", "dance", "sport"]
 
 
 @dataclass(frozen=True)
@@ -68,7 +75,7 @@ Places = Callable[[np.random.Generator], FloatArray]
 
 def crowd(
     rng: np.random.Generator, clip: ClipSettings, people: int, look_alikes: float, inside: Places, outside: Places,
-    obstacles: FloatArray,
+    obstacles: FloatArray, motion: Motion = "walk",
 ) -> list[Walker]:  # fmt: skip
     """Everybody who comes by within a clip.
 
@@ -80,7 +87,24 @@ def crowd(
         inside: draws a place ``(2,)`` in view.
         outside: draws a place ``(2,)`` out of view, where people come from and go to.
         obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
+        motion: they walk by, dance in step, or play: run fast, and turn at once.
     """
+    if motion == "walk":
+        starts, ways = _passing(rng, clip, people, inside, outside)
+    else:
+        starts = [0] * people
+        ways = _dance(rng, clip, people, inside) if motion == "dance" else _sport(rng, clip, people, inside)
+    ways = keep_apart(starts, ways, clip, obstacles)
+    dressed: list[Person] = []
+    for _ in ways:
+        dressed.append(somebody(rng, dressed, look_alikes))
+    return [walker_along(rng, *row, clip.frame_rate) for row in zip(dressed, starts, ways, strict=True)]
+
+
+def _passing(
+    rng: np.random.Generator, clip: ClipSettings, people: int, inside: Places, outside: Places
+) -> tuple[list[int], list[FloatArray]]:
+    """First frames and ways of people who walk by, some of them in company."""
     starts: list[int] = []
     ways: list[FloatArray] = []
     places = 0
@@ -94,11 +118,36 @@ def crowd(
             starts += [start] * size
             ways += _abreast(rng, way, size, clip.frame_rate)
             start, here = start + len(way) + int(rng.uniform(0, 2) * clip.frame_rate), False
-    ways = keep_apart(starts, ways, clip, obstacles)
-    dressed: list[Person] = []
-    for _ in ways:
-        dressed.append(somebody(rng, dressed, look_alikes))
-    return [walker_along(rng, *row, clip.frame_rate) for row in zip(dressed, starts, ways, strict=True)]
+    return starts, ways
+
+
+def _dance(rng: np.random.Generator, clip: ClipSettings, people: int, inside: Places) -> list[FloatArray]:
+    """Ways ``(frames, 2)`` of a formation, which all at once turns, steps aside, and has some change places."""
+    figure = max(round(rng.uniform(*FIGURE) * clip.frame_rate), 1)
+    middle, side = inside(rng), int(np.ceil(np.sqrt(people)))
+    spots = FORMATION * (np.stack(np.divmod(np.arange(people), side), axis=1) - (side - 1) / 2)
+    keys = []
+    for _ in range(clip.frames // figure + 1):
+        changing = rng.permutation(people)[: max(people // 3, 2)]
+        spots[changing] = spots[np.roll(changing, 1)]
+        cosine, sine = np.cos(turn := rng.normal(0, 0.6)), np.sin(turn)
+        keys.append(middle + rng.normal(0, 0.5, 2) + spots @ np.array([[cosine, sine], [-sine, cosine]]))
+    ways = _rounded([np.repeat(keys, figure, axis=0)], 0.2 * figure)[: clip.frames]
+    return list(ways.swapaxes(0, 1))
+
+
+def _sport(rng: np.random.Generator, clip: ClipSettings, people: int, inside: Places) -> list[FloatArray]:
+    """Ways ``(frames, 2)`` of people who run about a play, which moves on every few seconds."""
+    plays = [inside(rng) for _ in range(int(clip.frames / clip.frame_rate / PLAY) + 1)]
+    ways = []
+    for _ in range(people):
+        here, pieces, done = plays[0] + rng.normal(0, AROUND, 2), list[FloatArray](), 0
+        while done < clip.frames:
+            there = plays[int(done / clip.frame_rate / PLAY)] + rng.normal(0, AROUND, 2)
+            pieces.append(_leg(here, there, rng.uniform(*SPRINT), clip.frame_rate))
+            here, done = there, done + len(pieces[-1])
+        ways.append(_rounded(pieces, 0.1 * clip.frame_rate)[: clip.frames])
+    return ways
 
 
 def _way(rng: np.random.Generator, rate: float, inside: Places, outside: Places, here: bool) -> FloatArray:

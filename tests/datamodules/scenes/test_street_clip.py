@@ -10,7 +10,7 @@ import pytest
 from tsuiseki.datamodules.scenes import clip as clips
 from tsuiseki.datamodules.scenes.clip import ClipSettings, by_appearance, ground_truth, write_clip
 from tsuiseki.datamodules.scenes.people import walkers as walkers_module
-from tsuiseki.datamodules.scenes.people.walkers import crowd
+from tsuiseki.datamodules.scenes.people.walkers import Motion, crowd
 from tsuiseki.datamodules.scenes.street_clip import (
     StreetSettings,
     plan_street,
@@ -18,6 +18,7 @@ from tsuiseki.datamodules.scenes.street_clip import (
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import find_sequences, read_sequence
+from tsuiseki.tracking.types import FloatArray
 
 SETTINGS = StreetSettings(width=160, height=120, frames=6, frame_rate=10, people=4, occluders=3, person_height=(15, 60))
 
@@ -120,6 +121,7 @@ def test_an_empty_folder_is_filled_and_the_name_can_be_given(tmp_path: Path) -> 
         {"width": 3},
         {"person_height": (60.0, 20.0)},
         {"look_alikes": 1.5},
+        {"motion": "swim"},
     ],
     ids=str,
 )
@@ -180,3 +182,24 @@ def test_people_keep_apart(monkeypatch: pytest.MonkeyPatch) -> None:
         apart = np.linalg.norm(now[:, None] - now[None], axis=2)[np.triu_indices(len(now), 1)]
         gaps += apart.tolist()
     assert np.mean(np.array(gaps) < 0.25) < 0.02
+
+
+def velocities(motion: Motion) -> FloatArray:
+    """``(150, 10, 2)`` metres a second of ten people on a square of ten metres."""
+    rng, clip = np.random.default_rng(0), ClipSettings(frames=150)
+    inside = lambda r: r.uniform(-5, 5, 2)  # noqa: E731
+    walkers = crowd(rng, clip, 10, 0.0, inside, lambda r: r.uniform(20, 30, 2), np.empty((0, 3)), motion)
+    assert [walker.first for walker in walkers] == [0] * 10
+    return np.gradient(np.stack([walker.positions for walker in walkers], axis=1), axis=0) * clip.frame_rate
+
+
+def test_dancers_move_at_once_and_players_run_fast_and_turn() -> None:
+    dance, sport = velocities("dance"), velocities("sport")
+    # How alike the speeds of any two people are over time.
+    alike = [np.corrcoef(np.linalg.norm(v, axis=2).T)[np.triu_indices(10, 1)].mean() for v in (dance, sport)]
+    assert alike[0] > 0.5
+    assert abs(alike[1]) < 0.2
+    speed = np.linalg.norm(sport, axis=2)
+    assert np.quantile(speed, 0.9) > 4
+    # Velocities half a second apart often point to opposite sides.
+    assert np.mean((sport[12:] * sport[:-12]).sum(axis=2) < 0) > 0.15

@@ -7,7 +7,8 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import corrections
 from tsuiseki.trainers.experiments.corrections import reviewed
-from tsuiseki.trainers.experiments.end_to_end import STREETS, write_streets
+from tsuiseki.trainers.experiments.end_to_end import STREETS
+from tsuiseki.trainers.experiments.generated_sequences import write_streets
 from tsuiseki.trainers.experiments.given_sequences import find_given
 
 pytestmark = pytest.mark.slow

@@ -18,8 +18,8 @@ from tsuiseki.trainers.experiments.end_to_end import (
     Fit,
     fold_sums,
     given_rows,
-    write_streets,
 )
+from tsuiseki.trainers.experiments.generated_sequences import write_streets
 from tsuiseki.trainers.experiments.given_sequences import DATA_SETS, find_given, given_detections
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import Bench
