@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes.people.walkers import Motion
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.settings import PeopleMethod
 from tsuiseki.tracking.people.tracker import shifted
@@ -16,6 +17,7 @@ from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.experiments import given_sequences
 from tsuiseki.trainers.experiments.association_peers import NAMES
+from tsuiseki.trainers.experiments.generated_sequences import write_streets
 from tsuiseki.trainers.experiments.given_sequences import DataSet, GivenSequence, as_written, given_detections
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table, some_of
@@ -29,9 +31,10 @@ SETTINGS = {
     "bytetrack": "paper",
     "ocsort": "paper",
     **dict.fromkeys((FLOW, UNFILLED, BOXES_ALONE), "all sets here"),
-    **{f"{name} (trackers){what}": "package" for name in NAMES for what in LOGISTIC},
+    **{f"{name} (peer){what}": "package" for name in NAMES for what in LOGISTIC},
 }
 RATES = (30.0, 15.0, 10.0, 5.0)
+GENERATED: tuple[Motion, ...] = ("dance", "sport")
 SETS = ("mot17", "mot15", "kitti-pedestrians", "kitti-cars", "pets", "tud")
 # Seconds after which the flow answers; None is the end.
 DELAYS = {"flow, all": None, "0.5 s": 0.5, "1 s": 1.0, "2 s": 2.0, "5 s": 5.0}
@@ -40,7 +43,7 @@ PARTS = ("methods", "filled", "rates", "delays")
 FILL = FlowSettings().fill
 GAP = 2.0
 PROGRAM = Path(__file__).with_name("association_peers.py")
-PACKAGE = "the package trackers"
+PACKAGE = "the packages trackers and arcsort"
 
 
 @dataclass(frozen=True)
@@ -73,20 +76,21 @@ def reproduce(
         bench: where it works.
         data: folder that holds mot/mot17-val-half, mot/mot15, mot/kitti and so on; a set that is not there is passed
             over.
-        sets: of mot17, mot15, kitti-pedestrians, kitti-cars, pets and tud, separated by commas.
+        sets: of mot17, mot15, kitti-pedestrians, kitti-cars, pets and tud, and of dance and sport, which are generated,
+            separated by commas.
         parts: methods (all rows), filled (the other methods, gaps of up to 2 seconds filled
             on straight lines, as the flow fills its own), rates (mot17 at 30, 15, 10 and 5 frames a second), delays
             (the flow that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), separated by commas.
-        peer: python of an environment with the package trackers, whose ByteTrack, C-BIoU, SORT and OC-SORT are measured
-            beside; by default this one, if it has the package.
+        peer: python of an environment with the packages trackers, whose ByteTrack, C-BIoU, SORT and OC-SORT are
+            measured beside, and arcsort; by default this one, if it has them.
 
     Raises:
-        RequestError: an unknown set or part, no data, or a python without the package.
+        RequestError: an unknown set or part, no data, or a python without the packages.
     """
-    some_of(SETS, sets=sets)
+    some_of((*SETS, *GENERATED), sets=sets)
     some_of(PARTS, parts=parts)
     environment = find_peer(peer, PROGRAM, PACKAGE)
-    there = given_sequences.find_sets(data, [key for key in SETS if key in sets])
+    there = _sequences(bench, data, sets)
     tables, values = list[Table](), dict[str, Any]()
     for one, sequences in there.items():
         tracks = _tracks(bench, one, sequences, environment)
@@ -110,9 +114,21 @@ def reproduce(
     missing = [one for one in given_sequences.DATA_SETS if one.key in sets and one not in there]
     notes = [f"{one.title}: no {one.folder} in the data, passed over" for one in missing]
     if environment is None:
-        notes.append("peers: skipped, the package trackers is not installed here; name a python that has it as peer")
+        notes.append(f"peers: skipped, {PACKAGE} are not installed here; name a python that has them as peer")
     version = environment.version if environment else None
     return Outcome({"peer": version, "sets": values}, tables, notes=notes)
+
+
+def _sequences(bench: Bench, data: Path, sets: Sequence[str]) -> dict[DataSet, list[GivenSequence]]:
+    """The real sets that are there, and the generated ones."""
+    real = [key for key in SETS if key in sets]
+    there = given_sequences.find_sets(data, real) if real else {}
+    for motion in GENERATED:
+        if motion in sets:
+            one = DataSet(motion, f"generated {motion}", motion)
+            made = bench.store.made(motion, write_streets, 10, 100, motion)
+            there[one] = given_sequences.find_given(made.parent, one)
+    return there
 
 
 def _more_tables(
@@ -203,7 +219,7 @@ def _tracks(
     for logistic in (False, True)[: 1 + one.logits] if environment else ():
         jobs = [(environment, PROGRAM, given, logistic) for given in sequences]
         answers = bench.each(peer_tracks, jobs, f"{one.title}, peers")
-        tracks |= {f"{name} (trackers){LOGISTIC[logistic]}": [found[name] for found in answers] for name in NAMES}
+        tracks |= {f"{name} (peer){LOGISTIC[logistic]}": [found[name] for found in answers] for name in NAMES}
     return tracks
 
 

@@ -1,4 +1,4 @@
-"""The trackers of roboflow's ``trackers`` over given detections; a program of `Peer`."""
+"""The trackers of roboflow's ``trackers``, and ``arcsort``, over given detections; a program of `Peer`."""
 
 import importlib
 from importlib import metadata
@@ -9,12 +9,13 @@ NAMES = {
     "C-BIoU": "CBIoUTracker",
     "SORT": "SORTTracker",
     "OC-SORT": "OCSORTTracker",
+    "ARC-SORT": "ARCTracker",
 }
 
 
 def version() -> str:
-    """Of the package."""
-    return metadata.version("trackers")
+    """Of the packages."""
+    return f"{metadata.version('trackers')}, arcsort {metadata.version('arcsort')}"
 
 
 def answer(job: dict[str, Any]) -> dict[str, list[list[float]]]:
@@ -23,7 +24,7 @@ def answer(job: dict[str, Any]) -> dict[str, list[list[float]]]:
     Args:
         job: ``boxes``, rows of frame, x1, y1, x2, y2, score; ``length``, frames; ``rate``, frames a second.
     """
-    return {name: follow(attribute, job) for name, attribute in NAMES.items()}
+    return {name: (arc_sort if name == "ARC-SORT" else follow)(attribute, job) for name, attribute in NAMES.items()}
 
 
 def follow(attribute: str, job: dict[str, Any]) -> list[list[float]]:
@@ -43,4 +44,16 @@ def follow(attribute: str, job: dict[str, Any]) -> list[list[float]]:
         for box, score, number in zip(answer.xyxy, answer.confidence, answer.tracker_id, strict=True):
             if number >= 0:  # -1 is a detection without a confirmed track
                 rows.append([frame, int(number) + 1, *map(float, box), float(score)])
+    return rows
+
+
+def arc_sort(attribute: str, job: dict[str, Any]) -> list[list[float]]:
+    """The rows of ARC-SORT as its page recommends it, by boxes alone; it gives no scores."""
+    numpy, package = importlib.import_module("numpy"), importlib.import_module("arcsort")
+    tracker = getattr(package, attribute).from_preset("sportsmot", use_cmc=False)
+    boxes = numpy.array(job["boxes"], dtype=float).reshape(-1, 6)
+    rows = []
+    for frame in range(job["length"]):
+        found = numpy.insert(boxes[boxes[:, 0] == frame, 1:], 5, 0.0, axis=1)
+        rows += [[frame, int(number), *map(float, box), 1.0] for *box, number in tracker.update(found)]
     return rows

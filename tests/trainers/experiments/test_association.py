@@ -9,12 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tsuiseki.datamodules.scenes.people.walkers import Motion
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.types import Track
+from tsuiseki.trainers.experiments import association
 from tsuiseki.trainers.experiments.association import PACKAGE, PROGRAM, LinkedBy, linked
 from tsuiseki.trainers.experiments.association_peers import NAMES
+from tsuiseki.trainers.experiments.generated_sequences import write_streets
 from tsuiseki.trainers.experiments.given_sequences import (
     DATA_SETS,
     combined_scores,
@@ -93,6 +96,21 @@ def test_every_row_is_measured_and_kept(data: Path, tmp_path: Path, capsys: pyte
     assert (tmp_path / "out/tables.md").read_text() == tables
 
 
+def short_clip(home: Path, clips: int, frames: int, motion: Motion) -> None:
+    """A clip of eight frames instead of many."""
+    assert min(clips, frames) > 1
+    write_streets(home, 1, 8, motion)
+
+
+@pytest.mark.slow
+def test_generated_motion_is_measured_without_real_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(association, "write_streets", short_clip)
+    assert main(words(tmp_path, tmp_path, "--sets", "dance,sport", "--parts", "methods")) == 0
+    values = json.loads((tmp_path / "out/results.json").read_text())["sets"]
+    assert set(values) == {"dance", "sport"}
+    assert values["dance"]["flow"]["labelled"] != values["sport"]["flow"]["labelled"]
+
+
 STAND_IN = '''
 class Tracker:
     """Every detection of a sure score bears the number of its lane."""
@@ -110,14 +128,28 @@ class Detections:
 """
 
 
+ARCSORT = """
+class ARCTracker:
+    @classmethod
+    def from_preset(cls, name, use_cmc):
+        assert not use_cmc
+        return cls()
+    def update(self, found):
+        return [[*box[:4], round(box[1] / 150) + 1] for box in found if box[4] > 0.5 and box[5] == 0]
+"""
+
+
 @pytest.fixture(scope="module")
 def stand_in(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A python whose packages trackers and supervision are those above."""
+    """A python whose packages trackers, supervision and arcsort are those above."""
     home = tmp_path_factory.mktemp("peer")
     (home / "trackers.py").write_text(STAND_IN)
     (home / "supervision.py").write_text(SUPERVISION)
-    (home / "trackers-0.1.dist-info").mkdir()
-    (home / "trackers-0.1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: trackers\nVersion: 0.1\n")
+    (home / "arcsort.py").write_text(ARCSORT)
+    for name in ("trackers", "arcsort"):
+        (home / f"{name}-0.1.dist-info").mkdir()
+        card = f"Metadata-Version: 2.1\nName: {name}\nVersion: 0.1\n"
+        (home / f"{name}-0.1.dist-info" / "METADATA").write_text(card)
     python = home / "python"
     python.write_text(f'#!/bin/sh\nPYTHONPATH={home} exec {sys.executable} "$@"\n')
     python.chmod(0o755)
@@ -127,10 +159,10 @@ def stand_in(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_peers_are_run_where_they_are_installed(data: Path, tmp_path: Path, stand_in: str) -> None:
     assert main(words(data, tmp_path, "--sets", "mot17", "--parts", "methods", "--peer", stand_in)) == 0
     values = json.loads((tmp_path / "out/results.json").read_text())
-    assert values["peer"] == "0.1"
+    assert values["peer"] == "0.1, arcsort 0.1"
     for name in NAMES:
-        assert values["sets"]["mot17"][f"{name} (trackers)"]["id_switches"] == 0
-        assert values["sets"]["mot17"][f"{name} (trackers)"]["idf1"] > 0.9
+        assert values["sets"]["mot17"][f"{name} (peer)"]["id_switches"] == 0
+        assert values["sets"]["mot17"][f"{name} (peer)"]["idf1"] > 0.9
 
 
 def test_gaps_of_the_others_can_be_filled_as_the_flow_fills_its_own() -> None:
@@ -143,7 +175,7 @@ def test_gaps_of_the_others_can_be_filled_as_the_flow_fills_its_own() -> None:
 
 
 def test_a_python_without_the_peers_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RequestError, match="peer: expected the python of an environment with the package trackers"):
+    with pytest.raises(RequestError, match="peer: expected the python of an environment with the packages trackers"):
         find_peer(str(tmp_path / "no-python"), PROGRAM, PACKAGE)
 
 
