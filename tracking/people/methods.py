@@ -17,6 +17,7 @@ from tsuiseki.tracking.features.camera_path import CameraPath, move_boxes
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import inner_detector, scores_are_probabilities
+from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import kind_of
 from tsuiseki.tracking.people.bytetrack import ByteTrack
@@ -35,6 +36,8 @@ from tsuiseki.tracking.weights import shipped
 APPEARANCE = ("flow", "deepsort")
 # What `--affinity` takes: costs learnt on pairs, or on whole tracks.
 LearntCosts = Affinity | CostNetwork
+# Overlap of boxes that show one thing, and the share of a track's detections that are nearly all.
+_SAME_PLACE, _NEARLY = 0.7, 0.8
 
 
 def people_tracker(
@@ -204,6 +207,30 @@ def inner_tracker(tracker: PeopleTracker) -> PeopleTracker:
     return tracker.tracker if isinstance(tracker, MotionCompensated) else tracker
 
 
+def without_flicker(tracks: Sequence[Track]) -> list[Track]:
+    """The tracks but for those that another class has only because a detector took one thing for another now and then.
+
+    Nearly all detections of such a track lie on a track of another class with more detections, in frames in which that
+    was not detected.
+    """
+    if len({track.class_id for track in tracks}) < 2:
+        return list(tracks)
+    owner = np.repeat(np.arange(len(tracks)), [len(track) for track in tracks])
+    frames, boxes, seen = (
+        np.concatenate([getattr(t, name) for t in tracks]) for name in ("frames", "boxes", "observed")
+    )
+    classes, counts = np.array([track.class_id for track in tracks]), np.bincount(owner[seen], minlength=len(tracks))
+    shared = np.zeros((len(tracks), len(tracks)), dtype=np.int64)
+    for frame in np.unique(frames[~seen]).tolist():
+        here, filled = (np.flatnonzero((frames == frame) & (seen == one)) for one in (True, False))
+        i, j = np.nonzero(iou_matrix(boxes[here], boxes[filled]) >= _SAME_PLACE)
+        np.add.at(shared, (owner[here[i]], owner[filled[j]]), 1)
+    shared *= (classes[:, None] != classes) & (counts[:, None] < counts)
+    return [
+        track for track, count, most in zip(tracks, counts, shared.max(axis=1), strict=True) if most < _NEARLY * count
+    ]
+
+
 class ByClass:
     """A tracker of its own for every class; ids are unique over all of them.
 
@@ -260,7 +287,7 @@ class ByClass:
             for number, tracker in self.trackers.items()
             for track in tracker.tracks()
         ]
-        return sorted(found, key=lambda track: track.id)
+        return sorted(without_flicker(found), key=lambda track: track.id)
 
     def forget(self) -> None:
         """See `OnlineTracker`."""

@@ -48,6 +48,14 @@ def test_each_class_is_tracked_as_if_alone(make: type[Sort] | type[FlowTracker])
         assert set(given) == {track.class_id}
 
 
+def test_a_class_that_flickers_makes_no_second_track() -> None:
+    tracker = ByClass(FlowTracker, [1, 2])
+    for t in range(40):
+        boxes = np.array([[2.0 * t, 0, 2.0 * t + 90, 50], [2.0 * t + 20, 80, 2.0 * t + 50, 170]])
+        tracker.update(Detections(boxes, np.full(2, 0.9), classes=np.array([2 if t % 5 else 1, 1])))
+    assert [(track.class_id, len(track) > 35) for track in tracker.tracks()] == [(1, True), (2, True)]
+
+
 def test_answers_bear_the_ids_of_the_tracks() -> None:
     video = crossing()
     tracker = ByClass(Sort, [4, 1])
