@@ -128,8 +128,7 @@ class SingleChoice(Shared):
         scale: whether combined, regularised, kcf and kcf-particle also try other sizes; by default the first two
             do, and the others as the preset says.
         recognise: also report lost where the shipped appearance network finds the target, a person, unlike the first
-            frame; with combined it also chooses where to go on. It runs only where the first box is as upright as a
-            person.
+            frame; combined does so by itself. It runs only where the first box is as upright as a person.
         objectness: model for kcf-particle from `tsuiseki train objectness`; by default the shipped one.
     """
 
@@ -148,7 +147,7 @@ class SingleChoice(Shared):
         tracker = make_tracker(self.method, self.preset, self.scale, seed, self.objectness)
         settings = getattr(tracker, "settings", None)
         constants = {} if settings is None else asdict(settings)
-        if not self.recognise:
+        if not self.recognise or self.method == "combined":
             return tracker, constants
         recognised = Recognised(tracker, Appearance(shipped("appearance_people")).describe)
         return recognised, {**constants, "recognition": asdict(recognised.settings)}

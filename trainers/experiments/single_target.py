@@ -20,20 +20,17 @@ import numpy as np
 from tsuiseki.datamodules.scenes.single_clip import draw_single_clip
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.single import OVERLAPS, evaluate_boxes
-from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.single import SingleSequence, find_single_sequences
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_pairs, xywh_from_corners
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.single.kcf_particle import PRINTED, ROBUST, KcfParticle
 from tsuiseki.tracking.single.particles import KcfParticleSettings
-from tsuiseki.tracking.single.recognised import Recognised
 from tsuiseki.tracking.single.regularised import RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.single.settings import SingleMethod, make_tracker
 from tsuiseki.tracking.single.tracker import SingleTracker
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
-from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments import study
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.store import Store
@@ -82,13 +79,6 @@ AnyClip: TypeAlias = TargetClip | GeneratedClip
 
 
 @dataclass(frozen=True)
-class Recognising:
-    """The tracker ``combined`` that recognises a person by an appearance ``network``."""
-
-    network: Path
-
-
-@dataclass(frozen=True)
 class Csrt:
     """CSRT of OpenCV-contrib in the environment of ``peer``; it tries so many ``scales``, and 1 keeps the first."""
 
@@ -97,7 +87,7 @@ class Csrt:
 
 
 Entrant: TypeAlias = (
-    CombinedSettings | KcfParticleSettings | RegularisedSettings | kcf.KcfSettings | SingleMethod | Recognising | Csrt
+    CombinedSettings | KcfParticleSettings | RegularisedSettings | kcf.KcfSettings | SingleMethod | Csrt
 )
 """A tracker of an experiment: ours, the thesis's, their filters alone, one of chapter 2, or the peer."""
 
@@ -206,11 +196,10 @@ OURS = "combined, chosen on the others"
 STATUS: Mapping[str, Entrant] = {
     "KCF": kcf.KcfSettings(),
     "combined": CombinedSettings(),
-    "combined, --recognise": Recognising(shipped("appearance_people")),
     "kcf-particle, robust": ROBUST,
 }
 GENERATED = ((0, 24), (24, 48), (48, 96), (24, 96))
-"""Generated clips: `combined` and `recognition` were tuned on the first 24, `recognition` on the next 24, too."""
+"""Generated clips: `combined` was tuned on the first 24."""
 
 
 def reproduce(
@@ -442,8 +431,6 @@ class Pass:
 
 def start(entrant: Entrant, seed: int) -> SingleTracker:
     """A new tracker."""
-    if isinstance(entrant, Recognising):
-        return Recognised(Combined(seed=seed), Appearance(entrant.network, threads=1).describe)
     if isinstance(entrant, CombinedSettings):
         return Combined(entrant, seed)
     if isinstance(entrant, KcfParticleSettings):
@@ -456,7 +443,7 @@ def start(entrant: Entrant, seed: int) -> SingleTracker:
 
 def passes(store: Store, clip: AnyClip, entrant: Entrant, seeds: Sequence[int]) -> list[Pass]:
     """Passes over a clip, one a seed; one where the tracker never draws random numbers."""
-    draws = isinstance(entrant, CombinedSettings | KcfParticleSettings | Recognising) or entrant == "colour-particle"
+    draws = isinstance(entrant, CombinedSettings | KcfParticleSettings) or entrant == "colour-particle"
     first = store.recall(follow, clip, entrant, 0)
     return [store.recall(follow, clip, entrant, seed) if first.drew else first for seed in (seeds if draws else (0,))]
 

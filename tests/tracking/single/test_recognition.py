@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.single.combined import Combined
 from tsuiseki.tracking.single.recognised import Recognised, RecognitionSettings
+from tsuiseki.tracking.single.settings import SingleChoice
 from tsuiseki.tracking.single.tracker import TargetState
 
 BOX = np.array([10.0, 10.0, 30.0, 50.0])
@@ -51,3 +53,18 @@ def test_a_box_that_is_lost_at_once_is_not_taken_for_the_target():
 def test_it_looks_every_few_frames():
     settings = RecognitionSettings(every=3, lost_inferences=1, trusted=1)
     assert statuses([0.9, 0.1], settings) == ["tracking"] * 5 + ["lost"]
+
+
+def test_of_what_is_not_upright_the_network_is_not_asked():
+    def never(*_):
+        raise AssertionError("asked")
+
+    tracker = Recognised(StandingStill(), never)
+    tracker.start(np.zeros((60, 60, 3), dtype=np.uint8), np.array([10.0, 10.0, 50.0, 50.0]))
+    assert not tracker.asked
+    assert tracker.follow(np.zeros((60, 60, 3), dtype=np.uint8)).status == "tracking"
+
+
+def test_combined_has_a_witness_of_its_own():
+    assert isinstance(SingleChoice(recognise=True).tracker()[0], Combined)
+    assert isinstance(SingleChoice(method="kcf", recognise=True).tracker()[0], Recognised)

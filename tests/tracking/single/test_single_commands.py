@@ -133,7 +133,7 @@ def test_constant_images_are_refused_at_the_start_and_followed_later(labelled, t
 
 
 def test_the_network_of_people_is_not_asked_about_a_square(labelled, tmp_path, capsys):
-    words = ["track", "single", str(labelled), "--frames", "1-4", "--recognise"]
+    words = ["track", "single", str(labelled), "--frames", "1-4", "--recognise", "--method", "kcf"]
     assert main([*words, "--out", str(tmp_path / "square")]) == 0
     assert "the network of people was not asked" in capsys.readouterr().err
     assert main([*words, "--out", str(tmp_path / "upright"), "--box", "25,20,15,45"]) == 0

@@ -13,12 +13,11 @@ from tsuiseki.datamodules.scenes.single_clip import SingleClipSettings, draw_sin
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.evaluation.single import evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence
-from tsuiseki.tracking.single.combined import Combined, CombinedSettings
+from tsuiseki.tracking.single.combined import CombinedSettings
 from tsuiseki.tracking.single.kcf import KcfSettings
 from tsuiseki.tracking.single.kcf_particle import PRINTED
 from tsuiseki.tracking.single.regularised import RegularisedSettings
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments import single_target as single
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.single_target import (
@@ -26,7 +25,6 @@ from tsuiseki.trainers.experiments.single_target import (
     SWEEPS,
     Csrt,
     GeneratedClip,
-    Recognising,
     TargetClip,
     area,
     by_seed,
@@ -151,14 +149,6 @@ def test_the_table_of_the_status_has_given_clips_and_generated_ones(
     auc = evaluate_boxes(given.sequence.boxes, follow(given, tracker, 0).boxes).auc
     assert float(first[2]) == pytest.approx(100 * auc, abs=0.06)
     assert outcome.values["status"]["given clips, filter"]["followed"] > 0
-
-
-def test_the_network_has_a_say_in_the_status_alone() -> None:
-    tiny = clip(frames=8)
-    recognising = follow(tiny, Recognising(shipped("appearance_people")), 0)
-    alone = Combined(seed=0)
-    alone.start(tiny.images[0], tiny.sequence.boxes[0])
-    assert recognising.boxes[1:].tolist() == [alone.follow(image).box.tolist() for image in tiny.images[1:]]
 
 
 def test_a_python_without_csrt_is_refused(tmp_path: Path) -> None:
