@@ -219,15 +219,15 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
         print(_line(here, finished[0]), flush=True)
     notes = _motion_lines(adaptation.camera)
     notes += [_line(here, finished[0]) for here in finished if here.scores.collapsed(finished[0].scores)]
-    best, kept = best_of(finished), True
-    if best.number:
-        default = default_round(adaptation)
-        kept, line = against_default(best, default)
+    best = best_of(finished)
+    for here in finished[1:]:
+        default = default_round(adaptation)  # kept on disk from the first call on
+        beats, line = against_default(here, default)
         run.facts["default"] = asdict(default.scores)
         notes.append(line)
         print(line, flush=True)
-    if not kept:
-        best, unlearnt = finished[0], adaptation.default
+        if here is best and not beats:
+            best, unlearnt = finished[0], adaptation.default
     run.facts["rounds"] = [asdict(here.scores) for here in finished]
     run.facts["best"] = best.number
     run.facts["start"] = adaptation.start.name

@@ -127,6 +127,8 @@ def test_the_best_round_is_written(
     assert page.count("<img") > 8
     said = capsys.readouterr().out
     assert "round 1 is the best, agreement 0.700 -> 0.800" in said
+    assert "round 1 beats detector_people.onnx" in said
+    assert "round 2 does not beat detector_people.onnx" in said
     assert f"track people VIDEO --detector {out}/detector.onnx --out DIR" in said
 
 
