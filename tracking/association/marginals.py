@@ -21,8 +21,8 @@ from tsuiseki.tracking.association.network_flow import SCALE
 from tsuiseki.tracking.association.residual_flow import FREE, LARGEST, ResidualFlow
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Numbers in a table of distances that are held at once.
-AT_ONCE = 4_000_000
+# Numbers in a table of distances that are held at once, and rows of it.
+AT_ONCE, MOST_ROWS = 4_000_000, 4_000
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def _distances(flow: ResidualFlow, potential: FloatArray, limit: float, first: I
     start = 0
     while start < len(asked):
         low = int(edges[np.searchsorted(edges, a[asked[start]], side="right") - 1])
-        end = _slice_end(a[asked], edges, start, low)
+        end = _slice_end(a[asked[start : start + MOST_ROWS]], edges, low) + start
         rows = asked[start:end]
         high = int(edges[np.searchsorted(edges, a[rows[-1]], side="right")])
         sources, back = np.unique(a[rows], return_inverse=True)
@@ -180,9 +180,9 @@ def _distances(flow: ResidualFlow, potential: FloatArray, limit: float, first: I
     return found
 
 
-def _slice_end(sources: IntArray, edges: IntArray, start: int, low: int) -> int:
+def _slice_end(sources: IntArray, edges: IntArray, low: int) -> int:
     """Up to which row sources are processed together: whole parts while they are small, some sources of a large one."""
-    ends = edges[np.searchsorted(edges, sources[start:], side="right")]
+    ends = edges[np.searchsorted(edges, sources, side="right")]
     rows = np.arange(1, len(ends) + 1)
     fits = rows * (ends - low) <= AT_ONCE
-    return start + max(int(np.argmin(fits)) if not fits.all() else len(fits), 1)
+    return max(int(np.argmin(fits)) if not fits.all() else len(fits), 1)
