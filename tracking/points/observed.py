@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -55,6 +56,8 @@ BIRTHS = 0.05
 """Expected ones a frame with the preset paper, which draws so many times the particles of a target for them (50)."""
 KERNEL = 0.5
 """A new target's velocity is known by a few of its particles only; without a kernel a calm motion keeps those few."""
+CALM = 0.2
+"""Share of a motion's noise that a calm target has."""
 FIRST_TURN = 0.05
 """Standard deviation of a new target's rate of turn, radians a second."""
 
@@ -107,6 +110,15 @@ def region_filter(settings: BlobSettings) -> RegionPhdFilter:
         motion, patches, WithoutOthers(settings.margin), update, settings.particles, 0, settings.survival,
         settings.detection,
     )  # fmt: skip
+
+
+def with_calm_motion(model: SensingModel) -> SensingModel:
+    """A single motion takes turns with the same at `CALM` of its noise: a target is placed better while it is calm."""
+    if len(model.motions) > 1:
+        return model
+    motion = model.motions[0]
+    calm = replace(motion, acceleration=CALM * motion.acceleration, turn=CALM * motion.turn)
+    return replace(model, motions=(calm, motion))
 
 
 def scan_filter(model: SensingModel, method: SetMethod, particles: int) -> LabelledMultiBernoulliFilter | PhdFilter:

@@ -38,7 +38,14 @@ from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleSt
 from tsuiseki.tracking.filters.resampling import weighted_mean
 from tsuiseki.tracking.geometry import centres as box_centres
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.points.observed import SetFilter, box_filter, region_filter, scan_filter, state_columns
+from tsuiseki.tracking.points.observed import (
+    SetFilter,
+    box_filter,
+    region_filter,
+    scan_filter,
+    state_columns,
+    with_calm_motion,
+)
 from tsuiseki.tracking.points.settings import (
     LOST_BELOW,
     PLACE_NOISE,
@@ -272,9 +279,10 @@ class MeasurementTracker(FiniteSetTracker[Scan]):
             raise RequestError(f"`particles`: expected at least 1, got {particles}")
         if lag not in ((0, 1) if method == "labelled" else (0,)):
             raise RequestError(f"`lag`: expected 0, or 1 with the method labelled, got {lag} with {method}")
-        super().__init__(state_columns(model), seed)
+        moving = with_calm_motion(model) if method == "labelled" else model
+        super().__init__(state_columns(moving), seed)
         self.model, self.lag = model, lag
-        self._filter = scan_filter(model, method, particles)
+        self._filter = scan_filter(moving, method, particles)
         self._time: float | None = None
         self._found: list[SensedTargets] = []
         self._unsettled: SensedTargets | None = None

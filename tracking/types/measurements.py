@@ -209,7 +209,7 @@ class SensingModel:
 
     Attributes:
         sensor: what is measured.
-        motions: of the targets; several take turns.
+        motions: of the targets; several take turns. A single one, of the labelled filter, takes turns with a calm one.
         switching: changes from one motion to another a second.
         detection: probability that a target is measured in a scan.
         survival: probability that a target goes on for one second.

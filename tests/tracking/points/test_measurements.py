@@ -225,3 +225,15 @@ def test_known_places_of_birth_and_a_late_scan() -> None:
     late = [*scans(steps=2), tsuiseki.Scan(0.1, np.zeros((1, 2)))]
     with pytest.raises(RequestError, match="expected scans in order of time"):
         tsuiseki.track_measurements(late, MODEL)
+
+
+def test_a_calm_target_is_placed_better_than_the_whole_acceleration_allows() -> None:
+    rng, k = np.random.default_rng(0), np.arange(60.0)
+    truth = np.array([-300.0, -200.0]) + k[:, None] * [10.0, 6.0]
+    made = [tsuiseki.Scan(t, (place + rng.normal(0, 5, 2))[None]) for t, place in zip(k, truth, strict=True)]
+    away = []
+    # Two motions that are the same are the one alone.
+    for motion in ({"acceleration": 5.0}, [{"acceleration": 5.0}] * 2):
+        (track,) = tsuiseki.track_measurements(made, {**MODEL, "motion": motion, "clutter": 0.1}, shortest=20)
+        away.append(np.linalg.norm(track.positions - truth[track.scans], axis=1)[10:].mean())
+    assert away[0] < 0.9 * away[1]

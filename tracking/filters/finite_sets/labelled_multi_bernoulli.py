@@ -224,7 +224,7 @@ class LabelledMultiBernoulliFilter:
         left = _heavy_groups(hidden, (1.0 - detection) * weights, self.prune / 10)
         # Without a hidden target nothing begins: its particles are never used.
         nothing = np.zeros((*drawn.shape, hidden.particles.shape[1]))
-        return mass, hidden.particles[drawn] if len(hidden.particles) else nothing, left
+        return mass, self._spread(hidden.particles[drawn], rng) if len(hidden.particles) else nothing, left
 
     def _track_update(
         self, state: LabelledState, measurements: FloatArray, unclaimed: FloatArray
