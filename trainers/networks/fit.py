@@ -83,6 +83,7 @@ ASSOCIATION = Task(
 # Packages of Lightning's loggers whose own errors end a training.
 LOGGING = ("wandb", "mlflow", "comet_ml", "neptune")
 PROPOSE, DATA, CONFIG = "--propose-anchors", "--data", ("--config", "-c")
+SCORING = ("validate", "test")
 
 
 def fit_detector(arguments: Sequence[str]) -> Path | None:
@@ -146,7 +147,8 @@ def fit(task: Task, arguments: Sequence[str]) -> Path | None:
 
     ``DIR`` gets ``checkpoints/{best,last}.ckpt`` (and what a `ModelCheckpoint` among ``--trainer.callbacks`` keeps),
     ``metrics/version_N/{metrics.csv,config.yaml}`` (N counts the sittings), TensorBoard events and ``run.json``.
-    Loggers and views of the progress that ``--trainer.*`` gives are taken instead.
+    Loggers and views of the progress that ``--trainer.*`` gives are taken instead. With ``validate`` or ``test`` as the
+    first word, the checkpoint is only scored.
 
     Returns:
         The best checkpoint; None where this training kept none, for want of a validation, say.
@@ -164,16 +166,32 @@ def fit(task: Task, arguments: Sequence[str]) -> Path | None:
         warnings.filterwarnings("ignore", message=".*module.s. in eval mode.*")
         warnings.filterwarnings("ignore", message=".*overridden `transfer_batch_to_device`.*")
         warnings.filterwarnings("ignore", message=".*Checkpoint directory .* exists and is not empty.*")
+        warnings.filterwarnings("ignore", message=".*WeightAveraging callback, but loading a checkpoint outside.*")
         # Lightning calls jsonargparse by names that newer versions discourage.
         warnings.filterwarnings("ignore", category=DeprecationWarning, module="lightning.pytorch.cli")
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
-        cli = _parse(task, arguments)
+        scoring = arguments[0] if arguments and arguments[0] in SCORING else None
+        cli = _parse(task, arguments if scoring is None else arguments[1:])
+        if scoring is not None:
+            _score(cli, scoring)
+            return None
         _fit(task, cli)
     kept = next((c for c in cli.trainer.checkpoint_callbacks if getattr(c, "monitor", None) == task.monitor), None)
     best = Path(kept.best_model_path) if isinstance(kept, ModelCheckpoint) and kept.best_model_path else None
     if cli.trainer.is_global_zero:
         print("no best checkpoint was kept" if best is None else f"best checkpoint: {best}")
     return best
+
+
+def _score(cli: TaskCLI, scoring: str) -> None:
+    """Validate or test the checkpoint; Lightning prints the scores."""
+    checkpoint = cli.config.ckpt_path
+    if checkpoint is None:
+        raise RequestError(f"{scoring}: expected --ckpt_path, the checkpoint to score")
+    try:
+        getattr(cli.trainer, scoring)(cli.model, datamodule=cli.datamodule, ckpt_path=str(checkpoint))
+    except MisconfigurationException as error:
+        raise RequestError(one_line(error)) from error
 
 
 def _fit(task: Task, cli: TaskCLI) -> None:

@@ -108,6 +108,10 @@ def test_training_leaves_checkpoints_and_logs_and_goes_on(
     state = torch.load(last, weights_only=True)
     assert (state["epoch"], state["global_step"]) == (1, 4)
     assert (out / "metrics" / "version_1" / "metrics.csv").is_file()
+    assert fit_detector(["test", "--config", str(config), "--ckpt_path", str(best)]) is None
+    assert "test/ap50" in capsys.readouterr().out
+    with pytest.raises(RequestError, match="validate: expected --ckpt_path"):
+        fit_detector(["validate", "--config", str(config), "--overwrite", "true"])
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
