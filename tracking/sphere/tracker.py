@@ -1,8 +1,8 @@
 """A ball in space from calibrated cameras, by the particle filter of the sphere paper.
 
-A particle is a position and a velocity. A step predicts (2.1), weighs every particle by its outline in each camera
-(2.2.2) or by the background difference (2.2.1), and resamples (2.3); the estimate is the weighted mean. Cameras are
-multiplied, as the paper says for 2.2.1. Beyond the paper: a covered camera is recognised and left out
+A particle is a position and a velocity. A step predicts (section 2.1), weighs every particle by its outline in each
+camera (2.2.2) or by the background difference (2.2.1), and resamples (section 2.3); the estimate is the weighted mean.
+Cameras are multiplied, as the paper says for 2.2.1. Beyond the paper: a covered camera is recognised and left out
 and particles are weighed in two stages (both are in `tracking.filters.resampling`). Without these two
 (``covering=None, stages=1``), with `RandomWalk3D` and `views.PrintedContourLikelihood`, it is the paper's filter.
 """
