@@ -10,7 +10,8 @@ A(t*) / N(t*), is the probability that a detection of that score is right.
 
 `ScoreChoice` chooses the threshold of other projects' networks. Such a network first runs on the beginning of the video
 with a low threshold. The moving detections there give the threshold for the rest of the video. Given detections are cut
-likewise where that leaves out most of them; then no detector's own threshold has cut them before."""
+likewise where that leaves out most of them; then no detector's own threshold has cut them before. What stands for a
+second, such as a parked car, is left to `standing_clutter`."""
 
 from __future__ import annotations
 
@@ -124,17 +125,20 @@ def _moving(
     """How many detections from a score upwards lie on chains that move."""
     i, j = links
     kept = (scores[i] >= level) & (scores[j] >= level)
-    i, j = i[kept], j[kept]
-    best_after, best_before = np.full(len(frames), -1), np.full(len(frames), -1)
-    # The best link of each box is written last.
-    best_after[i], best_before[j] = np.arange(len(i)), np.arange(len(j))
-    mutual = (best_after[i] == np.arange(len(i))) & (best_before[j] == np.arange(len(j)))
-    i, j = i[mutual], j[mutual]
-    chains = scipy.sparse.coo_array((np.ones(len(i)), (i, j)), shape=(len(frames),) * 2)
-    _, label = scipy.sparse.csgraph.connected_components(chains, directed=False)
+    label = _chains(i[kept], j[kept], len(frames))
     used = np.flatnonzero(scores >= level)
     _, label = np.unique(label[used], return_inverse=True)
     return _on_moving_chains(label, frames[used], boxes[used], frame_rate)
+
+
+def _chains(i: IntArray, j: IntArray, count: int) -> IntArray:
+    """``(N,)`` chain of each of ``count`` boxes, by the links of `_links` that are the best of both their boxes."""
+    best_after, best_before = np.full(count, -1), np.full(count, -1)
+    # The best link of each box is written last.
+    best_after[i], best_before[j] = np.arange(len(i)), np.arange(len(j))
+    mutual = (best_after[i] == np.arange(len(i))) & (best_before[j] == np.arange(len(j)))
+    chains = scipy.sparse.coo_array((np.ones(mutual.sum()), (i[mutual], j[mutual])), shape=(count, count))
+    return np.asarray(scipy.sparse.csgraph.connected_components(chains, directed=False)[1])
 
 
 def _on_moving_chains(label: IntArray, frames: IntArray, boxes: FloatArray, frame_rate: float) -> int:
@@ -158,16 +162,28 @@ MOSTLY = 0.25
 
 def floor_of(found: Sequence[Detections], frame_rate: float) -> float | None:
     """`score_floor` of ``(F,)`` frames' detections; None where they have no scores, or too little moves."""
-    counts = np.array([len(each) for each in found])
-    kept = int(np.searchsorted(np.cumsum(counts), MOST, side="right"))
-    found, counts = found[:kept], counts[:kept]
-    if not counts.sum():
-        return None
-    scores = np.concatenate([each.scores for each in found])
-    if np.isnan(scores).any():
-        return None
-    boxes = np.concatenate([each.boxes for each in found])
-    return score_floor(np.repeat(np.arange(len(found)), counts), boxes, scores, frame_rate)
+    frames, boxes, scores = _beginning(found)
+    return None if np.isnan(scores).any() else score_floor(frames, boxes, scores, frame_rate)
+
+
+def _beginning(found: Sequence[Detections]) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Frames, boxes and scores of the first detections, at most `MOST`."""
+    counts = np.array([len(each) for each in found], dtype=np.int64)
+    taken = found[: int(np.searchsorted(np.cumsum(counts), MOST, side="right"))]
+    boxes = np.concatenate([np.empty((0, 4)), *(each.boxes for each in taken)])
+    scores = np.concatenate([np.empty(0), *(each.scores for each in taken)])
+    return np.repeat(np.arange(len(taken)), counts[: len(taken)]), boxes, scores
+
+
+def _flickers(found: Sequence[Detections], floor: float, frame_rate: float) -> bool:
+    """Whether most detections of a score below ``floor`` are on chains shorter than a second."""
+    frames, boxes, scores = _beginning(found)
+    label = _chains(*_links(frames, boxes, frame_rate), len(frames))
+    begin, end = np.full(len(frames), len(found)), np.zeros(len(frames), dtype=np.int64)
+    np.minimum.at(begin, label, frames)
+    np.maximum.at(end, label, frames)
+    short = (end - begin)[label[scores < floor]] < frame_rate
+    return bool(2 * np.count_nonzero(short) > len(short))
 
 
 def above_floor(found: Sequence[Detections], frame_rate: float) -> tuple[list[Detections], float | None]:
@@ -175,7 +191,7 @@ def above_floor(found: Sequence[Detections], frame_rate: float) -> tuple[list[De
     floor, every = floor_of(found, frame_rate), [*found]
     if floor is not None:
         kept = [each.select(each.scores >= floor) for each in found]
-        if sum(map(len, kept)) <= MOSTLY * sum(map(len, found)):
+        if sum(map(len, kept)) <= MOSTLY * sum(map(len, found)) and _flickers(found, floor, frame_rate):
             return kept, floor
     return every, None
 

@@ -46,6 +46,17 @@ def test_detections_that_are_mostly_right_stay() -> None:
     assert above_floor(found, RATE) == (found, None)
 
 
+def test_parked_cars_stay_beside_a_few_that_drive() -> None:
+    driving = [each.select(slice(0, 5)) for each in street()]
+    places = np.random.default_rng(1).uniform(0, 1200, (25, 2))
+    parked = Detections(np.concatenate([places, places + np.array([20, 50])], axis=1), np.full(25, 0.4))
+    found = [Detections(np.concatenate([d.boxes, parked.boxes]), np.append(d.scores, parked.scores)) for d in driving]
+    floor = floor_of(found, RATE)
+    assert floor is not None
+    assert floor > 0.4
+    assert above_floor(found, RATE) == (found, None)
+
+
 @pytest.mark.parametrize(
     "found",
     [
