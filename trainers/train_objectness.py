@@ -29,7 +29,7 @@ from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.formats.single import find_single_sequences
 from tsuiseki.tracking.geometry import clip_boxes, iou_matrix
 from tsuiseki.tracking.options import PlottedFile, Seed
-from tsuiseki.tracking.report.chart import COLOURS
+from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
 

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.answers.counting import Answers, Table, count
-from tsuiseki.tracking.answers.plots import CHARTS, heat_table, heat_values, matrix, path_table
+from tsuiseki.tracking.answers.plots import FIGURES, heat_table, heat_values, matrix, path_table
 from tsuiseki.tracking.answers.scene import Scene
 from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError, RunError
@@ -37,6 +37,7 @@ from tsuiseki.tracking.report.page import (
     section,
 )
 from tsuiseki.tracking.report.pictures import Pictures, frames_to_show, heat_picture, paths_picture, pictures_of
+from tsuiseki.tracking.report.plots import inline_svg
 from tsuiseki.tracking.report.timeline import Bar, timeline
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Track
@@ -141,7 +142,7 @@ class TrackedPage:
         }
         writers: dict[str, Callable[[Path], object]] = {
             **{f"{name}.csv": partial(write_csv, table) for name, table in tables.items()},
-            **{f"{name}.png": partial(self._plot, name) for name in CHARTS if name in tables},
+            **{f"{name}.png": partial(self._plot, name) for name in FIGURES if name in tables},
             **{f"{name}.png": partial(self._picture, name) for name in ("paths", "places")},
             **({} if self._given is None else {"answers.json": self._write_json}),
         }
@@ -156,7 +157,7 @@ class TrackedPage:
         return self.answers.tables[name]
 
     def _plot(self, name: str, path: Path) -> None:
-        CHARTS[name](self.answers).save(path)
+        FIGURES[name](self.answers, "black").savefig(path, facecolor="white")
 
     def _picture(self, name: str, path: Path) -> None:
         path.write_bytes(cv2.imencode(".png", self._drawn[name][..., ::-1])[1].tobytes())
@@ -235,7 +236,7 @@ class TrackedPage:
         return html_table(["from, to", *destinations], rows) + self._links(name)
 
     def _svg(self, name: str) -> str:
-        return scrolling(CHARTS[name](self.answers).svg(name)) + self._links(name)
+        return scrolling(inline_svg(partial(FIGURES[name], self.answers), name)) + self._links(name)
 
     def _image(self, name: str, alt: str) -> str:
         return f"{embedded_image(self._drawn[name], alt)}<p class=note>{escape(alt)}</p>{self._links(name)}"

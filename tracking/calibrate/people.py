@@ -101,7 +101,7 @@ class PeopleCalibration:
         """The floor from above: cameras, their directions, and paths of people."""
         from matplotlib.figure import Figure
 
-        from tsuiseki.tracking.report.chart import COLOURS
+        from tsuiseki.tracking.report.plots import COLOURS
 
         figure = Figure(figsize=(7, 7), layout="constrained")
         axes = figure.subplots()

@@ -22,7 +22,7 @@ from tsuiseki.tracking.points.observed import positions_of, region_of
 from tsuiseki.tracking.points.run import extent_of
 from tsuiseki.tracking.points.settings import Lag, SetMethod
 from tsuiseki.tracking.points.tracker import MeasurementTracker
-from tsuiseki.tracking.report.chart import COLOURS
+from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray

@@ -1,4 +1,7 @@
-"""Plots of scores and tracks, drawn without a display."""
+"""Plots of scores and tracks, drawn without a display.
+
+Colours are readable on white and on black, and for the colour-blind (Okabe and Ito's set without yellow and black).
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,6 @@ import numpy as np
 
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
 from tsuiseki.tracking.evaluation.single import DISTANCES, OVERLAPS, PRECISION_AT, MeanCurves
-from tsuiseki.tracking.report.chart import COLOURS
 from tsuiseki.tracking.types import Estimate, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
 SHARES = (("HOTA", "hota"), ("DetA", "det_a"), ("AssA", "ass_a"), ("MOTA", "mota"), ("IDF1", "idf1"))
 COUNTS = (("Id switches", "id_switches"), ("False boxes", "false_positives"), ("Missed boxes", "false_negatives"))
 

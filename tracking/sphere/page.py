@@ -17,9 +17,8 @@ from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path, distance_to_position
 from tsuiseki.tracking.formats.world_tables import write_track3d
-from tsuiseki.tracking.report.chart import COLOURS
 from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, scrolling, section
-from tsuiseki.tracking.report.plots import dress, inline_svg
+from tsuiseki.tracking.report.plots import COLOURS, dress, inline_svg
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.tracker import SphereLog, SphereRun
 from tsuiseki.tracking.stages import StageTimes

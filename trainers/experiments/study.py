@@ -23,7 +23,7 @@ from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.evaluation.tables import score_table
-from tsuiseki.tracking.report.chart import COLOURS
+from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.store import Store
 
