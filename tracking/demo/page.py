@@ -112,7 +112,7 @@ def _where_false_boxes_come_from(tracks: Sequence[Track], truth: GroundTruth, co
             filled += int((false & ~track.observed).sum())
     found = {
         f"on things that never move and were taken for people all the time ({things})": still,
-        "filled into gaps, false positives": filled,
+        "filled into gaps where no person is": filled,
         "beside people or on people who have a box already": count - still - filled,
     }
     return f"Its false boxes: {', '.join(f'{number} {where}' for where, number in found.items() if number)}."

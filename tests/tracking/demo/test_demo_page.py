@@ -42,7 +42,7 @@ def test_false_boxes_are_told_by_what_they_are():
     line, where = why_not_best(demo(clean=[track(1)], flow=[track(1), away]))
     assert "keeps 10 false boxes" in line
     assert where == (
-        "Its false boxes: 4 filled into gaps, false positives, 6 beside people or on people who have a box already."
+        "Its false boxes: 4 filled into gaps where no person is, 6 beside people or on people who have a box already."
     )
 
 
