@@ -193,7 +193,8 @@ class LinkCost:
         reach: differences of centres in x and in y that are considered, longer sides of the earlier box.
         speed: what is added to them every second.
         size: largest difference of log heights that is considered.
-        velocity_confidence: weight in [0, 1] of the unknown velocity when links are first scored; see `mismatch_alone`.
+        velocity_confidence: weight in [0, 1] of the estimated velocity when links are first scored; see
+            `mismatch_alone`.
     """
 
     motion: MotionNoise = field(default_factory=MotionNoise)

@@ -33,7 +33,7 @@ NARROWEST = 0.15
 ROUNDS = 30
 # Deviations between the appearance of different people and of the same, before it is learnt, in pairs.
 ALIKE, ALIKE_WEIGHT = 2.5, 5.0
-MARGIN = float(np.log(9))
+MARGIN = 2.2
 
 
 @dataclass(frozen=True)
