@@ -11,6 +11,7 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.clip import write_image
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import PEOPLE, NothingLabelledError
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
@@ -135,7 +136,7 @@ def picture_files(video: LabelledVideo) -> tuple[Path, ...]:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with output_folder(folder, overwrite=False) as work:
             for frame in open_source(file, FrameRange(video.first, last)).frames():
-                cv2.imwrite(str(work / f"{frame.index + 1:06}.png"), cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR))
+                write_image(work / f"{frame.index + 1:06}.png", frame.image)
     return list_images(folder)
 
 

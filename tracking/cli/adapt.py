@@ -220,10 +220,12 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
     notes = _motion_lines(adaptation.camera)
     notes += [_line(here, finished[0]) for here in finished if here.scores.collapsed(finished[0].scores)]
     best = best_of(finished)
-    for here in finished[1:]:
-        default = default_round(adaptation)  # kept on disk from the first call on
-        beats, line = against_default(here, default)
+    learnt_rounds = finished[1:]
+    if learnt_rounds:
+        default = default_round(adaptation)
         run.facts["default"] = asdict(default.scores)
+    for here in learnt_rounds:
+        beats, line = against_default(here, default)
         notes.append(line)
         print(line, flush=True)
         if here is best and not beats:

@@ -152,9 +152,7 @@ class Combined:
         """``(4,)`` of the target, or of one of `heaviest_places`."""
         return self._model.box(target.centre, target.size)
 
-    def heaviest_places(
-        self, image: ImageArray, count: int, target: RegularisedTarget | None = None
-    ) -> list[RegularisedTarget]:
+    def heaviest_places(self, image: ImageArray, count: int, target: RegularisedTarget) -> list[RegularisedTarget]:
         """The target at the maxima about the heaviest particles that are half a target and more from each other.
 
         One frame of a search of its own: a search that goes on is left as it is.
@@ -162,10 +160,9 @@ class Combined:
         Args:
             image: the frame that `follow` was given last.
             count: of places, at most.
-            target: whose size, colours and filters are looked for about its centre; by default the present one.
+            target: whose size, colours and filters are looked for about its centre.
         """
         self.searched_frames += 1
-        target = target or self.target
         bank = self._bank(target)
         maps = self._maps(image, target, bank)
         state = self._weighed(target, self._drawn(maps), maps)
