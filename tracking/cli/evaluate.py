@@ -190,8 +190,8 @@ def detection(
             JSON of CEPDOF or MW-R, or a folder of HABBOF's text files.
         results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
             NAME/detections.txt for each sequence NAME; detectors, exported (.onnx) or as trained (.ckpt, needs the
-            train extra), which run on the labelled images; for rotated boxes a JSON list of image_id, bbox (cx, cy, w,
-            h, degrees clockwise) and score, which is scored by the overlap of the turned boxes.
+            train extra), which run on the labelled images; for rotated boxes also JSON lists of image_id, bbox (cx, cy,
+            w, h, degrees clockwise) and score, which are scored by the overlap of the turned boxes.
         iou: overlap from which a detection is right.
         score_range: smallest and largest score that the detections may have.
         json: write the scores to this file, with recall and precision at every detection.
@@ -204,7 +204,7 @@ def detection(
 
     _check(0 < iou <= 1, "iou", "an overlap above 0 and up to 1", iou)
     shown = given.named().items()
-    if is_rotated(given.truth):
+    if is_rotated(given.truth) and not any(result.suffix in (".onnx", ".ckpt") for _, result in shown):
         if labels.frames is not None:
             raise RequestError("`frames`: rotated boxes are scored by image, all of them; leave it out")
         scores = {name: evaluate_rotated_file(given.truth, result, iou) for name, result in shown}

@@ -25,6 +25,7 @@ from tsuiseki.tracking.formats.rotated import (
     write_rotated_detections,
 )
 from tsuiseki.tracking.geometry import iou_matrix, rotated_iou
+from tsuiseki.tracking.weights import shipped
 
 
 def boxes_of(*rows):
@@ -128,6 +129,10 @@ def test_the_command_scores_rotated_boxes(tmp_path, capsys):
     found.write_text(json.dumps([{"image_id": "x", "bbox": [50, 50, 20, 40, 31], "score": 0.9}]))
     assert main(["evaluate", "detection", str(truth), str(found)]) == 0
     assert "1.000" in capsys.readouterr().out
+    # A network is scored by the upright boxes, as it learns from them.
+    cv2.imwrite(str(tmp_path / "x.jpg"), np.zeros((90, 90, 3), np.uint8))
+    assert main(["evaluate", "detection", str(truth), str(shipped("detector_street"))]) == 0
+    assert "0.000" in capsys.readouterr().out
 
 
 @pytest.mark.integration
