@@ -6,7 +6,8 @@ and a score, is not read. Occlusion is 0 none, 1 part, 2 most, 3 not known. Pede
 sits (``Person``, ``Person_sitting``) or on a region ``DontCare`` is neither right nor wrong. A result on a cyclist or a
 vehicle is wrong.
 
-VisDrone: ``annotations/NAME.txt`` and ``sequences/NAME/0000001.jpg …``. A row is ``frame,id,left,top,width,height,
+VisDrone: ``annotations/NAME.txt`` and, where there are pictures, ``sequences/NAME/0000001.jpg …``, also without the
+folder ``sequences``. A row is ``frame,id,left,top,width,height,
 score,category,truncation,occlusion`` with 1-based frames and 0-based pixels. Categories are 0 ignored region, 1
 pedestrian (standing or walking), 2 people (in other postures), 3 and on vehicles. Occlusion is 0 none, 1 up to half, 2
 more. Pedestrians and people with score 1 count, both as one class. A result on an ignored region, or on any row with
@@ -129,20 +130,26 @@ def read_kitti(path: Path, length: int | None = None, wanted: int | str | None =
 
 def is_visdrone(folder: Path) -> bool:
     """Whether ``folder`` has VisDrone's layout."""
-    return (folder / ANNOTATIONS).is_dir() and (folder / "sequences").is_dir()
+    if not (folder / ANNOTATIONS).is_dir() or (folder / "sequences").is_dir():
+        return (folder / ANNOTATIONS).is_dir()
+    files = (read_rows(text, "labels").cells for text in sorted((folder / ANNOTATIONS).glob("*.txt")))
+    first = next((cells[0] for cells in files if cells), ())
+    # Rows of MOTChallenge have -1 or a place in the world there.
+    return len(first) == len(VISDRONE_ROW.split(",")) and first[7].isdigit()
 
 
 def find_visdrone(folder: Path) -> list[LabelFile]:
     """The clips of ``folder`` by name.
 
     Raises:
-        RequestError: a clip has no images, or there is none.
+        RequestError: a clip has no images in ``sequences``, or there is none.
     """
-    labels = sorted((folder / ANNOTATIONS).glob("*.txt"))
-    found = [LabelFile(path.stem, list_images(folder / "sequences" / path.stem), path) for path in labels]
+    labels, pictures = sorted((folder / ANNOTATIONS).glob("*.txt")), folder / "sequences"
+    place = pictures if pictures.is_dir() else folder
+    found = [LabelFile(path.stem, list_images(place / path.stem), path) for path in labels]
     bare = next((one for one in found if not one.images), None)
-    if bare is not None:
-        raise RequestError(f"{bare.labels}: expected images in {folder / 'sequences' / bare.name}, found none")
+    if bare is not None and place == pictures:
+        raise RequestError(f"{bare.labels}: expected images in {pictures / bare.name}, found none")
     if not found:
         raise RequestError(f"expected label files NAME.txt in {folder}/{ANNOTATIONS}, found none")
     return found

@@ -14,6 +14,7 @@ from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.box_labels import read_visdrone
 from tsuiseki.tracking.formats.drone_action import find_drone_action, read_drone_action_boxes
+from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.okutama import check_frames, okutama_truth, read_okutama, write_okutama
 from tsuiseki.tracking.formats.person_crops import read_mars
 
@@ -153,6 +154,13 @@ def test_visdrone_categories_decide_what_counts(tmp_path):
     assert truth.visibility.tolist() == [1.0, 0.25, 1.0, 1.0, 0.75]
     images = labelled_images(tmp_path)
     assert [len(i.boxes) for i in images] == [3, 1]
+    # The pictures' folders may lie beside the labels, or be missing.
+    (tmp_path / "sequences" / "uav0000013_00000_v").rename(tmp_path / "uav0000013_00000_v")
+    (tmp_path / "sequences").rmdir()
+    assert [len(i.boxes) for i in labelled_images(tmp_path)] == [3, 1]
+    alone = labelled_images(tmp_path)[0].path.parent.rename(tmp_path / "elsewhere").parent
+    (video,) = open_labelled(alone)
+    assert (video.files, video.people().evaluated.tolist()) == ((), truth.evaluated.tolist())
 
 
 @pytest.mark.parametrize(
