@@ -20,7 +20,15 @@ from tsuiseki.datamodules.scenes.people.person import (
 )
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.person_crops import TRAIN, PersonCrop, is_market, is_mars, read_market, read_mars
+from tsuiseki.tracking.formats.person_crops import (
+    GALLERY,
+    TRAIN,
+    PersonCrop,
+    is_market,
+    is_mars,
+    read_market,
+    read_mars,
+)
 from tsuiseki.tracking.geometry import intersections
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
@@ -78,7 +86,8 @@ def crops_from_folder(folder: Path, frames: tuple[int, int] | None, least_visibl
     """Views of the labelled people of a MOTChallenge sequence, of every sequence in a folder, of MARS or Market-1501.
 
     Args:
-        folder: the sequence, the folder of sequences, or MARS or a part of it, to which only this argument applies.
+        folder: the sequence, the folder of sequences, or MARS, Market-1501 or a part of it, to which only this
+            argument applies.
         frames: first and last frame, 1-based, both included; None for all.
         least_visible: smallest visible share of a box, in [0, 1]. Where the labels do not say it, the share that no
             nearer person's box covers counts.
@@ -86,8 +95,9 @@ def crops_from_folder(folder: Path, frames: tuple[int, int] | None, least_visibl
     Raises:
         RequestError: the folder is not readable as sequences with images, or fewer than two people are left.
     """
-    if is_market(folder):
-        return _from_mars([crop for crop in read_market(folder, TRAIN) if crop.person > 0])
+    root, part = (folder.parent, folder.name) if folder.name in (TRAIN, GALLERY) else (folder, TRAIN)
+    if is_market(root):
+        return _from_mars([crop for crop in read_market(root, part) if crop.person > 0])
     if is_mars(folder):
         return _from_mars(training_crops(folder))
     parts: dict[str, list[tuple[LabelledFrame, BoolArray]]] = {}

@@ -105,7 +105,7 @@ FORMATS = {
     "geff": ExportFormat(FOLDER, write_geff, holds="points"),
 }
 # Where labels lie in a folder of others.
-LABEL_FILES = ("annotations.xml", "annotations.json", "_annotations.coco.json",
+LABEL_FILES = ("annotations.xml", "annotations.json", "_annotations.coco.json", "labels.json",
                *(f"annotations/{part}*.json" for part in ("instances_", "train", "val", "test")))  # fmt: skip
 SUFFIXES: dict[str, str] = {}
 """By suffix the format that is meant where none is named: the first above."""

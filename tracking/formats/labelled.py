@@ -298,7 +298,8 @@ def _rotated(path: Path) -> LabelledVideo:
 def _exported(path: Path) -> LabelledVideo:
     """Labels of another program, with the images in ``images``, or those or the video that they name beside them."""
     known, folder = read_exported(path, single=True), path if path.is_dir() else path.parent
-    places = (folder, folder / "images", folder.parent / "images", folder.parent / path.stem.removeprefix("instances_"))
+    places = [folder, *(folder / name for name in ("images", "data"))]
+    places += [folder.parent / "images", folder.parent / path.stem.removeprefix("instances_")]
     named = [[place / name for name in known.images] for place in places]
     images = next((tuple(some) for some in named if some and all(one.is_file() for one in some)), ())
     images = images or list_images(picture_places(folder)[1])
