@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
-Worn = IntEnum("Worn", "SKIN HAIR UPPER LOWER SHOES EXTRA")
-"""What a triangle belongs to; EXTRA is carried, or a hat."""
+Worn = IntEnum("Worn", "SKIN HAIR UPPER LOWER SHOES EXTRA BESIDE")
+"""What a triangle belongs to; EXTRA is carried, or a hat; BESIDE is ridden or pushed, and outside the person's box."""
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.figures.assets import BONES, Assets
+from tsuiseki.datamodules.scenes.figures.equipment import equipment
 from tsuiseki.datamodules.scenes.figures.figure import Figure, random_figure
-from tsuiseki.datamodules.scenes.figures.mesh import Fragments, Mesh, joined, nearest, rasterise, vertex_normals
+from tsuiseki.datamodules.scenes.figures.mesh import Fragments, Mesh, Worn, joined, nearest, rasterise, vertex_normals
 from tsuiseki.datamodules.scenes.people.person import view_from
 from tsuiseki.datamodules.scenes.people.poses import draw_pose, random_name
 from tsuiseki.datamodules.scenes.people.posture import (
@@ -175,13 +176,15 @@ def _posed_sprite(rng: np.random.Generator, figure: Figure, height_px: float, ti
     name, seed, build = random_name(rng), int(rng.integers(1 << 31)), Build(figure.height)
     pose, heading = draw_pose(seed, build, name), float(rng.uniform(0, 2 * np.pi))
     skeleton = place(build, pose, np.zeros(2), heading)
-    sprite = _across(rng, figure, skeleton, height_px, float(rng.uniform(*tilts)))
+    beside = equipment(rng, name, skeleton)
+    sprite = _across(rng, figure, skeleton, height_px, float(rng.uniform(*tilts)), beside)
     return replace(sprite, heading=heading, pose=pose, drawn=f"{name} {seed}")
 
 
 def _across(
-    rng: np.random.Generator, figure: Figure, skeleton: PersonSkeleton, height_px: float, tilt: float
-) -> Sprite:
+    rng: np.random.Generator, figure: Figure, skeleton: PersonSkeleton, height_px: float, tilt: float,
+    beside: list[Mesh] | None = None,
+) -> Sprite:  # fmt: skip
     """``figure`` as `render_figure` has it, to be placed by its middle, from anywhere up to straight above."""
     joints = np.concatenate([skeleton.head[None], skeleton.wrist, skeleton.knee, skeleton.hip])
     middle, away = np.array([0.0, 0.0, 0.5 * float(joints[:, 2].max())]), float(rng.uniform(6, 35))
@@ -189,7 +192,7 @@ def _across(
     size = math.ceil(2.6 * height_px)
     camera = PinholeCamera.look_at(position, middle, height_px * away / figure.height, size, size)
     across = np.array([[0.0, 0.5, 0.0], [0.0, -0.5, 0.0]]) * figure.height
-    sprite = render_figure(figure, skeleton, camera, tilt, middle + across)
+    sprite = render_figure(figure, skeleton, camera, tilt, middle + across, beside)
     return replace(sprite, middle=float(middle[2]))
 
 
@@ -215,27 +218,35 @@ def _sides(figure: Figure, skeleton: PersonSkeleton, camera: PinholeCamera) -> F
 
 
 def render_figure(
-    figure: Figure, skeleton: PersonSkeleton, camera: PinholeCamera, tilt: float, ends: FloatArray | None = None
-) -> Sprite:
+    figure: Figure, skeleton: PersonSkeleton, camera: PinholeCamera, tilt: float, ends: FloatArray | None = None,
+    beside: list[Mesh] | None = None,
+) -> Sprite:  # fmt: skip
     """``figure`` in the pose of ``skeleton`` before ``camera``, which looks down by ``tilt`` radians.
 
     The steady sides are those of the silhouette. ``ends`` ``(2, 3)`` metres are what ``feet`` and ``head`` show; by
-    default feet and head.
+    default feet and head. What stands ``beside``, see `equipment`, is `Worn.EXTRA` where it covers the person.
     """
-    vertices = posed(figure, skeleton)
-    parts = [_fragments(mesh, points, camera) for mesh, points in zip(figure.meshes, vertices, strict=True)]
+    meshes, vertices = [*figure.meshes, *(beside or [])], posed(figure, skeleton)
+    if beside:
+        # Who rides or sits is lifted, until the lowest of all stands on the ground.
+        lowest = min(0.0, *(float(mesh.vertices[:, 2].min()) for mesh in beside))
+        vertices = [points - [0.0, 0.0, lowest] for points in [*vertices, *(mesh.vertices for mesh in beside)]]
+    parts = [_fragments(mesh, points, camera) for mesh, points in zip(meshes, vertices, strict=True)]
     owned = [np.stack([np.full(len(p.pixel), k), p.triangle], axis=1) for k, p in enumerate(parts)]
     visible = nearest(joined([replace(part, triangle=of) for part, of in zip(parts, owned, strict=True)]))
     size = (camera.height, camera.width)
     albedo, normal = np.zeros((*size, 3), np.uint8), np.zeros((*size, 3), np.int8)
     label = np.zeros(size, np.uint8)
-    for k, (mesh, points) in enumerate(zip(figure.meshes, vertices, strict=True)):
+    for k, (mesh, points) in enumerate(zip(meshes, vertices, strict=True)):
         own = visible.chosen(np.flatnonzero(visible.triangle[:, 0] == k))
         triangle = own.triangle[:, 1]
         rows, columns = np.divmod(own.pixel, camera.width)
         albedo[rows, columns] = _texel(mesh, triangle, own.where)[:, :3]
         label[rows, columns] = mesh.labels[triangle]
         normal[rows, columns] = np.round(127 * _normals(mesh, points, triangle, own.where, camera)).astype(np.int8)
+    covered = np.zeros(label.size, np.bool_)
+    covered[np.concatenate([part.pixel for part in parts[: len(figure.meshes)]])] = True
+    label[(label == Worn.BESIDE) & covered.reshape(size)] = Worn.EXTRA
     upright = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, figure.height]])
     pixels, _ = camera.project(upright if ends is None else ends)
     left, top, right, bottom = tight(label > 0)

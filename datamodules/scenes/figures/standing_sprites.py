@@ -63,7 +63,7 @@ class Standing:
         distance = np.where(shown.label > 0, away, np.float32(np.inf)).astype(np.float32)
         if not (shown.label > 0).any():
             return None
-        return Layer(int(left), int(top), distance, np.zeros(distance.shape, np.int16)), shown
+        return Layer(int(left), int(top), distance, -(shown.label == Worn.BESIDE).astype(np.int16)), shown
 
     def steady_sides(self, camera: RayCamera) -> FloatArray:
         """``(2,)`` pixels: the left and right side of the steady box in the picture, see `Sprite`."""
@@ -103,7 +103,7 @@ def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
     """The sprite in other colours, and mirrored every other time."""
     outfit = random_outfit(rng)
     albedo = sprite.albedo.copy()
-    colours = (outfit.hair, outfit.upper, outfit.lower, outfit.shoes, outfit.bag_colour)
+    colours = (outfit.hair, outfit.upper, outfit.lower, outfit.shoes, outfit.bag_colour, outfit.bag_colour)
     for label, colour in zip(list(Worn)[1:], colours, strict=True):
         at = sprite.label == label
         if not at.any():

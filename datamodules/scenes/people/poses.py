@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.activities import holding_before, running, sitting
+from tsuiseki.datamodules.scenes.people.activities import holding_before, reach, running, sitting
 from tsuiseki.datamodules.scenes.people.posture import (
+    SHOULDER_ABOVE_HIP,
     SIDES,
     Build,
     Pair,
@@ -206,9 +207,69 @@ def _carrying(rng: np.random.Generator, build: Build) -> Pose:
     return holding_before(build, replace(pose, lean=pose.lean + _between(rng, -0.1, 0.25)), ahead, 0.45, high)
 
 
-# How often each is drawn, relatively, and how.
+def _cycling(rng: np.random.Generator, build: Build) -> Pose:
+    """Hands on a handlebar, a foot on each pedal."""
+    lean, turned, crank = _between(rng, 0.15, 0.85), _between(rng, 0, 2 * math.pi), 0.097 * build.height
+    legs = []
+    for half in (0.0, math.pi):
+        ahead = 0.09 * build.height + crank * math.sin(turned + half)
+        down = 0.37 * build.height + crank * math.cos(turned + half)
+        legs.append(_stepping(build, ahead, down))
+    (hip, knee), straddle = (pair(np.array(each)) for each in zip(*legs, strict=True)), _both(rng, 0.0, 0.12, 0.03)
+    ankle = pair(np.clip(np.array(knee) - hip + rng.normal(0, 0.15, 2), -_ANKLE, _ANKLE))
+    pose = Pose(lean=lean, nod=-0.4 * lean, hip=hip, knee=knee, straddle=straddle, ankle=ankle)
+    return _hands_at(build, pose, 0.36 * build.height + 0.12 * lean, _between(rng, 0.4, 0.56), 0.13 * build.height)
+
+
+def _in_wheelchair(rng: np.random.Generator, build: Build) -> Pose:
+    lean = _between(rng, -0.15, 0.2)
+    pose = Pose(lean=lean, nod=_between(rng, 0, 0.3), hip=_both(rng, 1.4, 1.6, 0.03), knee=_both(rng, 1.2, 1.5, 0.05),
+                straddle=_both(rng, 0.05, 0.2, 0.03))  # fmt: skip
+    if rng.random() < 0.4:
+        return _arms(rng, pose, lean + 0.3)
+    return _hands_at(build, pose, _between(rng, -0.05, 0.2), 0.64, _between(rng, 0.0, 0.1))
+
+
+def _pushing(rng: np.random.Generator, build: Build) -> Pose:
+    pose = walking(build, random_manner(rng), float(rng.random()), _between(rng, 0.3, 1.3))
+    high = _between(rng, 0.95, 1.08)
+    return holding_before(build, replace(pose, lean=pose.lean + _between(rng, 0, 0.15)), 0.42, 0.4, high)
+
+
+def _under_umbrella(rng: np.random.Generator, build: Build) -> Pose:
+    pose = walking(build, random_manner(rng), float(rng.random()), _between(rng, 0.3, 1.4))
+    target = (_between(rng, 0.12, 0.25), _between(rng, -0.14, 0.0), _between(rng, -0.18, 0.02))
+    return reach(build, pose, int(rng.integers(2)), target)
+
+
+def _stepping(build: Build, ahead: float, down: float) -> tuple[float, float]:
+    """Angles (hip, knee) that put an ankle ``ahead`` and ``down`` metres from its hip."""
+    thigh, shank = build.thigh, build.shank
+    far = float(np.clip(math.hypot(ahead, down), abs(thigh - shank) + 0.01, 0.999 * (thigh + shank)))
+    bend = math.pi - math.acos((thigh**2 + shank**2 - far**2) / (2 * thigh * shank))
+    return math.atan2(ahead, down) + math.acos((thigh**2 + far**2 - shank**2) / (2 * thigh * far)), bend
+
+
+def _hands_at(build: Build, pose: Pose, forward: float, apart: float, above: float) -> Pose:
+    """Both palms ``forward`` and ``above`` metres from the pelvis of who leans, ``apart`` from each other."""
+    trunk = (SHOULDER_ABOVE_HIP - 0.01) * build.height
+    x, z = forward - trunk * math.sin(pose.lean), above - trunk * math.cos(pose.lean)
+    aside = 0.5 * apart - 0.105 * build.height * build.shoulders
+    along = (
+        x * math.cos(pose.lean) - z * math.sin(pose.lean),
+        aside,
+        x * math.sin(pose.lean) + z * math.cos(pose.lean),
+    )
+    for hand in (0, 1):
+        pose = reach(build, pose, hand, along)
+    return pose
+
+
+# How often each is drawn, relatively, and how; `equipment` makes what the last four need.
 _DRAWN: dict[str, tuple[float, Callable[[np.random.Generator, Build], Pose]]] = {
     "sitting": (0.14, _sitting), "seated on the ground": (0.06, _on_the_ground), "crouching": (0.14, _crouching),
     "kneeling": (0.1, _kneeling), "bending": (0.14, _bending), "lying": (0.18, _lying), "falling": (0.1, _falling),
     "jumping": (0.05, _jumping), "running": (0.05, _running), "carrying": (0.04, _carrying),
+    "cycling": (0.08, _cycling), "in a wheelchair": (0.04, _in_wheelchair), "pushing a pram": (0.04, _pushing),
+    "under an umbrella": (0.05, _under_umbrella),
 }  # fmt: skip

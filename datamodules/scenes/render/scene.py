@@ -123,7 +123,8 @@ def compose(
         seen[own] = owner[there] == index
         if seen.any():
             _draw(added, thing, *found, seen, camera, samples, light)
-        share = int(seen.sum()) / max(int(found[0].mask.sum()), 1)
+        whole = found[0].own
+        share = int((seen & whole).sum()) / max(int(whole.sum()), 1)
         sightings.append(Sighting(silhouette_box(found[0], samples), share))
     return Picture(added, distance, samples), sightings
 

@@ -302,7 +302,7 @@ class Layer:
         left: column of the window's first subpixel; negative left of the image.
         top: row of it.
         distance: ``(h, w)`` metres along the ray, infinite where the thing is not.
-        solid: ``(h, w)`` index of the solid that is seen there.
+        solid: ``(h, w)`` index of the solid that is seen there; -1 for what stands beside a person.
     """
 
     left: int
@@ -312,8 +312,13 @@ class Layer:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """``(h, w)`` the silhouette."""
+        """``(h, w)`` the silhouette, with what stands beside."""
         return np.isfinite(self.distance)
+
+    @property
+    def own(self) -> NDArray[np.bool_]:
+        """``(h, w)`` the silhouette that a box goes round."""
+        return self.mask & (self.solid >= 0)
 
     def inside(self, shape: tuple[int, ...]) -> tuple[Window, Window]:
         """See `overlap`."""
@@ -401,5 +406,5 @@ def tight(mask: NDArray[np.bool_]) -> IntArray:
 
 def silhouette_box(layer: Layer, samples: int) -> FloatArray:
     """``(4,)`` pixels: the extent of the silhouette, beyond the image too."""
-    box = tight(layer.mask) + np.array([layer.left, layer.top] * 2)
+    box = tight(layer.own) + np.array([layer.left, layer.top] * 2)
     return np.asarray(box / samples)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules import training_images
+from tsuiseki.datamodules.scenes.figures import rendering
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.figures.figure import random_figure
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary, SpriteSettings, write_sprites
@@ -19,7 +20,7 @@ from tsuiseki.datamodules.scenes.people.person import view_from
 from tsuiseki.datamodules.scenes.people.poses import draw_pose
 from tsuiseki.datamodules.scenes.people.posture import Build, place, random_manner, walking
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import silhouette_box
+from tsuiseki.datamodules.scenes.render.solids import silhouette_box, tight
 from tsuiseki.datamodules.scenes.training_pictures import (
     Stock,
     TrainingSettings,
@@ -303,6 +304,27 @@ def test_poses_come_back_from_a_library(posed: SpriteLibrary) -> None:
         assert 0.1 < sprite.middle < 1.2
     with pytest.raises(RequestError, match="expected poses as a share"):
         SpriteSettings(poses=1.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "beyond"),
+    [("cycling", 1.1), ("in a wheelchair", 1.05), ("pushing a pram", 1.3), ("under an umbrella", 1.2)],
+)
+def test_boxes_go_round_people_and_not_what_they_ride_or_push(
+    name: str, beyond: float, assets: Assets, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rendering, "random_name", lambda _: name)
+    larger = []
+    for seed in range(4):
+        (sprite,) = random_sprites(np.random.default_rng(seed), assets, 1, 96, (0.1, 0.2), 1.0)
+        traced = Standing(dressed(np.random.default_rng(seed), sprite), np.array([0.0, 14.0])).trace(CAMERA, 2)
+        assert traced is not None
+        layer, _ = traced
+        whole, box = tight(layer.mask), silhouette_box(layer, 2) * 2 - [layer.left, layer.top] * 2
+        assert (box[:2] >= whole[:2]).all()
+        assert (box[2:] <= whole[2:]).all()
+        larger.append(np.prod(whole[2:] - whole[:2]) / np.prod(box[2:] - box[:2]))
+    assert np.median(larger) > beyond
 
 
 @pytest.mark.parametrize("spot", [(0.02, 0.0), (1.5, -1.0)])

@@ -52,6 +52,15 @@ def test_heads_are_lower_than_of_who_stands() -> None:
         assert max(placed(name, seed).head[2] for seed in range(12)) < most
 
 
+def test_who_cycles_has_both_feet_on_the_cranks_and_both_hands_ahead() -> None:
+    for seed in range(20):
+        s = placed("cycling", seed)
+        # Two cranks of 0.097 of the height, opposite to each other; the legs may straddle a little.
+        assert np.linalg.norm((s.ankle[0] - s.ankle[1])[[0, 2]]) == pytest.approx(2 * 0.097 * 1.7, rel=0.05)
+        assert (s.fingers[:, 0] > s.pelvis[0] + 0.25).all()
+        assert (s.knee[:, 0] > s.hip[:, 0]).all()
+
+
 def test_the_mirror_image_swaps_the_sides() -> None:
     pose = draw_pose(5, BUILD, "falling")
     assert mirrored(mirrored(pose)) == pose
