@@ -1,4 +1,4 @@
-"""AP50 and time of the detector in the rooms on which `reproduce omnidirectional` selects its settings.
+"""AP50 and time of the detector in the rooms on which the settings of `reproduce omnidirectional` were chosen.
 
 Upright boxes of the people of whom three tenths or more are visible, in every fifth second of both cameras:
 
@@ -23,7 +23,7 @@ from tsuiseki.tracking.formats.rotated import RotatedBoxes, about_bodies
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments.fisheye import ROOMS, VALIDATION_SEEDS, CeilingClip
+from tsuiseki.trainers.experiments.fisheye import ROOMS, TUNED_ON, CeilingClip
 
 VISIBLE, EVERY, LEAST_SCORE = 0.3, 5, 0.05
 
@@ -61,7 +61,7 @@ def _pictures(
     """The pictures of both cameras with the boxes of those who are visible."""
     result = []
     for camera in range(2):
-        sequence = CeilingClip(room, VALIDATION_SEEDS[0], seconds, 1, camera, calibration)
+        sequence = CeilingClip(room, TUNED_ON[0], seconds, 1, camera, calibration)
         frames = enumerate(sequence.pictures())
         result.append(
             (

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import ClassVar
 
@@ -37,8 +36,8 @@ HEIGHTS = (1.5, 1.7, 2.0, 2.0, 2.3, 2.2)
 AIM = (0.0, 0.0, 0.95)
 # Of the person, m/s.
 SPEED = 0.30
-# Instants whose mean stands for a smeared picture, and bands of rows for a rolling shutter.
-EXPOSURE_BLINKS, READOUT_BANDS = 4, 4
+# Instants whose mean stands for a smeared picture.
+EXPOSURE_BLINKS = 4
 
 LIGHT = Light(
     np.array([0.24, -0.31, 0.92], dtype=np.float32) / np.float32(1.0001),
@@ -62,7 +61,6 @@ class CarriedBallSettings:
         covers: (camera, first frame, last frame), all from 0, of boards before cameras.
         exposure: time for which light falls on a pixel, s: what moves is smeared.
         defocus: standard deviation of the lens's blur, pixels.
-        readout: time from the first row's exposure to the last one's, s: a rolling shutter.
         lateness: time by which each camera takes its frames later than it says, s; none for all by default.
     """
 
@@ -75,17 +73,16 @@ class CarriedBallSettings:
     covers: tuple[tuple[int, int, int], ...] = ()
     exposure: float = 0.0
     defocus: float = 0.0
-    readout: float = 0.0
     lateness: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         positive = (self.frames, self.frame_rate, self.radius, self.samples)
-        others = (self.noise, self.exposure, self.defocus, self.readout)
+        others = (self.noise, self.exposure, self.defocus)
         expect(
             "ball clip",
             (2 <= self.cameras <= len(AZIMUTHS), f"2 to {len(AZIMUTHS)} cameras", self.cameras),
             (min(positive) > 0, "positive frames, frame rate, radius and samples", positive),
-            (min(others) >= 0, "noise, exposure, defocus and readout of at least 0", others),
+            (min(others) >= 0, "noise, exposure and defocus of at least 0", others),
             (len(self.lateness) in (0, self.cameras), "a lateness for each camera", self.lateness),
         )
 
@@ -175,17 +172,12 @@ def plan_sphere(settings: CarriedBallSettings, seed: int) -> SphereClip:
 
 
 def _shot(clip: SphereClip, camera: int, time: float) -> Float32:
-    """Linear light ``(H, W, 3)`` that a camera gathers about ``time``: smeared, row after row, out of focus."""
+    """Linear light ``(H, W, 3)`` that a camera gathers about ``time``: smeared, out of focus."""
     settings = clip.settings
-    bands = READOUT_BANDS if settings.readout else 1
     blinks = EXPOSURE_BLINKS if settings.exposure else 1
-    edges = np.linspace(0, HEIGHT, bands + 1).astype(int)
     colour = np.zeros((HEIGHT, WIDTH, 3), dtype=np.float32)
-    for band, (top, bottom) in enumerate(pairwise(edges)):
-        begins = time + settings.readout * ((band + 0.5) / bands - 0.5)
-        for blink in range(blinks):
-            drawn = _light(clip, camera, begins + settings.exposure * ((blink + 0.5) / blinks - 0.5))
-            colour[top:bottom] += drawn[top:bottom] / np.float32(blinks)
+    for blink in range(blinks):
+        colour += _light(clip, camera, time + settings.exposure * ((blink + 0.5) / blinks - 0.5)) / np.float32(blinks)
     return np.asarray(cv2.GaussianBlur(colour, (0, 0), settings.defocus), np.float32) if settings.defocus else colour
 
 

@@ -7,8 +7,7 @@ radius r0 that the sphere has there, and summed (`outline_sums`). r0 follows the
 r0 from ``1 - reach`` to ``1 + reach``.
 
 `PrintedContourLikelihood` is the paper to the letter: the plain sum over all rays. Cameras are multiplied, as 2.2.1
-says. The weights are "normalised to 0 to 1": either divided by their sum, or scaled from least to greatest
-(`MinMaxWeights`); the paper does not say which. `SphereContourLikelihood` is ours: it divides each ray's sum by the sum
+says, and weights are divided by their sum. `SphereContourLikelihood` is ours: it divides each ray's sum by the sum
 without the Gaussian (`outline_support`).
 """
 
@@ -325,43 +324,15 @@ class PrintedContourLikelihood(EachView):
         radius: of the sphere, metres.
         settings: of the samples and the Gaussian; ``steepness`` and ``clutter`` are not used, nor, as printed,
             ``contrast``.
-        outlines_of: where r0 lies: a circle, as printed, or the true ellipse (`sphere_outlines`).
         power: of the likelihood; 1 as printed.
-        divided: divide each ray's sum by that without the Gaussian, plus ``contrast``. One strong edge weighs no more
-            than a whole weak outline then. Not in the paper.
     """
 
     radius: float
     settings: ContourSettings = field(default_factory=ContourSettings)
-    outlines_of: OutlinesOf = sphere_circles
     power: float = 1.0
-    divided: bool = False
 
     def weigh(self, k: int, positions: FloatArray, view: ImageArray) -> FloatArray:
         """See `EachView.weigh`."""
-        maps = polar_maps(self.cameras[k], positions, self.radius, self.settings, self.outlines_of)
-        if self.divided:
-            total = outline_support(view, maps, self.settings).prod(axis=1)
-        else:
-            total = np.where(maps.inside, outline_sums(view, maps, self.settings)[0], 0.0).sum(axis=1, dtype=np.float64)
+        maps = polar_maps(self.cameras[k], positions, self.radius, self.settings, sphere_circles)
+        total = np.where(maps.inside, outline_sums(view, maps, self.settings)[0], 0.0).sum(axis=1, dtype=np.float64)
         return np.asarray(self.power * logarithms(total))
-
-
-@dataclass(frozen=True)
-class MinMaxWeights:
-    """The product over the cameras scaled so that the least of the particles' weights is 0 and the greatest 1.
-
-    Attributes:
-        likelihood: whose product is scaled.
-    """
-
-    likelihood: ViewLikelihood
-
-    def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
-        ratios = self.likelihood(positions, views)
-        product = np.exp(ratios.sum(axis=1) - ratios.sum(axis=1).max(initial=-700.0))
-        least, greatest = float(product.min(initial=1.0)), float(product.max(initial=0.0))
-        scaled = np.zeros_like(ratios)
-        # Equal weights stay equal.
-        scaled[:, 0] = logarithms((product - least) / (greatest - least)) if greatest > least else 0.0
-        return scaled

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.walkers import Motion
-from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.settings import PeopleMethod
 from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.people.tracking import track_people
@@ -25,22 +24,13 @@ from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Tab
 FLOW, UNFILLED, BOXES_ALONE = "flow", "flow, nothing filled in", "flow, boxes alone"
 METHODS: tuple[PeopleMethod, ...] = ("sort", "bytetrack", "ocsort", "flow")
 LOGISTIC = ("", ", probabilities")
-# Where the settings of each row come from.
-SETTINGS = {
-    "sort": "PETS 1–300, TUD, generated",
-    "bytetrack": "paper",
-    "ocsort": "paper",
-    **dict.fromkeys((FLOW, UNFILLED, BOXES_ALONE), "all sets here"),
-    **{f"{name} (peer){what}": "package" for name in NAMES for what in LOGISTIC},
-}
 RATES = (30.0, 15.0, 10.0, 5.0)
 GENERATED: tuple[Motion, ...] = ("dance", "sport")
 SETS = ("mot17", "mot15", "kitti-pedestrians", "kitti-cars", "pets", "tud")
 # Seconds after which the flow answers; None is the end.
 DELAYS = {"flow, all": None, "0.5 s": 0.5, "1 s": 1.0, "2 s": 2.0, "5 s": 5.0}
-PARTS = ("methods", "filled", "rates", "delays")
-# Longest gap that the flow fills, and that the right links bridge, seconds.
-FILL = FlowSettings().fill
+PARTS = ("methods", "rates", "delays")
+# Longest gap that the right links bridge, seconds.
 GAP = 2.0
 PROGRAM = Path(__file__).with_name("association_peers.py")
 PACKAGE = "the packages trackers and arcsort"
@@ -78,9 +68,8 @@ def reproduce(
             over.
         sets: of mot17, mot15, kitti-pedestrians, kitti-cars, pets and tud, and of dance and sport, which are generated,
             separated by commas.
-        parts: methods (all rows), filled (the other methods, gaps of up to 2 seconds filled
-            on straight lines, as the flow fills its own), rates (mot17 at 30, 15, 10 and 5 frames a second), delays
-            (the flow that answers after 0.5, 1, 2 and 5 seconds on mot17 and pets), separated by commas.
+        parts: methods (all rows), rates (mot17 at 30, 15, 10 and 5 frames a second), delays (the flow that answers
+            after 0.5, 1, 2 and 5 seconds on mot17 and pets), separated by commas.
         peer: python of an environment with the packages trackers, whose ByteTrack, C-BIoU, SORT and OC-SORT are
             measured beside, and arcsort; by default this one, if it has them.
 
@@ -109,8 +98,8 @@ def reproduce(
             for name, sums in rows.items()
         }
         if "methods" in parts:
-            tables.append(given_sequences.score_table(one.title, rows, (FLOW,), SETTINGS))
-        tables += _more_tables(bench, one, sequences, tracks, parts)
+            tables.append(given_sequences.score_table(one.title, rows, FLOW))
+        tables += _more_tables(bench, one, sequences, parts)
     missing = [one for one in given_sequences.DATA_SETS if one.key in sets and one not in there]
     notes = [f"{one.title}: no {one.folder} in the data, passed over" for one in missing]
     if environment is None:
@@ -131,26 +120,13 @@ def _sequences(bench: Bench, data: Path, sets: Sequence[str]) -> dict[DataSet, l
     return there
 
 
-def _more_tables(
-    bench: Bench,
-    one: DataSet,
-    sequences: Sequence[GivenSequence],
-    tracks: dict[str, list[list[Track]]],
-    parts: Sequence[str],
-) -> list[Table]:
+def _more_tables(bench: Bench, one: DataSet, sequences: Sequence[GivenSequence], parts: Sequence[str]) -> list[Table]:
     """The tables of one data set of the wanted parts but the first."""
     tables = list[Table]()
 
-    def add(title: str, own: Sequence[GivenSequence], found: Mapping[Any, Any], base: str = FLOW, **more: Any) -> None:
-        tables.append(given_sequences.score_table(title, _scored(bench, own, found), (base,), **more))
+    def add(title: str, own: Sequence[GivenSequence], found: Mapping[Any, Any], base: str = FLOW) -> None:
+        tables.append(given_sequences.score_table(title, _scored(bench, own, found), base))
 
-    if "filled" in parts:
-        straight = {
-            n: [t if n == FLOW else as_written(given_sequences.filled(t, round(FILL * given.rate))) for given, t in
-                zip(sequences, each, strict=True)]
-            for n, each in tracks.items() if n not in (UNFILLED, BOXES_ALONE)
-        }  # fmt: skip
-        add(f"{one.title}, gaps filled", sequences, straight, last=SETTINGS)
     for rate in RATES if "rates" in parts and one.key == "mot17" else ():
         slower = [given.at(rate) for given in sequences]
         kept = ", ".join(sorted({f"{given.rate:.3g}" for given in slower}, key=float))

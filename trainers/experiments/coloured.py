@@ -34,7 +34,6 @@ USUAL = BlobSceneSettings(frames=100, width=480, height=360)
 SCENES: Mapping[str, BlobSceneSettings] = {
     "usual clutter: 12 patches up to a third of an object": USUAL,
     "hard: 40 patches up to a half of an object": replace(USUAL, clutter=40, clutter_reach=0.25),
-    "hard, and 10 others flash in every frame": replace(USUAL, clutter=40, clutter_reach=0.25, flashes=10),
 }
 
 

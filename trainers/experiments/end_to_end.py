@@ -177,7 +177,7 @@ def reproduce(
         found += [(values["unseen"], one, ", learnt on generated streets", rows) for one, rows in every]
     for into, one, how, rows in found:
         into[one.key] = {name: given_sequences.combined_scores(sums) for name, sums in rows.items()}
-        tables.append(given_sequences.score_table(f"{one.title}{how}", rows, (DEFAULT,)))
+        tables.append(given_sequences.score_table(f"{one.title}{how}", rows, DEFAULT))
     return Outcome(values, tables, notes=[NOTE])
 
 

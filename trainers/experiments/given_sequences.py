@@ -250,32 +250,23 @@ def combined_scores(sums: FloatArray) -> dict[str, float]:
     return {name: float(value) for name, value in scores_of(sums.sum(axis=0)).items()}
 
 
-def score_table(
-    title: str,
-    rows: Mapping[str, FloatArray],
-    bases: Sequence[str],
-    last: Mapping[str, str] | None = None,
-    heading: str = "settings",
-) -> Table:
-    """Scores of all sequences together, and how far each row is above some rows, with 95 % intervals over sequences.
+def score_table(title: str, rows: Mapping[str, FloatArray], base: str) -> Table:
+    """Scores of all sequences together, and how far each row is above one of them, with 95 % intervals over sequences.
 
     Args:
         title: of the data set.
         rows: ``(S, 83)`` sums of each sequence, see `score_sums`.
-        bases: names of the rows that all others are compared with.
-        last: a cell more by the name of a row; None leaves that column out.
-        heading: above it.
+        base: name of the row that all others are compared with.
     """
     lines = []
     for name, sums in rows.items():
         found = combined_scores(sums)
         cells = [*(f"{found[key]:.3f}" for key in SCORES), *(str(int(found[key])) for key in COUNTS[:3])]
-        for base in bases:
-            cells += [""] * 4 if base == name else _gains(sums, rows[base])
-        lines.append([name, *cells, *([] if last is None else [last.get(name, "")])])
-    above = [f"{what} − {name}" for name in bases for what in ("HOTA", "MOTA", "IDF1", "IDSW")]
+        cells += [""] * 4 if base == name else _gains(sums, rows[base])
+        lines.append([name, *cells])
+    above = [f"{what} − {base}" for what in ("HOTA", "MOTA", "IDF1", "IDSW")]
     columns = (title, "HOTA", "DetA", "AssA", "MOTA", "IDF1", "IDSW", "FP", "FN", *above)
-    return Table("", columns if last is None else (*columns, heading), lines)
+    return Table("", columns, lines)
 
 
 def _gains(ours: FloatArray, theirs: FloatArray) -> list[str]:

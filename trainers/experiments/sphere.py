@@ -24,7 +24,6 @@ from tsuiseki.datamodules.scenes.sphere_clip import (
     plan_sphere,
 )
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
-from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.errors import RequestError
@@ -57,12 +56,7 @@ MakeLikelihood: TypeAlias = Callable[[Sequence[PinholeCamera], float, Sequence[I
 LIKELIHOODS: Mapping[str, MakeLikelihood] = {
     "background": lambda cameras, _, empty: views.BackgroundLikelihood(cameras, empty),
     "printed": lambda cameras, radius, _: views.PrintedContourLikelihood(cameras, radius),
-    "printed, scaled": lambda cameras, radius, _: views.MinMaxWeights(views.PrintedContourLikelihood(cameras, radius)),
     "printed, fourth power": lambda cameras, radius, _: views.PrintedContourLikelihood(cameras, radius, power=4.0),
-    "ellipse": lambda cameras, radius, _: views.PrintedContourLikelihood(cameras, radius, outlines_of=sphere_outlines),
-    "divided": lambda cameras, radius, _: views.PrintedContourLikelihood(
-        cameras, radius, outlines_of=sphere_outlines, divided=True
-    ),
     "contour": lambda cameras, radius, _: views.SphereContourLikelihood(cameras, radius),
     "faint": lambda cameras, radius, _: views.SphereContourLikelihood(cameras, radius, faint=True),
 }
@@ -105,24 +99,20 @@ at_once = partial(FilmRow, notices=False, stages=1)
 DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
     "exact cameras and radius, no blur, one clock": {},
     **{f"cameras turned by {p:g} px": {"camera_error": p} for p in (1.0, 2.0, 5.0)},
-    **{f"radius {100 * r:+.0f} %": {"radius_error": r} for r in (-0.05, 0.05, 0.1)},
+    **{f"radius {100 * r:+.0f} %": {"radius_error": r} for r in (0.05, 0.1)},
     **{f"out of focus, {s:g} px": {"film": {"defocus": s}} for s in (2.0, 4.0)},
     "smeared, exposure 1/15 s": {"film": {"exposure": 1 / 15}},
-    "rolling shutter, 1/30 s": {"film": {"readout": 1 / 30}},
-    **{f"camera 2 late by 1/{n} s": {"film": {"lateness": (0.0, 1 / n)}} for n in (60, 30, 15)},
+    "camera 2 late by 1/30 s": {"film": {"lateness": (0.0, 1 / 30)}},
 }
 """What films of real cameras have and the others have not."""
 WAYS: Mapping[tuple[Group, str], FilmRow] = {
     ("section 3", "background, as printed (2.2.1): `--preset paper --likelihood background`"): at_once("background"),
-    ("section 3", "contour, as printed (2.2.2), weights over their sum: `--preset paper`"): at_once("printed"),
-    ("section 3", "+ r0 on the true ellipse"): at_once("ellipse"),
-    ("section 3", "+ each ray divided by its sum and the contrast"): at_once("divided"),
-    ("section 3", "+ an exponential of the mean over the rays"): at_once("contour"),
+    ("section 3", "contour, as printed (2.2.2): `--preset paper`"): at_once("printed"),
+    ("section 3", "contour, to the fourth power"): at_once("printed, fourth power"),
+    ("section 3", "contour, an exponential over normalised rays"): at_once("contour"),
     ("section 3", "+ two stages of weighing"): FilmRow(notices=False),
     ("section 3", "+ covered cameras noticed"): FilmRow(),
     ("section 3", "+ a velocity: `track sphere`"): FilmRow(motion=FLIGHT),
-    ("section 3", "contour, as printed, weights from least 0 to greatest 1"): at_once("printed, scaled"),
-    ("section 3", "(not in the paper: its sum to the fourth power)"): at_once("printed, fourth power"),
     **{
         ("disturbed", f"{name}{suffix}"): make(**change)
         for name, change in DISTURBANCES.items()
@@ -144,7 +134,7 @@ WAYS: Mapping[tuple[Group, str], FilmRow] = {
         for n in (0, 5, 10, 20, 40)
     },
 }
-"""Everything that is compared, by table and row; in section 3 one addition after the other, from the paper's method."""
+"""Everything that is compared, by table and row."""
 BACKGROUND, PRINTED = list(WAYS)[:2]
 PAPER_ERRORS: Mapping[str, Mapping[study.Name, float]] = {
     "mean": {BACKGROUND[1]: 20.0, PRINTED[1]: 3.20},
@@ -164,8 +154,8 @@ def reproduce(
 ) -> Outcome:
     """Section 3 of the sphere paper: a ball moved by hand, by background difference and by outline, paper beside here.
 
-    The contour likelihood is there as printed, and then with one addition after the other. DIR gets results.json,
-    tables.md, figures 2 and 5 as pictures.png, and errors.png.
+    The contour likelihood is there as printed, and with what is added. DIR gets results.json, tables.md, figures 2 and
+    5 as pictures.png, and errors.png.
 
     Args:
         bench: where it works.

@@ -1,15 +1,11 @@
-"""The contour likelihood as printed: the plain sum, written out; and the readings of its weights."""
+"""The contour likelihood as printed: the plain sum, written out."""
 
 import numpy as np
 import pytest
 
 from tsuiseki.tracking.cameras.outline import sphere_circles, sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.sphere.views import (
-    ContourSettings,
-    MinMaxWeights,
-    PrintedContourLikelihood,
-)
+from tsuiseki.tracking.sphere.views import ContourSettings, PrintedContourLikelihood
 
 CAMERA = PinholeCamera.look_at(np.array([3.0, 0.0, 1.2]), np.array([0.0, 0.0, 1.0]), 300.0, 320, 240)
 BALL = np.array([0.1, 0.4, 0.9])
@@ -52,14 +48,6 @@ def test_a_stronger_edge_counts_in_proportion_and_a_lamp_outweighs_a_ball():
         PrintedContourLikelihood([CAMERA], RADIUS, settings)(BALL[None], [disk(v)])[0, 0] for v in (120, 180)
     )
     assert np.exp(strong - weak) == pytest.approx(4.0, rel=0.02)
-    # Divided by the contrast the two differ by less than half of that.
-    divided = PrintedContourLikelihood([CAMERA], RADIUS, settings, divided=True)
-    assert np.exp(divided(BALL[None], [disk(180)]) - divided(BALL[None], [disk(120)])) < 2.5
-
-
-def test_an_infinite_contrast_is_not_the_papers_sum_but_nothing():
-    divided = PrintedContourLikelihood([CAMERA], RADIUS, ContourSettings(contrast=np.inf), divided=True)
-    assert divided(BALL[None], [disk()])[0, 0] == -np.inf
 
 
 def test_cameras_are_multiplied_and_an_empty_view_says_nothing():
@@ -69,15 +57,6 @@ def test_cameras_are_multiplied_and_an_empty_view_says_nothing():
     np.testing.assert_allclose(two(BALL[None], [disk(), disk()]).sum(), 2 * ratios[0, 0])
     fourth = PrintedContourLikelihood([CAMERA, CAMERA], RADIUS, power=4.0)
     np.testing.assert_allclose(fourth(BALL[None], [disk(), None]), 4 * ratios)
-
-
-def test_scaled_weights_run_from_nothing_to_one():
-    places = BALL + np.linspace(-0.1, 0.1, 9)[:, None] * [0.0, 1.0, 0.0]
-    weights = np.exp(MinMaxWeights(PrintedContourLikelihood([CAMERA], RADIUS))(places, [disk()]).sum(axis=1))
-    plain = np.exp(PrintedContourLikelihood([CAMERA], RADIUS)(places, [disk()])[:, 0])
-    np.testing.assert_allclose(weights, (plain - plain.min()) / (plain.max() - plain.min()), atol=1e-12)
-    equal = MinMaxWeights(PrintedContourLikelihood([CAMERA], RADIUS))(places, [None])
-    np.testing.assert_array_equal(equal, 0.0)
 
 
 def test_circle_and_ellipse_agree_on_the_axis_only():
