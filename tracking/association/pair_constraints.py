@@ -37,13 +37,14 @@ def holds(flow: ResidualFlow, pairs: list[Pair]) -> BoolArray:
     return np.asarray(together == np.array([pair.same for pair in pairs], dtype=np.bool_))
 
 
-def satisfy(flow: ResidualFlow, pair: Pair, frames: IntArray) -> tuple[IntArray, bool]:
+def satisfy(flow: ResidualFlow, pair: Pair, frames: IntArray, *, exact: bool = True) -> tuple[IntArray, bool]:
     """Arcs to force (1) and forbid (-1) beyond the status of a flow, so that a pair is as it should be.
 
     Args:
         flow: the cheapest flow under its constraints; it stays as it is.
         pair: that is not so yet.
         frames: ``(N,)`` of the detections.
+        exact: look for the cheapest flow; or take the first way, or cut.
 
     Returns:
         ``(3 N + P,)`` the status, and whether no flow that satisfies flow and pair costs less.
@@ -61,7 +62,7 @@ def satisfy(flow: ResidualFlow, pair: Pair, frames: IntArray) -> tuple[IntArray,
         mended.constrain(status)
     gap = round((mended.total - flow.total) * SCALE)
     free = np.flatnonzero((flow.status == FREE) & (np.abs(flow.reduced) <= gap))
-    if gap == 0 or len(free) > MOST_ARCS:
+    if gap == 0 or not exact or len(free) > MOST_ARCS:
         return status, gap == 0
     used = _cheapest(flow, pair, frames, free, gap)
     if used is None:

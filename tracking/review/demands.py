@@ -86,8 +86,11 @@ class Demands:
             self._join(i, j, sentence)
 
     def wanted_pairs(self) -> list[Pair]:
-        """`pairs` that links do not make sure of."""
-        return [Pair(i, j, same) for (i, j), same in self.pairs.items() if not (same and self.after.get(i) == j)]
+        """What `pairs` come to that links do not make sure of: of one person, neighbours in time."""
+        groups = {id(group): sorted(group.members.items()) for group in self._groups.values()}.values()
+        same = [pair for group in groups for pair in itertools.pairwise(n for _, (n, _) in group)]
+        together = [Pair(i, j, same=True) for i, j in same if self.after.get(i) != j]
+        return together + [Pair(i, j, same=False) for (i, j), same in self.pairs.items() if not same]
 
     def check(self) -> None:
         """Refuse two that are apart although others put them together.

@@ -194,7 +194,8 @@ class Session:
 
         Args:
             kind: see `Correction`.
-            ids: one track, or two: the same or not the same, one in ``frame`` and the other in ``last``; to switch.
+            ids: one track, or two: the same or not the same, one in ``frame`` and the other in ``last``; to switch. One
+                that is not the same is another from ``frame`` on.
             frame: from 0; where a track has no detection there, the nearest is meant.
             last: the other frame, or the end of a segment that is right; by default the same.
             name: of a track.
@@ -204,14 +205,21 @@ class Session:
             RequestError: there is no such track.
         """
         last = frame if last is None else last
-        if kind == "switch":
-            one, other = ids
-            before = [self._boxes(n, lambda frames: np.flatnonzero(frames < frame)[-1:]) for n in (one, other)]
-            after = [self._boxes(n, lambda frames: np.flatnonzero(frames >= frame)[:1]) for n in (one, other)]
+        if kind == "switch" or (kind == "not_same" and len(ids) == 1):
+            before = [self._boxes(n, lambda frames: np.flatnonzero(frames < frame)[-1:]) for n in ids]
+            after = [self._boxes(n, lambda frames: np.flatnonzero(frames >= frame)[:1]) for n in ids]
+            if kind == "not_same" and not (before[0] and after[0]):
+                raise RequestError(f"expected a frame within track {ids[0]} to part it, got {frame + 1}")
             return Correction(kind, tuple(found[0] if found else None for found in (*before, *after)))
         if kind in ("delete", "right"):
             first, end = (0, self.n_frames) if kind == "delete" else (frame, last)
-            return Correction(kind, self._boxes(ids[0], lambda frames: (frames >= first) & (frames <= end)))
+            boxes = self._boxes(ids[0], lambda frames: (frames >= first) & (frames <= end))
+            if kind == "right" and len(boxes) < 2:
+                raise RequestError(
+                    f"expected two detections or more of track {ids[0]} in frames {first + 1} to {end + 1}, got "
+                    f"{len(boxes)}; choose a longer segment"
+                )
+            return Correction(kind, boxes)
         drawn = (Box(frame, *(float(v) for v in box)),) if kind == "box" and box is not None else ()
         near = [
             self._boxes(n, lambda frames, at=at: [np.abs(frames - at).argmin()])[0]  # type: ignore[misc]

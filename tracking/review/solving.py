@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -54,25 +55,42 @@ class CorrectedFlow:
         self._grow_returns()
 
     def correct(self, corrections: Sequence[Correction]) -> None:
-        """Solve under exactly these corrections; the last one named in a refusal is the one that is too much.
+        """Solve under exactly these corrections.
 
         Raises:
             ContradictionError: two of them contradict each other.
-            RequestError: they cannot all hold.
+            RequestError: they cannot all hold; the message names the last one and one that it contradicts.
         """
         network = self.network
         self._grow_detections(unmet_boxes(corrections, network.frames, network.boxes))
         demands = demands_of(corrections, self.network.frames, self.network.boxes)
         self._grow_links([(i, j) for i, j in demands.after.items() if j != NOTHING])
-        kept = self._ways, self.flow
+        kept = self._ways, self.flow, self.network
         try:
             notes = self._solve(demands)
         except InfeasibleError:
-            self._ways, self.flow = kept
-            last = f": {corrections[-1]}" if corrections else ""
-            raise RequestError(f"this cannot hold together with what was decided before{last}; take it back") from None
+            self._ways, self.flow, self.network = kept
+            raise RequestError(f"{self._refused(corrections)}; take one back") from None
         self.demands, self.notes = demands, notes + demands.left_out
         self._grow_returns()
+
+    def _refused(self, corrections: Sequence[Correction]) -> str:
+        """The last correction, and the first one with which, and those before, it cannot hold."""
+        *before, last = corrections
+        kept, many = (self._ways, self.flow, self.network), len(before)
+
+        def fails(count: int) -> bool:
+            try:
+                self._solve(demands_of([*before[:count], last], self.network.frames, self.network.boxes))
+            except InfeasibleError:
+                return True
+            finally:
+                self._ways, self.flow, self.network = kept
+            return False
+
+        count = bisect.bisect_left(range(many), True, key=fails)
+        other = f" together with {before[count - 1]}, and what was decided before that" if count else ""
+        return f"this cannot hold{other}: {last}"
 
     def labels(self) -> IntArray:
         """``(N,)`` number of the track of each detection, -1 for none; what is taken for clutter counts as none."""
@@ -100,21 +118,22 @@ class CorrectedFlow:
 
     def _solve(self, demands: Demands) -> list[str]:
         """Solve, and note how pairs were handled."""
-        pairs, before = demands.wanted_pairs(), self.flow
+        pairs, before, network = demands.wanted_pairs(), self.flow, self.network
         ways = {pair: way for pair, way in self._ways.items() if pair in pairs}
-        # Ways that were found before may not suit any more.
-        for self._ways in [ways, {}] if ways else [{}]:
-            again, self.flow = bool(self._ways), before.copy()
+        # Ways that were found before may not suit any more, and exact ones may not suit each other.
+        for self._ways, exact in [(ways, True), ({}, True), ({}, False)]:
+            self.flow, self.network = before.copy(), network
             try:
                 self.flow.constrain(self._status(demands))
-                return self._see_to(demands, pairs)
+                return self._see_to(demands, pairs, exact=exact)
             except InfeasibleError:
-                if not again:
-                    raise
-        return []
+                continue
+        raise InfeasibleError
 
-    def _see_to(self, demands: Demands, pairs: list[Pair]) -> list[str]:
+    def _see_to(self, demands: Demands, pairs: list[Pair], *, exact: bool) -> list[str]:
+        """Handle pairs until all hold; where not exactly, those of one person first, then the others by cuts."""
         notes = list[str]()
+        pairs = pairs if exact else sorted(pairs, key=lambda pair: not pair.same)
         for _ in range(MOST_ROUNDS):
             held = holds(self.flow, pairs) if pairs else np.ones(1, np.bool_)
             if held.all():
@@ -124,18 +143,18 @@ class CorrectedFlow:
                 self.flow.constrain(self._status(demands))
             alone = not self._ways
             try:
-                status, exact = satisfy(self.flow, pair, self.network.frames)
+                status, optimal = satisfy(self.flow, pair, self.network.frames, exact=exact)
             except InfeasibleError:
                 if not pair.same:
                     raise
                 # No way leads from one to the other: they follow each other.
                 self._grow_links([(pair.first, pair.last)])
-                status, exact = self.flow.status.copy(), False
+                status, optimal = self.flow.status.copy(), False
                 status[[pair.first, pair.last, self.flow.link(pair.first, pair.last)]] = FORCED
             arcs = np.flatnonzero(status != self.flow.status)
             self._ways[pair] = (arcs, status[arcs])
             self.flow.constrain(status)
-            notes.append(self._note(pair, exact=exact and alone))
+            notes.append(self._note(pair, exact=optimal and alone))
         raise InfeasibleError
 
     def _note(self, pair: Pair, *, exact: bool) -> str:

@@ -165,10 +165,25 @@ def answered(
             # The track is chosen when a question is asked: one key deletes it.
             rows = np.flatnonzero(ids == ids[one]) if ids[one] else np.array([one, other])
             return Correction("delete", boxes_of(network.frames[rows].tolist(), network.boxes[rows].tolist()))
+        if question.kind == "link" and whose[0] != whose[1]:
+            return _parted(one, other, whose, owners, ids, network)
         return question.yes if (whose[0] == whose[1]) == (question.kind == "link") else question.no
     found = [owners[find(box)] for part in (question.yes.parts or (question.yes,)) for box in part.there]
     person = np.mean([owner >= 0 for owner in found]) > 0.5
     return None if IGNORED in found else question.yes if person == (question.yes.kind == "real") else question.no
+
+
+def _parted(
+    one: int, other: int, whose: tuple[int, int], owners: IntArray, ids: IntArray, network: SolvedNetwork
+) -> Correction:
+    """A track is another person from a frame on: where most detections to both sides are as they should be."""
+    frames = network.frames
+    rows = np.flatnonzero((ids == ids[one]) & (frames >= frames[one]) & (frames <= frames[other]))
+    rows = rows[np.argsort(frames[rows], kind="stable")]
+    early, late = np.cumsum(owners[rows] == whose[0]), np.cumsum(owners[rows] == whose[1])
+    last = int(np.argmax(early[:-1] + late[-1] - late[:-1]))
+    here = rows[last : last + 2]
+    return Correction("not_same", boxes_of(frames[here].tolist(), network.boxes[here].tolist()))
 
 
 def _seen(question: Question, n: int, find: Finder, owners: IntArray, *, before: bool) -> int:

@@ -110,6 +110,20 @@ def test_nothing_is_lost_when_the_server_is_killed(reviewable, started, opened):
     assert ids_at(page, at + 5) == before
 
 
+def test_a_question_leads_to_its_place_and_a_track_is_parted_there(reviewable, started, opened):
+    page = opened(started(reviewable)[1])
+    to_frame(page, 0)
+    page.locator("#loop-no").click()
+    page.locator('#boxes[data-frame="0"]').wait_for(state="detached")
+    at = 40
+    to_frame(page, at)
+    page.keyboard.press("Escape")
+    page.mouse.click(*place(page, *centre(walkers(PEOPLE, FRAMES, SIZE)[4], at)))
+    changed(page, lambda: page.keyboard.press("p"))
+    assert (5 in ids_at(page, at - 1)) != (5 in ids_at(page, at))
+    assert len(ids_at(page, at)) == PEOPLE
+
+
 def test_boxes_are_moved_added_and_named_with_a_finger(reviewable, started, opened):
     page = opened(started(reviewable)[1], viewport={"width": 820, "height": 1180}, has_touch=True)
     to_frame(page, 10)

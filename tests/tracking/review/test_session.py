@@ -1,13 +1,18 @@
 """A result that is corrected: what is said holds, is on disk, and is taken back."""
 
+from contextlib import suppress
+
 import cv2
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.review.corrections import Correction, boxes_of
 from tsuiseki.tracking.review.session import Session
+from tsuiseki.tracking.review.solving import CorrectedFlow
 
 SIZE = (400, 200)
 
@@ -136,6 +141,46 @@ def test_two_boxes_are_parted_and_joined(folder):
     session.correct(crossed)
     early, late = crossed.there
     assert owner(session, early) == owner(session, late)
+
+
+def test_a_track_is_parted_where_it_is_another(folder):
+    session = Session(folder)
+    one = next(iter(session.tracks())).id
+    parted = session.made("not_same", [one], 20)
+    assert [box.frame for box in parted.there] == [19, 20]
+    session.correct(parted)
+    early, late = parted.there
+    assert owner(session, early) != owner(session, late)
+    with pytest.raises(RequestError, match="expected a frame within track"):
+        session.made("not_same", [one], 0)
+
+
+def test_after_a_refusal_the_tracks_are_as_before_and_both_reasons_are_named(folder):
+    session = Session(folder)
+    network = session._flow.network
+    box = dict(zip(network.frames.tolist(), boxes_of(network.frames.tolist(), network.boxes.tolist()), strict=True))
+    session.correct(Correction("next", (box[10], box[14])))
+    session.correct(session.made("name", [1], 20, name="Anna"))
+    before = rows(session)
+    with pytest.raises(RequestError, match=r"in frame 11 .* in frame 15 .* before that: .* in frame 13"):
+        session.correct(Correction("same", (box[12], box[10])))
+    assert rows(session) == before
+    session.correct(session.made("name", [1], 20, name="Bea"))
+    assert session.names == {1: "Bea"}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_whatever_is_said_is_done_or_refused(folder, seed):
+    network = SolvedNetwork.read(folder / "flow.npz")
+    flow, done, rng = CorrectedFlow(network), [], np.random.default_rng(seed)
+    for kind in rng.choice(["same", "not_same", "not_same", "next"], 8):
+        two = network.frames.argsort(kind="stable")[np.sort(rng.choice(len(network), 2, replace=False))]
+        if network.frames[two[0]] != network.frames[two[1]]:
+            said = Correction(str(kind), boxes_of(network.frames[two].tolist(), network.boxes[two].tolist()))
+            with suppress(RequestError):
+                flow.correct([*done, said])
+                done.append(said)
+            flow.correct(done)
 
 
 def test_a_line_that_a_crash_cut_short_is_left_out_and_written_over(folder):

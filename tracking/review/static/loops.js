@@ -7,9 +7,11 @@ const SIDE = 320; // pixels
 const STEP = 110; // milliseconds a frame
 
 export class Loops {
-  constructor(link) {
+  /** `go(frame)` is called with the frame that is clicked. */
+  constructor(link, go) {
     this.link = link;
     this.canvases = [document.getElementById("loop-yes"), document.getElementById("loop-no")];
+    for (const canvas of this.canvases) canvas.onclick = () => this.shown !== undefined && go(this.shown);
     this.question = null;
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
   }
@@ -63,7 +65,7 @@ export class Loops {
   }
 
   step() {
-    const frame = this.frames[this.at];
+    const frame = (this.shown = this.frames[this.at]);
     this.draw(this.canvases[0], this.question.yes, frame);
     this.draw(this.canvases[1], this.question.no, frame);
     // What the question is about stays longer.

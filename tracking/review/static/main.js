@@ -76,12 +76,13 @@ const app = {
     this.picked();
   },
 
-  /** Choose a person alone, in this frame or the nearest in which they are. */
-  pick(id) {
+  /** Choose up to two, in this frame or the nearest in which each is. */
+  pick(...ids) {
     const near = (span) => Math.min(Math.max(this.frame, span[0]), span[1]);
-    const frames = (this.tracks.get(id)?.spans ?? []).map(near);
-    frames.sort((a, b) => Math.abs(a - this.frame) - Math.abs(b - this.frame));
-    this.chosen = frames.length ? [{ id, frame: frames[0] }] : [];
+    this.chosen = ids.filter((id) => this.tracks.has(id)).slice(0, 2).map((id) => {
+      const frames = this.tracks.get(id).spans.map(near);
+      return { id, frame: frames.sort((a, b) => Math.abs(a - this.frame) - Math.abs(b - this.frame))[0] };
+    });
     this.picked();
   },
 
@@ -106,7 +107,7 @@ const app = {
     const [one, two] = this.chosen, last = this.last(), free = Boolean(this.state) && this.link.alive && !this.busy;
     const on = {
       same: two && one.frame !== two.frame && one.id !== two.id,
-      part: two && one.frame !== two.frame,
+      part: two ? one.frame !== two.frame : last && this.tracks.get(last.id).spans[0][0] < this.frame,
       exchange: two && one.id !== two.id && this.here(one.id) && this.here(two.id),
       notPerson: last && this.here(last.id),
       isPerson: last && this.here(last.id),
@@ -243,15 +244,14 @@ const app = {
     $("asked").textContent = this.question?.sentence ?? (questions.length ? "All questions are skipped." : "Nothing is in doubt; you can still correct by hand.");
     if (this.question?.key !== before || !this.question) this.loops.show(this.question, this.state);
     $("question").dataset.key = this.question?.key ?? "";
+    $("where").hidden = !this.question?.key.startsWith("link");
     this.enable();
   },
 
   goToQuestion() {
     if (!this.question) return;
-    const ids = this.question.ids.filter((id) => this.tracks.has(id));
-    this.chosen = ids.slice(0, 2).map((id) => ({ id, frame: this.question.frame }));
     this.go(this.question.frame);
-    this.picked();
+    this.pick(...this.question.ids);
     this.timeline.reveal(this.question.ids[0]);
     this.stage.reveal(this.question.about[0].slice(2));
   },
@@ -266,6 +266,7 @@ const app = {
   skip() {
     if (!this.question) return;
     this.skipped.add(this.question.key);
+    this.say("Skipped.");
     this.ask();
     this.goToQuestion();
   },
@@ -317,7 +318,7 @@ const ACTIONS = {
   undo: () => app.change("undo", {}),
   redo: () => app.change("redo", {}),
   same: () => app.pair("same"),
-  part: () => app.pair("not_same"),
+  part: () => (app.chosen.length > 1 ? app.pair("not_same") : app.one("not_same")),
   exchange: () => app.correct({ kind: "switch", ids: app.chosen.map((one) => one.id), frame: app.frame }),
   notPerson: () => app.one("not_person"),
   isPerson: () => app.one("real"),
@@ -386,7 +387,7 @@ app.boxes = new Boxes(app.link, () => {
   app.settling = setTimeout(() => app.settled(), 120);
 });
 app.pictures = new Pictures(app.link, (frame) => frame === app.frame && app.draw());
-app.loops = new Loops(app.link);
+app.loops = new Loops(app.link, (frame) => app.go(frame));
 app.stage = new Stage(app);
 app.timeline = new Timeline(app);
 
