@@ -16,6 +16,7 @@ import scipy
 
 from tsuiseki.tracking.association.marginals import marginals
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
+from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.review.corrections import Box, Correction, boxes_of
@@ -77,7 +78,7 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), answers: int = 
     made = given_sequences.find_given(bench.store.made("streets", write_streets, 10, 120).parent, STREETS)[:streets]
     sequences = [one for every in given_sequences.find_sets(data, ("pets", "tud", "mot17")).values() for one in every]
     lines, values = [], {}
-    for given in bench.watch.over([*sequences, *made], "corrections"):
+    for given in progress([*sequences, *made], "corrections"):
         course = bench.store.recall(reviewed, given, answers)
         values[given.name] = course
         shares = [f"{course.found[name]:.0f}" for name in RANKINGS]

@@ -19,6 +19,7 @@ from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_dron
 from tsuiseki.tracking.association.costs import ActionFeatures
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity
+from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.drone.models import DroneMethod, as_detections
 from tsuiseki.tracking.drone.observations import Observation, Observers, observe
 from tsuiseki.tracking.drone.run import suited
@@ -191,17 +192,15 @@ def reproduce(
     )
     # All clips in one go, so that every core has one to draw until the end.
     work = on_all_cores(partial(observe_clip, bench.store, models), [*tests, *second])
-    every = list(bench.watch.over(work, "clips", len(tests) + len(second)))
+    every = list(progress(work, "clips", len(tests) + len(second)))
     every, carried = every[: len(tests)], every[len(tests) :]
     sets = [every[first : first + clips] for first in range(0, len(every), clips)]
-    bench.watch.say("tracking")
     people = {"taken out": people_rows(sets), "left in": people_rows(sets, compensate=False)}
     iterations: dict[str, list[People]] = {
         m: [[tracker_for(m, clip, rounds=k).people() for clip in every] for k in range(MOST_ITERATIONS)]
         for m in METHODS
         if "maf" in m.lower()
     }
-    bench.watch.say("recognising actions")
     rounds = {m: [people_row(_pairs(every, found)) for found in results] for m, results in iterations.items()}
     values: dict[str, Any] = {
         "plan": {"seeds": seeds, "clips": clips, "frames": frames},

@@ -26,6 +26,7 @@ from tsuiseki.datamodules.scenes.sphere_clip import (
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.triangulation import triangulate
+from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.base import Motion
@@ -178,7 +179,7 @@ def reproduce(
         for alike in _of_one_film(ways):
             own = list(alike.values())
             film = CarriedBallSettings(cameras=max(way.cameras for way in own), frames=frames, **own[0].film)
-            errors = bench.store.recall(run_film, number, film, own, bench.watch)
+            errors = bench.store.recall(run_film, number, film, own)
             for name, one in zip(alike, errors, strict=True):
                 found[name].append(one)
     tables = [
@@ -209,20 +210,19 @@ def _columns(group: str) -> list[Column]:
     return columns
 
 
-def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[FilmRow], watch: study.Watch) -> list[FilmErrors]:
+def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[FilmRow]) -> list[FilmErrors]:
     """The errors of every way on the film of ``seed``.
 
     Args:
         seed: of room, person, noise and particles.
         settings: of the film.
         ways: all of one kind of film.
-        watch: receives the progress.
     """
     scene = plan_sphere(settings, seed)
     empty = scene.backgrounds()
     runs = [_Run(way, scene, empty, seed) for way in ways]
     rng = np.random.default_rng((seed, 3))
-    for index, (images, _) in enumerate(watch.over(scene.frames(), f"film {seed}", settings.frames)):
+    for index, (images, _) in enumerate(progress(scene.frames(), f"film {seed}", settings.frames)):
         board = covered_image(scene, 0, rng) if any(index in run.hidden for run in runs) else None
         for run in runs:
             run.see(index, images, board)

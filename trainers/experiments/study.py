@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import partial
@@ -42,35 +41,19 @@ Show: TypeAlias = Callable[[FloatArray, str], str]
 SAMPLES = 10_000
 
 
-class Watch:
-    """Receives the progress of an experiment; this one ignores it."""
-
-    fingerprint = "how progress is shown makes no difference"
-
-    def over(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-        """Pass ``items`` through; ``what`` names them and ``total`` is their number if known."""
-        del what, total
-        yield from items
-
-    def say(self, line: str) -> None:
-        """A line of progress."""
-
-
 @dataclass(frozen=True)
 class Bench:
     """Where an experiment works.
 
     Attributes:
         store: keeps what was computed.
-        watch: receives the progress.
     """
 
     store: Store
-    watch: Watch = field(default_factory=Watch)
 
     def each(self, compute: Callable[..., T], jobs: Sequence[Iterable[Any]], what: str) -> list[T]:
         """``compute(*job)`` of every job, from the store where it is there; ``what`` names them."""
-        return [self.store.recall(compute, *job) for job in self.watch.over(jobs, what, len(jobs))]
+        return [self.store.recall(compute, *job) for job in progress(jobs, what, len(jobs))]
 
 
 @dataclass(frozen=True)
@@ -94,7 +77,7 @@ class Study(Generic[OneName, Row, Unit, Found]):
         """Measurements of each row, one a unit; each is kept at once, so that an interrupted study goes on."""
         found: dict[OneName, list[Found]] = {name: [] for name in self.rows}
         jobs = [(unit, name) for unit in self.units for name in self.rows]
-        for unit, name in bench.watch.over(jobs, self.what, len(jobs)):
+        for unit, name in progress(jobs, self.what, len(jobs)):
             found[name].append(bench.store.recall(self.measure, self.rows[name], unit))
         return found
 
@@ -281,14 +264,12 @@ class Curve:
         label: in the legend.
         x: ``(N,)``.
         y: ``(N,)``.
-        error: ``(N,)``, or ``(2, N)`` below and above, of the bars; None for none.
         style: of Matplotlib.
     """
 
     label: str
     x: Sequence[float] | FloatArray
     y: Sequence[float] | FloatArray
-    error: FloatArray | Sequence[float] | None = None
     style: str = "o-"
 
 
@@ -310,7 +291,7 @@ def curves(
         axes = figure.add_subplot(1, len(panels), place + 1)
         for number, one in enumerate(lines):
             colour = COLOURS[number % len(COLOURS)]
-            axes.errorbar(one.x, one.y, one.error, fmt=one.style, color=colour, label=one.label, capsize=2)
+            axes.plot(one.x, one.y, one.style, color=colour, label=one.label)
         axes.set_title(title, loc="left")
         axes.set(xlabel=across[place], ylabel=up if place == 0 else "")
         axes.grid(alpha=0.3)
@@ -385,18 +366,6 @@ def some_of(known: Sequence[str], **asked: Sequence[str]) -> None:
             raise RequestError(f"`{name}`: expected some of {', '.join(known)}, got {wrong!r}")
 
 
-class Terminal(Watch):
-    """Shows the progress."""
-
-    def over(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-        """See `Watch.over`."""
-        return progress(items, what, total)
-
-    def say(self, line: str) -> None:
-        """See `Watch.say`."""
-        print(line, file=sys.stderr, flush=True)
-
-
 @dataclass(frozen=True)
 class Reproduction(Output):
     """Where an experiment computes, and where its result goes.
@@ -420,7 +389,7 @@ def command(name: str, experiment: Callable[..., Outcome]) -> Callable[..., int]
         with output.run() as run:
             try:
                 with run.times.measure("experiment"):
-                    outcome = experiment(Bench(Store(output.cache), Terminal()), **options)
+                    outcome = experiment(Bench(Store(output.cache)), **options)
             except KeyboardInterrupt as error:
                 kept = f"what was computed is kept in {output.cache}: run the same command again to go on"
                 raise Interrupted(signal_of(error), kept) from error

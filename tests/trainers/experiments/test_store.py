@@ -18,8 +18,8 @@ import pytest
 
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments import store as store_module
+from tsuiseki.trainers.experiments.peers import Peer
 from tsuiseki.trainers.experiments.store import Store, code_version
-from tsuiseki.trainers.experiments.study import Watch
 
 CALLS: list[object] = []
 
@@ -43,8 +43,8 @@ class Found:
     pairs: dict[int, tuple[int, float]]
 
 
-def find(settings: Settings, points: FloatArray, path: Path | None = None, watch: Watch | None = None) -> Found:
-    del path, watch
+def find(settings: Settings, points: FloatArray, path: Path | None = None, peer: Peer | None = None) -> Found:
+    del path, peer
     CALLS.append(settings)
     return Found(settings, points * settings.size, ("a", "b"), {"x": [0.1, float("inf")]}, {3: (1, 0.5)})
 
@@ -99,14 +99,11 @@ def test_a_path_stands_for_what_is_in_it(tmp_path: Path) -> None:
     assert len(CALLS) == 3
 
 
-def test_how_progress_is_shown_and_what_was_computed_on_an_argument_make_no_difference(tmp_path: Path) -> None:
-    class Loud(Watch):
-        pass
-
+def test_where_a_peer_lies_and_what_was_computed_on_an_argument_make_no_difference(tmp_path: Path) -> None:
     store, settings = Store(tmp_path), Settings()
-    store.recall(find, settings, np.zeros(1), watch=Watch())
+    store.recall(find, settings, np.zeros(1), peer=Peer("here", "1.0"))
     assert settings.double == 2
-    store.recall(find, settings, np.zeros(1), watch=Loud())
+    store.recall(find, settings, np.zeros(1), peer=Peer("there", "1.0"))
     assert len(CALLS) == 1
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -17,7 +15,6 @@ from tsuiseki.trainers.experiments.study import (
     Curve,
     Name,
     Study,
-    Watch,
     bootstrap,
     curves,
     interval,
@@ -28,30 +25,20 @@ from tsuiseki.trainers.experiments.study import (
     with_interval,
 )
 
-T = TypeVar("T")
 CALLS: list[tuple[float, int]] = []
+STOP = {"after": 1000}
+"""Runs after which somebody interrupts."""
 
 
 def measure(slope: float, unit: int) -> dict[str, float]:
+    if len(CALLS) == STOP["after"]:
+        raise KeyboardInterrupt
     CALLS.append((slope, unit))
     return {"error": slope * unit, "missed": 1.0}
 
 
 ROWS: dict[Name, float] = {"plain": 1.0, "steep": 3.0}
 STUDY = Study(ROWS, (1, 2, 4), measure)
-
-
-class Stopping(Watch):
-    """Ends an experiment after some runs, as a user does."""
-
-    def __init__(self, after: int) -> None:
-        self.after = after
-
-    def over(self, items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-        for number, item in enumerate(items):
-            if number == self.after:
-                raise KeyboardInterrupt(what, total)
-            yield item
 
 
 @pytest.fixture(autouse=True)
@@ -74,10 +61,12 @@ def test_means_gains_and_the_papers_values_stand_side_by_side(tmp_path: Path) ->
     assert values_of(found)[1]["runs"][2] == {"error": 12.0, "missed": 1.0}
 
 
-def test_an_interrupted_study_loses_nothing(tmp_path: Path) -> None:
+def test_an_interrupted_study_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(STOP, "after", 4)
     with pytest.raises(KeyboardInterrupt):
-        STUDY.run(Bench(Store(tmp_path), Stopping(4)))
+        STUDY.run(Bench(Store(tmp_path)))
     assert len(CALLS) == 4
+    monkeypatch.undo()
     found = STUDY.run(Bench(Store(tmp_path)))
     assert len(CALLS) == len(set(CALLS)) == 6
     assert [one["error"] for one in found["steep"]] == [3.0, 6.0, 12.0]
@@ -116,7 +105,7 @@ def test_the_bootstrap_of_equal_values_is_a_point_and_of_others_holds_their_mean
 
 
 def test_a_plot_has_a_panel_for_each_title() -> None:
-    lines = [Curve("a", [1, 2], [3, 4], [0.1, 0.1]), Curve("b", [1, 2], [4, 3])]
+    lines = [Curve("a", [1, 2], [3, 4]), Curve("b", [1, 2], [4, 3])]
     figure = curves({"first": lines, "second": lines}, ("x", "z"), "y")
     assert [axes.get_title(loc="left") for axes in figure.axes] == ["first", "second"]
     assert [axes.get_xlabel() for axes in figure.axes] == ["x", "z"]
