@@ -276,9 +276,8 @@ def ten_frames(folder: Path, detector: Callable[[int, int], Detect]) -> None:
     labels = read_rotated_labels(folder / "annotations.json")
     person = PersonModel(height=1.3, body_radius=0.3)
     first = _picture(folder, next(iter(labels)))
-    camera = _camera(first.shape[1], first.shape[0])
-    view = CeilingView(camera, _table(first.shape[1], first.shape[0], person), person,
-                       Appearance(shipped("appearance_people"), threads=1))  # fmt: skip
+    table = _table(first.shape[1], first.shape[0], person)
+    view = CeilingView(table, Appearance(shipped("appearance_people"), threads=1))
     for source in ("given", "own"):
         frames = []
         for name, each in labels.items():

@@ -134,8 +134,7 @@ class CeilingOptions(Drawing):
             it is. In the first, any detector of ordinary pictures will do.
         detector_options: reading of another project's detector, where its file leaves it open.
         unrolling: the unrolled views.
-        crops: input of the appearance network: people turned upright, as on a standing screen without perspective, or
-            as in the image.
+        crops: input of the appearance network: people turned upright, or as in the image.
         person_height: height of the model of a person, metres.
         body_radius: radius of the model of a person, metres.
         resize: where images have another size than the calibration, scale it: cut, where they show a part of what was
@@ -148,7 +147,7 @@ class CeilingOptions(Drawing):
     view: Literal["unrolled", "image"] = "unrolled"
     detector_options: DetectorOptions = field(default_factory=DetectorOptions)
     unrolling: UnrollingSettings = field(default_factory=UnrollingSettings)
-    crops: Literal["upright", "standing", "image"] = "upright"
+    crops: Literal["upright", "image"] = "upright"
     person_height: float = 1.7
     body_radius: float = 0.25
     resize: Literal["no", "cut", "widen"] = "no"

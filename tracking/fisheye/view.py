@@ -10,8 +10,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras
-from tsuiseki.tracking.cameras.person_model import FloorCamera, PersonModel, PersonTable, cached_table
-from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
+from tsuiseki.tracking.cameras.person_model import PersonModel, PersonTable, cached_table
+from tsuiseki.tracking.cameras.rectification import upright_crops
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Describe
 from tsuiseki.tracking.following import count
@@ -31,7 +31,7 @@ from tsuiseki.tracking.types.tracks import FloorDetections
 from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import Source, SourceLike, open_source
 
-Crops = Literal["image", "upright", "standing"]
+Crops = Literal["image", "upright"]
 Scaling: TypeAlias = Literal["no", "cut", "widen"]
 # Height and width of a crop, pixels: what the shipped appearance network takes.
 CROP = (128, 64)
@@ -39,20 +39,15 @@ CROP = (128, 64)
 
 @dataclass(frozen=True)
 class CeilingView:
-    """A camera, its table of boxes and the appearance model.
+    """The table of boxes of a camera and the appearance model.
 
     Attributes:
-        camera: with its pose.
         table: gives the rotated box and the floor position of an upright box.
-        person: the model that the table was made with.
         appearance: the appearance model; None uses no appearance.
-        crops: its input: the upright box as it is in the ``image``, the rotated box turned ``upright``, or the
-            person as on a ``standing`` screen, which evens out perspective.
+        crops: its input: the upright box as it is in the ``image``, or the rotated box turned ``upright``.
     """
 
-    camera: FloorCamera
     table: PersonTable
-    person: PersonModel
     appearance: Describe | None = None
     crops: Crops = "upright"
 
@@ -93,8 +88,6 @@ class CeilingView:
 
     def _cut_out(self, image: ImageArray, found: FloorDetections) -> ImageArray:
         height, width = CROP
-        if self.crops == "standing":
-            return standing_crops(image, self.camera, found.places, self.person, height, width)
         boxes = found.rotated if self.crops == "upright" else as_unturned(found.detections.boxes)
         return upright_crops(image, boxes, height, width)
 
@@ -135,8 +128,7 @@ class CeilingSource:
 
     def view(self, tables: Path, person: PersonModel) -> CeilingView:
         """What finds people's places, with the table of boxes that the folder ``tables`` keeps."""
-        camera = self.placed.camera
-        return CeilingView(camera, cached_table(tables, camera, self.floor, person), person)
+        return CeilingView(cached_table(tables, self.placed.camera, self.floor, person))
 
 
 def open_ceiling(

@@ -20,7 +20,7 @@ from tsuiseki.datamodules.scenes.clip import FrameTruth, ground_truth
 from tsuiseki.datamodules.scenes.room_clip import CAMERAS, SIZES, Room, RoomClip, RoomSettings, plan_room
 from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
-from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
+from tsuiseki.tracking.cameras.person_model import build_table
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import coverage
 from tsuiseki.tracking.evaluation.multi import PeopleScores, SequencePair, evaluate_sequences
@@ -156,7 +156,7 @@ def observe(clip: CeilingClip, detector_file: Path, appearance_file: Path) -> Ob
     camera = room.cameras[clip.camera]
     appearance = Appearance(appearance_file, threads=1)
     table = build_table(camera, room.floor)
-    views = {crops: CeilingView(camera, table, PersonModel(), appearance, crops) for crops in CROPS}
+    views = {crops: CeilingView(table, appearance, crops) for crops in CROPS}
     detector = ceiling_detector(Detector(detector_file, LEAST_SCORE, threads=1), camera, "unrolled")
     found, truths = list[FloorDetections](), list[FrameTruth]()
     features: dict[str, list[FloatArray]] = {crops: [] for crops in CROPS}

@@ -20,7 +20,7 @@ from tsuiseki.tracking.cameras.person_model import (
 )
 from tsuiseki.tracking.cameras.pose import pose_at
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cameras.rectification import standing_crops, upright_crops
+from tsuiseki.tracking.cameras.rectification import upright_crops
 from tsuiseki.tracking.errors import RequestError
 
 LENS = OmnidirectionalLens(640, 480, np.array([140.0, 0.0, -1.2e-3, 1e-6, -5e-9]), np.array([320.0, 240.0]))
@@ -157,14 +157,3 @@ def test_an_upright_box_is_cut_out_as_it_is():
     image = np.random.default_rng(0).integers(0, 255, (60, 60, 3)).astype(np.uint8)
     crop = upright_crops(image, np.array([[20.0, 30.0, 10.0, 20.0, 0.0]]), 20, 10)[0]
     assert np.array_equal(crop, image[20:40, 15:25])
-
-
-def test_somebody_painted_on_a_screen_fills_the_crop():
-    image = np.zeros((480, 640, 3), dtype=np.uint8)
-    place = np.array([[1.5, 1.0]])
-    pixels = CAMERA.project(np.array([[1.5, 1.0, 1.65], [1.5, 1.0, 0.05]]))[0]
-    for pixel, colour in zip(pixels, ((255, 0, 0), (0, 255, 0)), strict=True):
-        cv2.circle(image, tuple(np.round(pixel).astype(int).tolist()), 4, colour, -1)
-    crop = standing_crops(image, CAMERA, place, PersonModel(), 64, 32)[0]
-    assert crop[:8, 16, 0].max() > 200
-    assert crop[56:, 16, 1].max() > 200
