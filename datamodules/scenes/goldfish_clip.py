@@ -11,8 +11,7 @@ from scipy.special import ndtri
 
 from tsuiseki.datamodules.scenes.body_clip import MOST_BODIES, BodyClip, Drawn, camera_grain, paint
 from tsuiseki.datamodules.scenes.clip import ClipSettings
-from tsuiseki.datamodules.scenes.fish_drawing import FishAppearance, draw_fish, random_appearance
-from tsuiseki.datamodules.scenes.fish_motion import swim
+from tsuiseki.datamodules.scenes.fish import FishAppearance, draw_fish, random_appearance, swim
 from tsuiseki.datamodules.scenes.render.solids import Float32, overlap
 from tsuiseki.tracking.types import FloatArray
 

@@ -16,8 +16,13 @@ from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.trainers.experiments import given_sequences
 from tsuiseki.trainers.experiments.association_peers import NAMES
-from tsuiseki.trainers.experiments.generated_sequences import write_streets
-from tsuiseki.trainers.experiments.given_sequences import DataSet, GivenSequence, as_written, given_detections
+from tsuiseki.trainers.experiments.given_sequences import (
+    DataSet,
+    GivenSequence,
+    as_written,
+    given_detections,
+    write_streets,
+)
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table, some_of
 

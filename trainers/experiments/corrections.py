@@ -27,8 +27,7 @@ from tsuiseki.tracking.review.tracks import Reporter, track_ids
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.trainers.experiments import given_sequences
 from tsuiseki.trainers.experiments.end_to_end import STREETS
-from tsuiseki.trainers.experiments.generated_sequences import write_streets
-from tsuiseki.trainers.experiments.given_sequences import GivenSequence, combined_scores, track_sums
+from tsuiseki.trainers.experiments.given_sequences import GivenSequence, combined_scores, track_sums, write_streets
 from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
 
 OVERLAP, AROUND, SHORTEST = 0.3, 3, 3

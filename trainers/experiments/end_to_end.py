@@ -22,8 +22,13 @@ from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.training import AssociationTraining
 from tsuiseki.trainers.association.windows import RandomWindows, affordable
 from tsuiseki.trainers.experiments import given_sequences
-from tsuiseki.trainers.experiments.generated_sequences import write_streets
-from tsuiseki.trainers.experiments.given_sequences import DataSet, GivenSequence, given_detections, sums_of
+from tsuiseki.trainers.experiments.given_sequences import (
+    DataSet,
+    GivenSequence,
+    given_detections,
+    sums_of,
+    write_streets,
+)
 from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table, some_of
 from tsuiseki.trainers.networks.modules import Optimisation, WarmupCosine
 

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes import fish_motion
+from tsuiseki.datamodules.scenes import fish
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.fish_motion import swim
+from tsuiseki.datamodules.scenes.fish import swim
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.errors import RequestError
@@ -107,10 +107,10 @@ def test_bend_drives_motion(ways):
 
 
 def test_a_fish_without_a_beat_only_glides(monkeypatch):
-    monkeypatch.setattr(fish_motion, "LIVELY", 0.0)
+    monkeypatch.setattr(fish, "LIVELY", 0.0)
     driven = swim(150, 15.0, (640, 480), np.random.default_rng(3))
-    monkeypatch.setattr(fish_motion, "BURSTS", 0.0)
-    monkeypatch.setattr(fish_motion, "GLIDES", 1.0)
+    monkeypatch.setattr(fish, "BURSTS", 0.0)
+    monkeypatch.setattr(fish, "GLIDES", 1.0)
     gliding = swim(150, 15.0, (640, 480), np.random.default_rng(3))
     assert body_fixed(gliding)[60:, 0].mean() < 0.5 * body_fixed(driven)[60:, 0].mean()
 

@@ -17,7 +17,6 @@ from tsuiseki.tracking.types import Track
 from tsuiseki.trainers.experiments import association
 from tsuiseki.trainers.experiments.association import PACKAGE, PROGRAM, LinkedBy, linked
 from tsuiseki.trainers.experiments.association_peers import NAMES
-from tsuiseki.trainers.experiments.generated_sequences import write_streets
 from tsuiseki.trainers.experiments.given_sequences import (
     DATA_SETS,
     combined_scores,
@@ -27,6 +26,7 @@ from tsuiseki.trainers.experiments.given_sequences import (
     given_labels,
     score_table,
     track_sums,
+    write_streets,
 )
 from tsuiseki.trainers.experiments.peers import find_peer
 

@@ -8,8 +8,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import corrections
 from tsuiseki.trainers.experiments.corrections import reviewed
 from tsuiseki.trainers.experiments.end_to_end import STREETS
-from tsuiseki.trainers.experiments.generated_sequences import write_streets
-from tsuiseki.trainers.experiments.given_sequences import find_given
+from tsuiseki.trainers.experiments.given_sequences import find_given, write_streets
 
 pytestmark = pytest.mark.slow
 

@@ -19,8 +19,7 @@ from tsuiseki.trainers.experiments.end_to_end import (
     fold_sums,
     given_rows,
 )
-from tsuiseki.trainers.experiments.generated_sequences import write_streets
-from tsuiseki.trainers.experiments.given_sequences import DATA_SETS, find_given, given_detections
+from tsuiseki.trainers.experiments.given_sequences import DATA_SETS, find_given, given_detections, write_streets
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import Bench
 

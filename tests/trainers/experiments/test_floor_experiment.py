@@ -9,9 +9,8 @@ import pytest
 
 from tsuiseki.tracking.cameras.multicamera import PlacedTruth, read_floor_folder
 from tsuiseki.tracking.cli import main
-from tsuiseki.trainers.experiments import floor_places, one_floor
-from tsuiseki.trainers.experiments.floor_places import kept_ids
-from tsuiseki.trainers.experiments.one_floor import FollowedBy, floor_detections, measure, simulated
+from tsuiseki.trainers.experiments import one_floor
+from tsuiseki.trainers.experiments.one_floor import FollowedBy, floor_detections, kept_ids, measure, simulated
 
 FRAMES = 10
 
@@ -71,7 +70,7 @@ def test_simulated_errors_are_as_many_as_said(data_folder):
 @pytest.mark.slow
 def test_the_experiment_runs_to_its_tables(data_folder, tmp_path, monkeypatch):
     monkeypatch.setattr(one_floor, "read_floor_folder", three_cameras)
-    monkeypatch.setattr(floor_places, "FRAMES", 8)
+    monkeypatch.setattr(one_floor, "FRAMES", 8)
     out = tmp_path / "out"
     words = [
         "--data",
