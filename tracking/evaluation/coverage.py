@@ -193,15 +193,16 @@ def matched_labels(frames: IntArray, boxes: FloatArray, truth: GroundTruth, leas
     return label
 
 
-def owners_of(frames: IntArray, boxes: FloatArray, truth: GroundTruth) -> IntArray:
+def owners_of(frames: IntArray, boxes: FloatArray, truth: GroundTruth, least: float = MATCH_OVERLAP) -> IntArray:
     """``(N,)`` whose each box is: an id of the labels, `UNMATCHED` or `IGNORED`.
 
     Args:
         frames: ``(N,)``.
         boxes: ``(N, 4)`` pixels.
         truth: the labels; those that are neither evaluated nor ignored own nothing.
+        least: intersection over union from which a label owns a box.
     """
     known = truth.select(truth.evaluated | truth.ignored)
-    label = matched_labels(frames, boxes, known)
+    label = matched_labels(frames, boxes, known, least)
     # Index -1, a false positive, picks the appended one.
     return np.append(np.where(known.ignored, IGNORED, known.ids), UNMATCHED)[label]

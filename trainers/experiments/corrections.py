@@ -12,19 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import scipy
 
 from tsuiseki.tracking.association.marginals import marginals
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.evaluation.coverage import IGNORED, UNMATCHED, owners_of
 from tsuiseki.tracking.review.corrections import Box, Correction, boxes_of
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.review.tracks import Reporter, track_ids
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, IntArray
 from tsuiseki.trainers.experiments import given_sequences
 from tsuiseki.trainers.experiments.end_to_end import STREETS
 from tsuiseki.trainers.experiments.given_sequences import GivenSequence, combined_scores, track_sums, write_streets
@@ -33,7 +32,6 @@ from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
 OVERLAP, AROUND, SHORTEST = 0.3, 3, 3
 # Share of decisions that is reviewed, and of what the detections allow that is reached.
 FIRST, REACHED = 0.05, 0.99
-UNMATCHED, IGNORED = -1, -2
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,7 @@ def reviewed(given: GivenSequence, answers: int) -> Course:
     assert network is not None
     flow, reporter = CorrectedFlow(network), Reporter(tracks)
     ids = track_ids(network.track, flow.labels(), reporter.most)
-    owners = owners_of_detections(network.frames, network.boxes, given)
+    owners = owners_of(network.frames, network.boxes, given_sequences.given_labels(given), OVERLAP)
     wrong, by_hand = _errors(flow, ids, owners)
     ranked = _rankings(flow, ids)
     first = int(FIRST * len(ranked["random"]))
@@ -144,7 +142,7 @@ def answered(
     Args:
         question: that is asked.
         find: of the detections of the network.
-        owners: ``(N,)``, see `owners_of_detections`.
+        owners: ``(N,)``, see `owners_of`.
         ids: ``(N,)`` of the tracks.
         network: of the flow.
     """
@@ -194,21 +192,6 @@ def _seen(question: Question, n: int, find: Finder, owners: IntArray, *, before:
     shown = side[-7:] if before else side[:7]
     known = [owner for owner in shown if owner >= 0]
     return max(set(known), key=known.count) if known else min(shown)
-
-
-def owners_of_detections(frames: IntArray, boxes: FloatArray, given: GivenSequence) -> IntArray:
-    """``(N,)`` ids of the labels, -1 for a false positive, -2 where a result is neither right nor wrong."""
-    labels = given_sequences.given_labels(given)
-    labels = labels.select(labels.evaluated | labels.ignored)
-    owners = np.full(len(frames), UNMATCHED)
-    for frame in np.unique(frames).tolist():
-        rows, there = np.flatnonzero(frames == frame), np.flatnonzero(labels.frames == frame)
-        overlap = iou_matrix(boxes[rows], labels.boxes[there])
-        one, other = scipy.optimize.linear_sum_assignment(-np.where(overlap >= OVERLAP, overlap, 0))
-        good = overlap[one, other] >= OVERLAP
-        here = there[other[good]]
-        owners[rows[one[good]]] = np.where(labels.ignored[here], IGNORED, labels.ids[here])
-    return owners
 
 
 def _errors(flow: CorrectedFlow, ids: IntArray, owners: IntArray) -> tuple[list[set[int]], int]:
