@@ -13,6 +13,7 @@ from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.demo.page import DemoResult
+    from tsuiseki.tracking.drone.run import DroneResult
     from tsuiseki.tracking.people.tracker import FrameLog
 
 REPORT_FILE, OVERLAY_FILE = "report.html", "overlay.webm"
@@ -51,11 +52,9 @@ def demo(
         overwrite: replace an earlier demo in the folder.
     """
     if scene == "drone":
-        from tsuiseki.tracking.demo.drone import demo_drone
-
         if train:
             raise RequestError("`train`: expected --scene street; for a drone see docs/how-to/train-and-export.md")
-        return demo_drone(output, frames, threads, device)
+        return _demo_drone(output, frames, threads, device)
     if assets is not None and not train:
         raise RequestError("`assets`: expected it with `train`, which renders people of it; leave it out otherwise")
     return _demo_street(output, frames, threads, device, train=train, assets=assets)
@@ -95,7 +94,7 @@ def _demo_street(
         demo = DemoResult(source, truth, tracks, scores, run.count)
         _write(run, demo, log, models)
     if run.status == 0:
-        show_scores(demo, output.out, "video and plots")
+        _show(demo, output.out, "video and plots")
     return run.status
 
 
@@ -113,7 +112,7 @@ def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]
         run.write(f"{method}/tracks.txt", write_tracks, tracks)
         seconds = {s: v for s, v in run.times.seconds.items() if s not in demo.tracks or s == name}
         settings = {"frames": demo.frames, "models": names, "method": method}
-        record_method(run, settings, seconds, log.columns(tracks))
+        _record(run, settings, seconds, log.columns(tracks))
     run.facts["models"] = names
     source, best = demo.source, demo.tracks[list(demo.tracks)[-1]]
     overlay = run.draw(OVERLAY_FILE, lambda path: write_overlay(path, source.frames(), best, source.frame_rate))
@@ -122,7 +121,66 @@ def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]
     run.write(REPORT_FILE, lambda path: write_report(path, report))
 
 
-def record_method(
+def _demo_drone(output: SeededOutput, frames: int, threads: int, device: Device) -> int:
+    """Generate a clip, detect people once, link them three ways, score and report; see `demo`."""
+    from tsuiseki.datamodules.scenes.clip import write_clip
+    from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+    from tsuiseki.tracking.demo.page import DemoResult
+    from tsuiseki.tracking.demo.people import DRONE_METHODS, scored
+    from tsuiseki.tracking.drone.models import DroneModels
+    from tsuiseki.tracking.drone.run import link, observations
+    from tsuiseki.tracking.drone.settings import DroneSettings
+    from tsuiseki.tracking.features.view_choice import report_models
+    from tsuiseki.tracking.formats.mot import read_ground_truth
+    from tsuiseki.tracking.people.settings import FindingOptions
+    from tsuiseki.tracking.video.source import open_source
+
+    with output.run() as run:
+        with run.times.measure("generate the clip"):
+            planned = plan_drone(DroneSceneSettings(frames=frames), output.seed)
+            clip = write_clip(run.work / "drone", planned, watch=lambda drawn: run.watched(drawn, "generating", frames))
+        source = open_source(clip)
+        models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads, device=device))
+        run.facts |= report_models(models.observers.detect, models.observers.describe, models.observers.recognise)
+        truth = read_ground_truth(clip / "gt" / "gt.txt")
+        cache = str(clip), run.work / "observations"
+        results = {
+            name: link(
+                run.steps(observations(run, source, models, cache)),
+                source, models, method, DroneSettings(), run.times, {"frames": frames, "method": method},
+            )
+            for method, name in DRONE_METHODS.items()
+        }  # fmt: skip
+        tracks = {name: [person.track for person in found] for name, found in results.items()}
+        scores = scored("drone", truth, tracks, frames)
+        demo = DemoResult(source, truth, tracks, scores, frames)
+        _write_drone(run, demo, results)
+    if run.status == 0:
+        _show(demo, output.out, "video, actions and plots")
+    return run.status
+
+
+def _write_drone(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> None:
+    """A folder for each method, the overlay, the report."""
+    from tsuiseki.tracking.demo.page import drone_report
+    from tsuiseki.tracking.demo.people import DRONE_METHODS
+    from tsuiseki.tracking.report.overlay import write_drawn
+    from tsuiseki.tracking.report.page import write_report
+
+    source, best = demo.source, results[list(results)[-1]]
+    rate, painter = source.frame_rate, best.painter
+    assert painter is not None
+    overlay = run.draw(OVERLAY_FILE, lambda path: write_drawn(path, source.frames(), rate, painter))
+    for method, name in DRONE_METHODS.items():
+        run.save(results[name], folder=method)
+        _record(run, results[name].settings, run.times.seconds, run.columns)
+    run.columns, run.facts = {}, {}
+    facts = {"seed": str(run.output.settings["seed"])}
+    report = drone_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts), best)
+    run.write(REPORT_FILE, lambda path: write_report(path, report))
+
+
+def _record(
     run: Run, settings: Mapping[str, Any], seconds: Mapping[str, float], columns: Mapping[str, Sequence[Any]]
 ) -> None:
     """Write the ``run.json`` of one method, into the folder of its name."""
@@ -132,7 +190,7 @@ def record_method(
     record.write(run.work / settings["method"])
 
 
-def show_scores(demo: DemoResult, out: Path, what: str) -> None:
+def _show(demo: DemoResult, out: Path, what: str) -> None:
     """Print the scores of all methods, and where the report is; ``what`` it shows."""
     from tsuiseki.tracking.demo.page import why_not_best
     from tsuiseki.tracking.evaluation.tables import people_table, show
