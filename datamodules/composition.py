@@ -205,9 +205,9 @@ class Canvas:
         left, top = np.round(box[:2] - person.box[:2]).astype(int)
         self._blend(_premultiplied(person.pixels), int(left), int(top), covers=False)
 
-    def finish(self, most_hidden: float = 0.65) -> Example:
-        """The image; people of whom more than ``most_hidden`` is covered are to be ignored."""
-        ignored = np.array(self.ignored, dtype=np.bool_) | (np.array(self.hidden) > most_hidden)
+    def finish(self) -> Example:
+        """The image; people of whom more than 0.65 is covered are to be ignored."""
+        ignored = np.array(self.ignored, dtype=np.bool_) | (np.array(self.hidden) > 0.65)
         boxes = np.array(self.boxes, dtype=np.float64).reshape(-1, 4)
         inside = clip_boxes(boxes, self.image.shape[1], self.image.shape[0])
         share = areas(inside) / areas(boxes)

@@ -58,8 +58,6 @@ class Clip(Protocol[Truth]):
 def write_clip(
     folder: str | Path,
     clip: Clip[Truth],
-    overwrite: bool = False,
-    name: str = "",
     watch: Callable[[Iterator[Moment[Truth]]], Iterable[Moment[Truth]]] = iter,
 ) -> Path:
     """Write a clip: its images, and the files of its truth, which each kind of clip names.
@@ -67,23 +65,21 @@ def write_clip(
     It is written beside and renamed: an interrupted run leaves nothing under the final name.
 
     Args:
-        folder: does not exist yet or is empty, unless ``overwrite``.
+        folder: does not exist yet or is empty; the sequence has its name.
         clip: to be drawn.
-        overwrite: a clip that the folder holds is replaced, and its other files stay.
-        name: of the sequence; by default the folder's.
         watch: passes the frames on as they are drawn, to show how far it is.
 
     Raises:
-        RequestError: ``folder`` is a file, holds files while ``overwrite`` is False, or cannot be made.
+        RequestError: ``folder`` is a file, holds files, or cannot be made.
     """
     folder = Path(folder).resolve()
     truths = []
-    with output_folder(folder, overwrite) as work:
+    with output_folder(folder, overwrite=False) as work:
         for frame, (images, truth) in enumerate(watch(clip.frames())):
             for view, image in zip(clip.views, images, strict=True):
                 write_image(work / view.format(frame=frame, number=frame + 1), image, clip.quality)
             truths.append(truth)
-        clip.write_truth(work, name or folder.name, truths)
+        clip.write_truth(work, folder.name, truths)
     return folder
 
 

@@ -82,16 +82,6 @@ def test_an_interrupted_run_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
     assert list(tmp_path.iterdir()) == []
 
 
-def test_overwriting_replaces_the_clip_and_nothing_else(tmp_path: Path) -> None:
-    folder = write_clip(tmp_path / "clip", plan_street(SETTINGS, 0))
-    (folder / "mine.txt").write_text("precious")
-    write_clip(folder, plan_street(replace(SETTINGS, frames=2), 1), overwrite=True)
-    assert read_sequence(folder).length == 2
-    assert len(list((folder / "img1").iterdir())) == 2
-    assert (folder / "mine.txt").read_text() == "precious"
-    assert [p.name for p in tmp_path.iterdir()] == ["clip"]
-
-
 def test_an_existing_clip_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "clip").mkdir()
     (tmp_path / "clip" / "mine.txt").write_text("precious")
@@ -104,10 +94,10 @@ def test_an_existing_clip_is_not_overwritten(tmp_path: Path) -> None:
         write_clip(tmp_path / "clip" / "mine.txt" / "below", plan_street(SETTINGS, 0))
 
 
-def test_an_empty_folder_is_filled_and_the_name_can_be_given(tmp_path: Path) -> None:
+def test_an_empty_folder_is_filled_and_names_the_sequence(tmp_path: Path) -> None:
     (tmp_path / "work").mkdir()
-    folder = write_clip(tmp_path / "work", plan_street(SETTINGS, 0), name="Corner")
-    assert read_sequence(folder).name == "Corner"
+    folder = write_clip(tmp_path / "work", plan_street(SETTINGS, 0))
+    assert read_sequence(folder).name == "work"
     assert [p.name for p in tmp_path.iterdir()] == ["work"]
 
 
