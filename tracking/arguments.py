@@ -31,6 +31,7 @@ SEVERAL = (tuple, list, Sequence, Collection, Iterable)
 # What types say badly, by the name of the argument and whether it may be a text.
 SPELT_OUT = {
     ("frames", True): "FIRST-LAST as a text, such as 301-400",
+    ("detections", True): "a file, or boxes of each frame in a list",
     ("source", True): "a video file, a folder of images, a camera's number or a list of images (H, W, 3) uint8",
 }
 # Made by the thousand.
@@ -214,15 +215,15 @@ def check_regular(name: str, path: Path) -> None:
         raise RequestError(f"{option}expected a file or a folder, but {path} is a device or a pipe; copy it to a file")
 
 
-def check_argument(name: str, value: Any, kind: Any, default: Any, bounded: bool = True) -> None:
-    """Refuse a value that is not of its type, is NaN, or runs without end; settings are checked inside.
+def check_argument(name: str, value: Any, kind: Any, default: Any, bounded: bool = True) -> Any:
+    """The value, a number of NumPy as one of Python; refused unless it is of its type, no NaN, and ends.
 
     Args:
         name: of the argument, with those above it before dots.
         value: what came.
         kind: its type, resolved.
         default: of the argument; empty where there is none, and its numbers are of any size.
-        bounded: check the size of numbers, and settings inside.
+        bounded: check the size of numbers, and inside settings.
 
     Raises:
         RequestError: it cannot be used.
@@ -238,6 +239,9 @@ def check_argument(name: str, value: Any, kind: Any, default: Any, bounded: bool
         usual, types = type(value)(), get_type_hints(type(value))
         for one in fields(value):
             check_argument(f"{name}.{one.name}", getattr(value, one.name), types[one.name], getattr(usual, one.name))
+    if isinstance(value, Real) and not isinstance(value, int | float):
+        return int(value) if isinstance(value, Integral) else float(value)
+    return value
 
 
 def is_settings(value: Any) -> bool:
@@ -347,19 +351,20 @@ def _checked(function: Callable[..., Any], bounded: bool = True) -> Callable[...
 
     @wraps(function)
     def checked(*given: Any, **named: Any) -> Any:
-        for name, value in signature.bind(*given, **named).arguments.items():
+        bound = signature.bind(*given, **named)
+        for name, value in bound.arguments.items():
             parameter = signature.parameters[name]
             if name not in kinds() or parameter.kind is parameter.VAR_POSITIONAL:
                 continue
             if parameter.kind is not parameter.VAR_KEYWORD:
-                check_argument(name, value, kinds()[name], parameter.default, bounded)
+                bound.arguments[name] = check_argument(name, value, kinds()[name], parameter.default, bounded)
                 continue
             known = get_type_hints(*get_args(kinds()[name])) if get_args(kinds()[name]) else {}
             for inner, each in value.items():
                 if known and inner not in known:
                     kind = TypeError if function.__name__ == "__init__" else RequestError
                     raise kind(f"expected the keywords {', '.join(known)}, got {inner!r}")
-                check_argument(inner, each, known.get(inner, Any), parameter.empty)
-        return function(*given, **named)
+                value[inner] = check_argument(inner, each, known.get(inner, Any), parameter.empty)
+        return function(*bound.args, **bound.kwargs)
 
     return checked

@@ -205,3 +205,6 @@ def test_numbers_and_lists_of_numpy_are_numbers_and_lists() -> None:
     assert not fits(True, int)
     assert not fits(np.float64("nan"), float | None)
     assert fits(np.zeros(4), Sequence[float] | None)
+    tracker = tsuiseki.Sort(max_age=np.int64(3), min_hits=np.uint8(1), min_iou=np.float32(0.25))
+    assert type(tracker.settings.lifecycle.max_age) is int
+    assert tracker.update(BOXES, time=np.float32(0)).ids.tolist() == [1]

@@ -20,6 +20,7 @@ Triples also calibrate the detector's scores in this video. The share of detecti
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 
@@ -28,7 +29,7 @@ import scipy
 
 from tsuiseki.tracking.association.nearby import dense_reach, near_pairs, nearest, sizes
 from tsuiseki.tracking.geometry import centres, iou_pairs
-from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray
 
 # Prior probability of a detection, and the number of detections that it weighs as much as.
 EXPECTED, IN_ADVANCE = 0.9, 20
@@ -42,6 +43,8 @@ ON_LINE = 0.6
 REACH, SPEED = 0.3, 6.0
 # Largest difference of log widths and of log heights.
 CHANGE = 0.7
+# By how much probabilities may leave [0, 1] in half precision.
+HALF_PRECISION = 1e-3
 
 
 def interval_frames(frame_rate: float, stride: int = 1) -> int:
@@ -273,6 +276,10 @@ class VideoEvidence:
         other.rate_of_right, other._stride = copy(self.rate_of_right), copy(self._stride)
         return other
 
+    def right(self, scores: FloatArray) -> FloatArray:
+        """``(N,)`` probabilities of ``(N,)`` scores being right: repeated, or missed before or after."""
+        return np.minimum(self.probability(scores) / self.rate_of_right(), 1)
+
     def add(
         self, frames: IntArray, boxes: FloatArray, scores: FloatArray, last: int, times: FloatArray | None = None
     ) -> None:
@@ -320,3 +327,50 @@ class _RecentDetections(Columns):
     scores: FloatArray = field(default_factory=lambda: np.empty(0))
     times: FloatArray = field(default_factory=lambda: np.empty(0))
     counted_until: int = 0
+
+
+class ScoreScale:
+    """Turns scores that are no probabilities, such as logits or percent, into that of being right in this video.
+
+    Args:
+        frame_rate: frames a second.
+        start: score from which a tracker starts tracks.
+
+    Attributes:
+        used: scores were turned.
+    """
+
+    def __init__(self, frame_rate: float, start: float) -> None:
+        self._evidence, self._start = VideoEvidence(DetectionCost(), frame_rate), start
+        self._frame, self._whole, self.used = 0, False, False
+
+    def __str__(self) -> str:
+        return "scores are on a scale of their own: taken instead is how often boxes of a score are found again"
+
+    def every(self, found: Sequence[Detections]) -> list[Detections]:
+        """The detections of a whole video, an entry a frame; also turned where none could start a track."""
+        self._whole, frames = True, np.repeat(np.arange(len(found)), [len(each) for each in found])
+        boxes = np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)])
+        scores = np.concatenate([np.empty(0), *(each.scores for each in found)])
+        self.used = _no_probabilities(scores) or bool(len(scores) and (scores < self._start).all())
+        if self.used:
+            self._evidence.add(frames, boxes, scores, len(found) - 1)
+        return [self._turned(each) for each in found]
+
+    def next(self, found: Detections) -> Detections:
+        """The detections of the next frame; scores are turned from the first on that is no probability.
+
+        Of a whole video that was turned before they stay as they are.
+        """
+        if self._whole:
+            return found
+        self._evidence.add(np.full(len(found), self._frame), found.boxes, found.scores, self._frame)
+        self._frame, self.used = self._frame + 1, self.used or _no_probabilities(found.scores)
+        return self._turned(found)
+
+    def _turned(self, found: Detections) -> Detections:
+        return replace(found, scores=self._evidence.right(found.scores)) if self.used else found
+
+
+def _no_probabilities(scores: FloatArray) -> bool:
+    return bool(((scores < -HALF_PRECISION) | (scores > 1 + HALF_PRECISION)).any())

@@ -284,11 +284,13 @@ DetectorLike: TypeAlias = str | Path | Detect | Callable[[ImageArray], Detection
 AppearanceLike: TypeAlias = str | Path | Describe | Callable[[Sequence[ImageArray]], ArrayLike]
 
 BLANK = np.zeros((128, 64, 3), dtype=np.uint8)
+# Least score of what networks in files detect.
+USUAL_THRESHOLD = 0.3
 
 
 def as_detector(
     given: DetectorLike,
-    score_threshold: float = 0.3,
+    score_threshold: float | None = None,
     threads: int = 0,
     options: DetectorOptions | None = None,
     device: Device = "auto",
@@ -300,7 +302,8 @@ def as_detector(
 
     Args:
         given: an exported network's file, a `Detector`, or a function; see the module.
-        score_threshold: of a detector that is read from a file, in [0, 1].
+        score_threshold: of a file or a function; by default 0.3 of a file, and none of a function, whose scores may be
+            of any scale. A `Detector` has its own.
         threads: CPU threads of a network that is read from a file; 0 takes all cores.
         options: what the file of another project does not tell.
         device: of such a network, see `opened_on`.
@@ -312,12 +315,13 @@ def as_detector(
     """
     if isinstance(given, str | Path):
         more: dict[str, Any] = {"device": device, "turned": turned, "classes": classes}
-        return open_detector(given, score_threshold, threads=threads, options=options, **more)
+        least = USUAL_THRESHOLD if score_threshold is None else score_threshold
+        return open_detector(given, least, threads=threads, options=options, **more)
     if not (hasattr(given, "detect") or callable(given)):
         raise RequestError(
             f"expected the detector as a file, a Detector, or a function from an image to boxes, got {_type(given)}"
         )
-    found = given if hasattr(given, "detect") else FunctionDetector(given)
+    found = given if hasattr(given, "detect") else FunctionDetector(given, score_threshold)
     return found if classes is None else ChosenClasses(found, classes, None if options is None else options.classes)
 
 
@@ -349,12 +353,16 @@ def as_describer(
 class FunctionDetector:
     """A detector that is a function.
 
+    Args:
+        function: gives the boxes of an image.
+        least: score under which they are left out; None for none.
+
     Attributes:
         bad: boxes that are none, and left out.
     """
 
-    def __init__(self, function: Callable[[ImageArray], DetectionsLike]) -> None:
-        self.function, self.bad = function, BadBoxes()
+    def __init__(self, function: Callable[[ImageArray], DetectionsLike], least: float | None = None) -> None:
+        self.function, self.least, self.bad = function, least, BadBoxes()
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """One `Detections` an image; see `Detect`.
@@ -366,7 +374,7 @@ class FunctionDetector:
         for image in images:
             result = self.function(image)
             try:
-                found.append(as_detections(result, counted=self.bad))
+                found.append(as_detections(result, counted=self.bad).scoring(self.least))
             except RequestError as error:
                 raise RequestError(f"what the detector {_name(self.function)} returned: {error}") from error
         return found

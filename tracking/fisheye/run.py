@@ -243,11 +243,12 @@ def opened_ceiling(
     if detections is None:
         path, turned = finding.detector or shipped(DETECTORS[options.view]), options.view == "image"
         how = finding.threads, options.detector_options, finding.device
-        soft_targets = as_detector(path, finding.threshold, *how, turned=turned)
+        soft_targets = as_detector(path, finding.score_threshold, *how, turned=turned)
         detector = soft_targets
         found += [ceiling_detector(soft_targets, each.placed.camera, options.view, options.unrolling) for each in views]
     else:
-        found += [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]
+        given = [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]
+        found += [[one.scoring(finding.score_threshold) for one in each] for each in given]
     describe = None if network is None else as_describer(network, finding.threads, device=finding.device)
     passed = [Passed(each, person.height / 2, options.save_detections) for each in views]
     return [

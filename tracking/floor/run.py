@@ -121,7 +121,7 @@ class FloorRun:
         self, source: Source, placed: CameraOverFloor, stages: StageTimes, watch: Watch | None
     ) -> list[StandingPeople]:
         wanted = self.detecting
-        network = as_detector(wanted.detector or shipped("detector_people"), wanted.threshold, wanted.threads,
+        network = as_detector(wanted.detector or shipped("detector_people"), wanted.score_threshold, wanted.threads,
                               device=wanted.device)  # fmt: skip
         detect = (
             network

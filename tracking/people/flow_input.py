@@ -205,7 +205,7 @@ class FlowInput:
         if not self.settings.any_speed:
             return None
         known = self.probability(scores)
-        right = np.minimum(known / self.evidence.rate_of_right(), 1) if self.observation is None else known
+        right = self.evidence.right(scores) if self.observation is None else known
         costs = self.settings.detection
         return FirstCosts(right, costs(right, self.frame_rate) - costs(known, self.frame_rate))
 

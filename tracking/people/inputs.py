@@ -15,6 +15,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.clutter import ScoreChoice
 from tsuiseki.tracking.association.inference_times import inferred_frames, named_frames, stride_of
+from tsuiseki.tracking.association.video_evidence import ScoreScale
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath
@@ -66,6 +67,7 @@ class PeopleInputs:
         ground: weighs the detections, in the order of the video.
         inferred: ``(F,)`` by frame number, where a detector was run; None for everywhere.
         choice: of the threshold of a network whose scores are not known; None where it is given.
+        scale: turns scores that are no probabilities; None where the method takes any.
     """
 
     source: Source
@@ -77,6 +79,7 @@ class PeopleInputs:
     ground: GroundPlane | None = None
     inferred: BoolArray | None = None
     choice: ScoreChoice | None = None
+    scale: ScoreScale | None = None
 
     @property
     def workers(self) -> int:
@@ -135,6 +138,8 @@ class PeopleInputs:
             if check is not None and check.what == DETECTOR:
                 check.size = frame.image.shape[1], frame.image.shape[0]
                 check.add(here.boxes)
+            if self.scale is not None:
+                here = self.scale.next(here)
             if self.ground is not None:
                 with times.measure("ground"):
                     here = self.ground.weighed(here, frame.image.shape[0])
@@ -211,7 +216,7 @@ def given_detections(
     score_range: tuple[float, float] | None = None,
     choice: ClassChoice | None = None,
     names: Sequence[str] | None = None,
-) -> list[Detections]:
+) -> GivenRows:
     """Detections that are there already, up to the end of the video as far as it is known.
 
     Args:
@@ -322,13 +327,14 @@ def people_detect(
         if finding.detector is not None:
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
         more = finding.score_range, finding.chosen, finding.detector_options.classes
-        return given_detections(finding.detections, source, *more)
+        given = given_detections(finding.detections, source, *more)
+        return GivenRows((each.scoring(finding.score_threshold) for each in given), given.bad)
     if not source.has_images:
         raise RequestError(f"{source.name} has no images to find people in; give `detections`")
     detector = shipped(default) if finding.detector is None else finding.detector
     threads = finding.threads if threads is None else threads
     options, chosen = finding.detector_options, finding.chosen
-    found = as_detector(detector, finding.threshold, threads, options, finding.device, classes=chosen)
+    found = as_detector(detector, finding.score_threshold, threads, options, finding.device, classes=chosen)
     if wanted == (1, None) or not isinstance(found, Detector | ForeignDetector):
         return found
     return ViewedDetector(found, wanted, frame_rate=source.frame_rate, sparing=True)

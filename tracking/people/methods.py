@@ -11,10 +11,12 @@ import numpy as np
 
 from tsuiseki.tracking.association.costs import ProbabilityCost, ScoreCost
 from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
+from tsuiseki.tracking.association.video_evidence import ScoreScale
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import undone
 from tsuiseki.tracking.features.camera_path import CameraPath, move_boxes
 from tsuiseki.tracking.features.exported import Detector
+from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import inner_detector, scores_are_probabilities
 from tsuiseki.tracking.geometry import iou_matrix
@@ -110,6 +112,21 @@ def compares_appearance(method: PeopleMethod | PeopleTracker) -> bool:
 def cost_of_scores(detect: object) -> ProbabilityCost | None:
     """What the scores of ``detect`` cost where they are probabilities of its camera; None where that is unknown."""
     return ProbabilityCost() if scores_are_probabilities(detect) else None
+
+
+def score_scale(detect: object, method: object, settings: MethodSettings, source: Source) -> ScoreScale | None:
+    """What turns scores of unknown scale for an online method; None where the method takes any, or the user says more.
+
+    Args:
+        detect: networks give probabilities; functions and given detections anything.
+        method: its name, or a tracker with settings of one's own.
+        settings: of all methods; a `start_score` of one's own is for scores as they are.
+        source: the video.
+    """
+    if method not in METHODS or method == "flow" or isinstance(inner_detector(detect), Detector | ForeignDetector):
+        return None
+    start, usual = (getattr(each, method).lifecycle.start_score for each in (settings, MethodSettings()))
+    return ScoreScale(source.frame_rate, start) if start == usual else None
 
 
 def straddles(detect: object) -> bool:

@@ -33,8 +33,8 @@ class Detecting(Shared):
     Attributes:
         detector: exported detector; by default the shipped one. A bare word names another shipped one, such as street,
             or a downloaded one, such as yolox-s (see tsuiseki models list).
-        score_threshold: least score of a detection, from 0 to 1; by default 0.3. In track people the
-            beginning of the video tells it for detectors of other projects.
+        score_threshold: least score of a detection, from 0 to 1; by default 0.3, and none with --detections. In track
+            people the beginning of the video tells it for detectors of other projects.
         score_range: smallest and largest score that the rows of --detections may have; by default any.
         appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
         threads: CPU cores of the networks; 0 takes all.

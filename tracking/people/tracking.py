@@ -51,6 +51,7 @@ from tsuiseki.tracking.people.methods import (
     inner_tracker,
     people_affinity,
     people_tracker,
+    score_scale,
     straddles,
 )
 from tsuiseki.tracking.people.printed_flow import PrintedFlow
@@ -108,7 +109,7 @@ class PeopleKeywords(TypedDict, total=False):
     detector_options: DetectorOptions
     appearance_options: AppearanceOptions
     score_threshold: float | None
-    view: str
+    view: str | int
     frames: str | None
     frame_rate: float | None
     progress: bool
@@ -238,6 +239,9 @@ def open_people(
     bad = getattr(inner_detector(detect), "bad", None)
     if isinstance(detect, list) and linking.method == "flow" and finding.score_range is None and chosen is None:
         detect, floor = above_floor(detect, source.frame_rate)
+    scale = score_scale(detect, linking.method, linking, source) if finding.score_range is None else None
+    if scale is not None and isinstance(detect, list):
+        detect = scale.every(detect)
     compared = compares_appearance(linking.method)
     given, more = finding.appearance, finding.appearance_options
     describe = people_describer(source, compared, given, threads, more, finding.device)
@@ -246,7 +250,9 @@ def open_people(
     taken = frames_with_inference(detect, source, inferred)
     unknown = finding.score_threshold is None and not source.live
     choice = score_choice(detect, ground) if unknown else None
-    inputs = PeopleInputs(source, detect, describe, finding.batch_size, camera, finding.threads, ground, taken, choice)
+    inputs = PeopleInputs(
+        source, detect, describe, finding.batch_size, camera, finding.threads, ground, taken, choice, scale
+    )
     apart = chosen is not None and not chosen.across
     fresh: Callable[[], PeopleTracker]
     if isinstance(linking.method, str):
@@ -389,6 +395,9 @@ def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any],
         lines.append(
             f"detections that score under {opened.floor:.2f} left out, by what moves; --score-range says others"
         )
+    if inputs.scale is not None and inputs.scale.used:
+        facts["scores"] = str(inputs.scale)
+        lines.append(f"{inputs.scale}; --score-range takes them as they are")
     if inputs.choice is not None:
         facts["score_threshold"] = inputs.choice.threshold
         lines.append(str(inputs.choice))

@@ -156,6 +156,10 @@ class Detections(Columns, ComparedByValue):
         """The detections at a mask, at indices or in a range."""
         return replace(self, **self._rows(which) | {"sources": self.origin[which, 0]})
 
+    def scoring(self, least: float | None) -> Self:
+        """The detections of at least a score, and those without one; None keeps all."""
+        return self if least is None else self.select(~(self.scores < least))
+
     @property
     def origin(self) -> IntArray:
         """``(N, 2)`` the row of each in what was given for the frame, and its class, -1 where none is known."""

@@ -228,7 +228,7 @@ def test_detections_without_a_track_are_never_silent(
     source, _ = video(tmp_path, 30, [0])
     given = [[[step * t, 50, step * t + box[0], 50 + box[1], score]] for t in range(30)]
     with pytest.warns(InputWarning, match=f"30 of 30 detections belong to no track: .*{why}"):
-        result = track_people(source, "sort", detections=given)
+        result = track_people(source, Sort(), detections=given)
     assert len(result) == 0
     assert why in result.facts["detections_without_track"]
 

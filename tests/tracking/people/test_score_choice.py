@@ -9,10 +9,16 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
 
+from tsuiseki import track_people
 from tsuiseki.tracking.association.clutter import LOWEST, ScoreChoice, score_choice
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.people.inputs import PeopleInputs
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings
+from tsuiseki.tracking.people.settings import Linking, PeopleFinding
+from tsuiseki.tracking.people.sort import SortSettings
+from tsuiseki.tracking.people.tracking import open_people
 from tsuiseki.tracking.types import Detections, ImageArray
 from tsuiseki.tracking.video.source import open_source
 
@@ -67,3 +73,58 @@ def test_functions_and_given_detections_keep_their_own_threshold() -> None:
     assert score_choice([Detections.empty()], None) is None
     assert score_choice(Walkers(), None) is None
     assert score_choice(object.__new__(ForeignDetector), None) is not None
+
+
+SCALES = {
+    "logits": lambda score: np.log(score / (1 - score)),
+    "percent": lambda score: 100 * score,
+    "below any start score": lambda score: 0.3 * score,
+    "negative": lambda score: score - 3,
+}
+
+
+def walkers_and_flicker(t: int) -> Detections:
+    """Five walkers at 0.7, and five boxes at 0.2 that are elsewhere in every frame."""
+    rng = np.random.default_rng(t)
+    corner = np.concatenate([[[30 * n + 2 * t, 60 * n] for n in range(5)], rng.uniform([500, 0], [1900, 900], (5, 2))])
+    return Detections(np.concatenate([corner, corner + np.array([20, 50])], axis=1), np.repeat([0.7, 0.2], 5))
+
+
+@pytest.mark.parametrize("method", ["sort", "deepsort", "bytetrack", "ocsort"])
+@pytest.mark.parametrize("scale", SCALES)
+def test_scores_of_any_scale_are_tracked_alike(method: Any, scale: str) -> None:
+    images = [np.zeros((1000, 2000, 3), np.uint8)] * 60
+    plain = [walkers_and_flicker(t) for t in range(60)]
+    given = [Detections(found.boxes, SCALES[scale](found.scores)) for found in plain]
+    usual = {"frame_rate": 10, "appearance": "none"} if method == "deepsort" else {"frame_rate": 10}
+    expected = track_people(images, method, detections=plain, **usual)
+    result = track_people(images, method, detections=given, **usual)
+    assert len(result) == 5
+    assert [track.boxes.tolist() for track in result] == [track.boxes.tolist() for track in expected]
+    assert "a scale of their own" in result.facts["scores"]
+    assert "scores" not in expected.facts
+
+
+def test_a_function_may_score_by_logits_and_a_start_score_of_ones_own_stays() -> None:
+    images = (np.full((1000, 2000, 3), t, np.uint8) for t in range(60))
+
+    def logits(image: ImageArray) -> Detections:
+        found = walkers_and_flicker(int(image[0, 0, 0]))
+        return Detections(found.boxes, found.scores - 3)
+
+    assert len(track_people(images, "sort", detector=logits, frame_rate=10)) == 5
+    settings = Linking(method="sort", sort=SortSettings(lifecycle=LifecycleSettings(start_score=-2.5)))
+    finding = PeopleFinding(detections=[walkers_and_flicker(0)])  # type: ignore[arg-type]
+    source = open_source([np.zeros((1000, 2000, 3), np.uint8)])
+    assert open_people(source, finding, settings, 0).inputs.scale is None
+
+
+def test_a_threshold_of_ones_own_goes_for_functions_and_given_detections_too() -> None:
+    images = [np.zeros((1000, 2000, 3), np.uint8)] * 20
+    given = [np.column_stack([found.boxes, found.scores]) for found in map(walkers_and_flicker, range(20))]
+    for least, rows in ((0.1, 200), (0.5, 100), (0.9, 0)):
+        source, calls = open_source(images), iter(given)
+        for finding in ({"detections": given}, {"detector": lambda _, calls=calls: next(calls)}):
+            wanted = PeopleFinding(**finding, score_threshold=least)  # type: ignore[arg-type]
+            inputs = open_people(source, wanted, Linking(method="sort"), 0).inputs
+            assert sum(len(found) for _, found in inputs.detections()) == rows

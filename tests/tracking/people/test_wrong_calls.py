@@ -56,8 +56,9 @@ def source(tmp_path: Path) -> Path:
         ({"threads": -1}, "threads"),
         ({"threads": "a"}, "threads"),
         ({"score_threshold": NAN}, "score_threshold"),
-        ({"detections": 5}, "detections"),
-        ({"detections": {0: ROWS[0]}}, "detections"),
+        ({"detections": 5}, "`detections`: expected a file, or boxes of each frame in a list, got 5"),
+        ({"detections": {0: ROWS[0]}}, "expected a file, or boxes of each frame in a list, got dict"),
+        ({"view": 0}, "view"),
         ({"detections": None}, "no images"),
         ({"thread": 1}, "expected the keywords detections, "),
         ({"method": Sort}, "a tracker"),
@@ -75,8 +76,8 @@ def test_what_is_no_source_is_refused(wrong: Any) -> None:
         track_people(wrong, "sort", detections=ROWS)
 
 
-def test_detections_may_come_from_a_generator(source: Path) -> None:
-    assert [len(track) for track in track_people(source, "sort", detections=(row for row in ROWS))] == [8]
+def test_detections_may_come_from_a_generator_and_the_view_is_a_number_too(source: Path) -> None:
+    assert [len(track) for track in track_people(source, "sort", detections=(row for row in ROWS), view=1)] == [8]
 
 
 @pytest.mark.parametrize("images", [IMAGE, ["a.png"], [IMAGE.astype(float)], [IMAGE[..., 0]]])
