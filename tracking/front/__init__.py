@@ -125,6 +125,8 @@ def __getattr__(name: str) -> Any:
         from tsuiseki.tracking.arguments import guarded
 
         value = guarded(getattr(_imported(_HOMES[name]), name))
+        if name.startswith(("track_", "follow_")):  # what they give is guarded, too
+            _ = [globals().get(given) or __getattr__(given) for given in ("Result", "Frame")]
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value

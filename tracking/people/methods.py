@@ -29,7 +29,7 @@ from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.settings import METHODS, NONE, MethodSettings, PeopleMethod
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracker import FirstDetections, PeopleTracker, skipped, updated
-from tsuiseki.tracking.types import Targets, Track
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Targets, Track
 from tsuiseki.tracking.types.class_choice import called
 from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE
 from tsuiseki.tracking.video.source import Source, image_size
@@ -39,7 +39,7 @@ APPEARANCE = ("flow", "deepsort")
 # What `--affinity` takes: costs learnt on pairs, or on whole tracks.
 LearntCosts = Affinity | CostNetwork
 # Overlap of boxes that show one thing, and the share of a track's detections that are nearly all.
-_SAME_PLACE, _NEARLY = 0.7, 0.8
+_SAME_PLACE, _NEARLY = 0.5, 0.8
 
 
 def people_tracker(
@@ -232,10 +232,8 @@ def without_flicker(tracks: Sequence[Track]) -> list[Track]:
     """
     if len({track.class_id for track in tracks}) < 2:
         return list(tracks)
-    owner = np.repeat(np.arange(len(tracks)), [len(track) for track in tracks])
-    frames, boxes, seen = (
-        np.concatenate([getattr(t, name) for t in tracks]) for name in ("frames", "boxes", "observed")
-    )
+    owner = np.repeat(np.arange(len(tracks)), [track.frames[-1] - track.frames[0] + 1 for track in tracks])
+    frames, boxes, seen = (np.concatenate(column) for column in zip(*map(_without_gaps, tracks), strict=True))
     classes, counts = np.array([track.class_id for track in tracks]), np.bincount(owner[seen], minlength=len(tracks))
     shared = np.zeros((len(tracks), len(tracks)), dtype=np.int64)
     for frame in np.unique(frames[~seen]).tolist():
@@ -246,6 +244,13 @@ def without_flicker(tracks: Sequence[Track]) -> list[Track]:
     return [
         track for track, count, most in zip(tracks, counts, shared.max(axis=1), strict=True) if most < _NEARLY * count
     ]
+
+
+def _without_gaps(track: Track) -> tuple[IntArray, FloatArray, BoolArray]:
+    """All frames from the first to the last, the boxes there, on straight lines in gaps, and where one was detected."""
+    frames = np.arange(track.frames[0], track.frames[-1] + 1)
+    boxes = np.column_stack([np.interp(frames, track.frames, side) for side in track.boxes.T])
+    return frames, boxes, np.isin(frames, track.frames[track.observed])
 
 
 class ByClass:
