@@ -22,8 +22,10 @@ wrong; one on another class is wrong. Pictures are found in ``images/track/*/NAM
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -126,6 +128,25 @@ def read_kitti(path: Path, length: int | None = None, wanted: int | str | None =
     ignored = np.isin(kinds, ("DontCare", *ALIKE.get(name, ())))
     visible = KITTI_VISIBLE[np.clip(rows[:, 1], 0, 3).astype(np.int64)]
     return _in_order(path, GroundTruth(frames, ids, rows[:, 2:6], counted, ignored, visible))
+
+
+def _beginning(path: Path) -> list[str]:
+    """The first lines of a text file, but for empty ones."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        return [line for line in islice(file, 100) if line.strip()]
+
+
+def _is_kitti_file(path: Path) -> bool:
+    """By its rows, whose third cell is a word."""
+    cells = [line.split() for line in _beginning(path)]
+    return bool(cells) and all(len(row) >= len(KITTI_ROW.split()) and row[2][0].isalpha() for row in cells)
+
+
+def _is_visdrone_file(path: Path) -> bool:
+    """By its rows of ten whole numbers, the last three of which are a category, truncation and occlusion."""
+    row = rf"(-?[0-9]+,){{7}}([0-9]|1[0-{MOST - 10}]),[01],[012],?"
+    lines = _beginning(path)
+    return path.name != "gt.txt" and bool(lines) and all(re.fullmatch(row, line.strip()) for line in lines)
 
 
 def is_visdrone(folder: Path) -> bool:
@@ -278,6 +299,7 @@ class BoxLayout:
         find: the videos of a folder.
         read: the labels in a file of so many frames, if that is known, of a class.
         names: of the classes by the numbers that results bear, where the layout has numbers.
+        alone: whether the rows of a label file that lies elsewhere are of it.
     """
 
     fits: Callable[[Path], bool]
@@ -285,18 +307,22 @@ class BoxLayout:
     find: Callable[[Path], list[LabelFile]]
     read: Callable[[Path, int | None, int | str | None], GroundTruth]
     names: Mapping[int, str] = field(default_factory=dict)
+    alone: Callable[[Path], bool] = lambda _: False
 
     def at(self, path: Path) -> list[LabelFile]:
         """The videos of a folder or of one label file; none where it is of another layout."""
         if path.is_dir() or not self.inside:
             return self.find(path) if self.fits(path) else []
         folder = path.parent.parent
-        there = path.is_file() and path.suffix == ".txt" and path.parent.name == self.inside and self.fits(folder)
-        return [one for one in self.find(folder) if one.labels.name == path.name] if there else []
+        if not (path.is_file() and path.suffix == ".txt"):
+            return []
+        if path.parent.name == self.inside and self.fits(folder):
+            return [one for one in self.find(folder) if one.labels.name == path.name]
+        return [LabelFile(path.stem, (), path)] if self.alone(path) else []
 
 
 BOX_LAYOUTS = (
-    BoxLayout(is_visdrone, ANNOTATIONS, find_visdrone, read_visdrone, VISDRONE_NAMES),
-    BoxLayout(lambda folder: (folder / LABELS).is_dir(), LABELS, find_kitti, read_kitti),
+    BoxLayout(is_visdrone, ANNOTATIONS, find_visdrone, read_visdrone, VISDRONE_NAMES, _is_visdrone_file),
+    BoxLayout(lambda folder: (folder / LABELS).is_dir(), LABELS, find_kitti, read_kitti, {}, _is_kitti_file),
     BoxLayout(is_bdd100k, "", find_bdd100k, read_bdd100k),
 )
