@@ -169,7 +169,7 @@ class ForeignDetector:
         good = good[np.argsort(-scores[good], kind="stable")][:_MOST_CANDIDATES]
         boxes, scores, classes = boxes[good], scores[good].clip(0, 1), classes[good]
         self.check.size = fitted[1], fitted[0]
-        self.check.add(boxes[:, :4])
+        self.check.add(about_rotated(boxes) if self.layout in TURNED else boxes)
         if self.layout in TURNED:
             return self._turned(boxes / (*scale, *scale, 1), scores, classes, size)
         boxes = clip_boxes(boxes / np.tile(scale, 2), size[1], size[0])
