@@ -8,8 +8,7 @@ Links over long gaps are needed only where a track ends or begins. Every round a
 
 First costs may be too high. Where targets move fast, frames are few or boxes inexact, the cost of the unknown velocity
 of two detections exceeds their value. Then no track forms, no track has a velocity, and no round mends it.
-`FirstCosts` recognises this: many detections are right, and most of those are left out all the same. Where most
-detections are false positives, nearly all of the right ones must be left out.
+`FirstCosts` recognises this: detections that are right are left out, and lower costs add these and few others.
 """
 
 from __future__ import annotations
@@ -255,8 +254,8 @@ def _mask(which: IntArray, count: int) -> BoolArray:
 
 
 # A detection counts as right from this probability on, and fewer right ones are no evidence. They are left out if no
-# more than a share of them is in tracks: the first share where this part of all is right, the second where less is.
-RIGHT, FEWEST, MOST, USED, USED_OF_FEW = 0.7, 10, 2 / 3, 0.6, 0.2
+# more than a share of them is in tracks. Lower costs are taken if most of what they add is right, or hardly any was in.
+RIGHT, FEWEST, USED, HARDLY, MOST = 0.7, 10, 0.8, 0.2, 2 / 3
 
 
 @dataclass(frozen=True)
@@ -272,10 +271,15 @@ class FirstCosts:
     change: FloatArray
 
     def left_out(self, used: BoolArray) -> bool:
-        """Whether those that are right are left out, of which ``(U,)`` are in tracks: most of many, or nearly all."""
+        """Whether those that are right are left out, of which ``(U,)`` are in tracks."""
         right = self.probability >= RIGHT
-        most = USED if right.mean() >= MOST else USED_OF_FEW
-        return bool(right.sum() >= FEWEST and used[right].mean() <= most)
+        return bool(right.sum() >= FEWEST and used[right].mean() <= USED)
+
+    def adds_right(self, used: BoolArray, more: BoolArray) -> bool:
+        """Whether to take lower costs, with which ``(U,)`` others are in tracks."""
+        right = self.probability >= RIGHT
+        added = more & ~used
+        return bool(used[right].mean() <= HARDLY or right[added].sum() >= MOST * added.sum() > 0)
 
 
 def with_known_velocity(links: Links, cost: LinkCost, frame_rate: float) -> Links:

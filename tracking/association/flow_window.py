@@ -154,6 +154,21 @@ class FlowWindow:
         found = Links(tail, head, cost, np.full(len(kept), np.nan), hidden)
         self._links = self._links.and_then(found)
 
+    def _lowered(
+        self, observation: FloatArray, ends: tuple[FloatArray, FloatArray], first_costs: FirstCosts
+    ) -> FloatArray:
+        """Costs of detections with which the flow is solved, and links likewise: lower ones where first costs are."""
+        used, links = self._flow.solution().used, self._links
+        if not first_costs.left_out(used):
+            return observation
+        self._links = with_known_velocity(links, self.costs.link, self._table.frame_rate)
+        self._flow.replace(self.graph(observation + first_costs.change, *ends))
+        if first_costs.adds_right(used, self._flow.solution().used):
+            return observation + first_costs.change
+        self._links = links
+        self._flow.replace(self.graph(observation, *ends))
+        return observation
+
     def solve(
         self,
         observation: FloatArray,
@@ -181,10 +196,8 @@ class FlowWindow:
         rounds = self.costs.rounds.rounds if rounds is None else rounds
         for number in range(rounds + 1):
             self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
-            if number == 0 and first_costs is not None and first_costs.left_out(self._flow.solution().used):
-                self._links = with_known_velocity(self._links, self.costs.link, table.frame_rate)
-                observation = observation + first_costs.change
-                self._flow.replace(self.graph(observation, start + here[0], end + here[1]))
+            if number == 0 and first_costs is not None:
+                observation = self._lowered(observation, (start + here[0], end + here[1]), first_costs)
             solution = self._flow.solution()
             undecided = self._flow.undecided
             # Index -1, a track's end, picks the appended -1.

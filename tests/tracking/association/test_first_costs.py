@@ -9,22 +9,30 @@ from tsuiseki.tracking.association.flow_rounds import FirstCosts, Links, with_kn
 from tsuiseki.tracking.association.link_cost import LinkCost
 
 
+@pytest.mark.parametrize(("used", "left_out"), [(0, True), (16, True), (17, False)])
+def test_first_prices_may_be_too_high_where_right_ones_are_left_out(used: int, left_out: bool) -> None:
+    probability = np.where(np.arange(30) < 20, 0.9, 0.3)
+    assert FirstCosts(probability, np.zeros(30)).left_out(np.arange(30) < used) == left_out
+
+
 @pytest.mark.parametrize(
-    ("right", "used", "too_high"),
+    ("used", "right", "others", "taken"),
     [
-        (20, 0, True),
-        (20, 12, True),
-        # Most of the right ones are in tracks.
-        (20, 13, False),
-        # Where a third and more of all are not likely to be right, hardly any is in tracks.
-        (13, 0, True),
-        (13, 2, True),
-        (13, 3, False),
+        # Of twenty right ones and ten others: in tracks at first, and added by lower prices.
+        (12, 6, 0, True),
+        (12, 6, 3, True),
+        (12, 6, 4, False),
+        (12, 0, 0, False),
+        # Hardly any was in tracks.
+        (4, 2, 10, True),
+        (5, 2, 10, False),
     ],
 )
-def test_first_prices_are_too_high_where_most_are_right_and_left_out(right: int, used: int, too_high: bool) -> None:
-    probability = np.where(np.arange(20) < right, 0.9, 0.3)
-    assert FirstCosts(probability, np.zeros(20)).left_out(np.arange(20) < used) == too_high
+def test_lower_prices_are_taken_where_they_add_right_ones(used: int, right: int, others: int, taken: bool) -> None:
+    which = np.arange(30)
+    costs = FirstCosts(np.where(which < 20, 0.9, 0.3), np.zeros(30))
+    more = (which < used + right) | ((which >= 20) & (which < 20 + others))
+    assert costs.adds_right(which < used, more) == taken
 
 
 def test_few_detections_say_nothing() -> None:
