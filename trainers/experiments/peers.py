@@ -55,14 +55,13 @@ class Peer:
         return json.loads(done.stdout)
 
 
-def find_peer(python: str | None, program: Path, package: str, argument: str = "peer") -> Peer | None:
+def find_peer(python: str | None, program: Path, package: str) -> Peer | None:
     """The peer in an environment; None where it is not installed.
 
     Args:
         python: an interpreter; by default the one that runs this.
         program: runs there, and knows the package's version.
         package: what it needs, for the message.
-        argument: that names the interpreter, likewise.
 
     Raises:
         RequestError: a named interpreter cannot be run or has not the package.
@@ -74,6 +73,6 @@ def find_peer(python: str | None, program: Path, package: str, argument: str = "
         if python is None:
             return None
         raise RequestError(
-            f"{argument}: expected the python of an environment with {package}, got {python}, which has none"
+            f"`peer`: expected the python of an environment with {package}, got {python}, which has none"
         ) from error
     return Peer(python or sys.executable, json.loads(asked.stdout))

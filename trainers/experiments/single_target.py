@@ -125,7 +125,7 @@ GENERATED: Mapping[str, Entrant] = {
 
 
 def reproduce(
-    bench: Bench, data: list[Path] | None = None, seeds: int = 5, generated: int = 48, contrib: Path | None = None
+    bench: Bench, data: list[Path] | None = None, seeds: int = 5, generated: int = 48, peer: str | None = None
 ) -> Outcome:
     """Correlation filters selected by a particle filter: what they gain over the filter alone, paper and here.
 
@@ -136,12 +136,12 @@ def reproduce(
         data: folders of sequences (OTB, VOT, UAV123), separated by commas; by default none.
         seeds: how many random seeds, of which areas are means.
         generated: how many generated clips beside them, on which nothing was tuned; 0 leaves them out.
-        contrib: the Python of an environment that has opencv-contrib-python-headless: the given sequences get rows of
-            its CSRT.
+        peer: python of an environment with opencv-contrib-python-headless, whose CSRT the given sequences get rows of;
+            by default this one, if it has it.
 
     Raises:
-        RequestError: a number below 1 (`generated`: below 0), no sequence with images, a single one, or no
-            OpenCV-contrib in ``contrib``.
+        RequestError: a number below 1 (`generated`: below 0), no sequence with images, a single one, or a python
+            without the package.
     """
     study.at_least_one(seeds=seeds)
     if generated < 0:
@@ -150,11 +150,11 @@ def reproduce(
     if data and len(sequences) < 2:
         raise RequestError(f"`data`: expected two sequences with images, or more, got {len(sequences)}")
     clips = [TargetClip(s, [read_image(path) for path in s.images]) for s in sequences]
-    peer = find_peer(str(contrib), CSRT, "opencv-contrib-python-headless", "`contrib`") if contrib else None
+    environment = find_peer(peer, CSRT, "opencv-contrib-python-headless") if clips else None
     values: dict[str, Any] = {}
     tables: list[Table] = []
     for name, group in GROUPS.items() if clips else ():
-        found, chosen = compared(bench, clips, name, group, seeds, peer)
+        found, chosen = compared(bench, clips, name, group, seeds, environment)
         title = f"Given clips, {name}: AUC [%], 21 thresholds; gain with 95 % over sequences"
         tables += [_gains(found, title), _by_clip(found, clips, f"The same, {name}, by sequence")]
         values[name] = {"chosen": chosen, **{row: areas.tolist() for row, areas in found.items()}}

@@ -174,7 +174,7 @@ def test_gaps_of_the_others_can_be_filled_as_the_flow_fills_its_own() -> None:
 
 
 def test_a_python_without_the_peers_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RequestError, match="peer: expected the python of an environment with the packages trackers"):
+    with pytest.raises(RequestError, match="`peer`: expected the python of an environment with the packages trackers"):
         find_peer(str(tmp_path / "no-python"), PROGRAM, PACKAGE)
 
 

@@ -96,7 +96,7 @@ def test_the_chosen_candidate_is_scored_beside_the_others(tmp_path: Path) -> Non
 def test_a_python_without_csrt_is_refused(tmp_path: Path) -> None:
     for python in (sys.executable, str(tmp_path / "python")):
         with pytest.raises(RequestError, match="opencv-contrib-python-headless"):
-            find_peer(python, CSRT, "opencv-contrib-python-headless", "`contrib`")
+            find_peer(python, CSRT, "opencv-contrib-python-headless")
 
 
 def csrt(folder: Path, script: str) -> Csrt:
