@@ -70,6 +70,11 @@ FAR, WIDEST = 4, 8
 """Steps of size from which on a size is far from the present one; in which the first frame's contrast is searched."""
 SIZE_MARGIN, SIZE_PATIENCE = 0.03, 5
 """How much greater the contrast of colours must be at a far size, and for how many frames on the same side."""
+SIZE_REACH, SIZE_AGREEMENT = 24, 0.95
+"""Steps of size to each side that the colours search; least response of places there, as a share of the present one."""
+SIZE_BY_AREA, CALIBRATION = 0.45, 0.5
+"""Contrast of colours from which on the number of the target's pixels gives the size; share of the first frame's
+calibration of the contrast that is used."""
 LOST_BELOW = 0.25
 """Response under which the target of the filter alone counts as lost; the filter goes on all the same."""
 
@@ -81,20 +86,10 @@ class RegularisedSettings:
     Attributes:
         colour_share: share of the colours in the response of a place, in [0, 1].
         sizes: number of sizes tried in a frame, odd; 1 keeps the first size.
-        size_reach: steps of size to each side that the colours search, beyond the reach of the size filter; 0 searches
-            none.
-        size_agreement: least response on the way to a far size, as a share of that at the present size, in [0, 1].
-        size_by_area: contrast of colours from which on the number of the target's pixels gives the size, without
-            `size_agreement`; 2 never does.
-        calibration: share of the first frame's calibration of the contrast of colours that is used, in [0, 1].
     """
 
     colour_share: float = 0.3
     sizes: int = 11
-    size_reach: int = 24
-    size_agreement: float = 0.95
-    size_by_area: float = 0.45
-    calibration: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -224,7 +219,7 @@ def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTar
     factors = SIZE_STEP ** np.arange(-WIDEST, WIDEST + 1.0)
     probabilities = colour.probabilities(patch)
     contrast = size_contrast(probabilities, float(width), float(height), factors)
-    contrast_at = SIZE_STEP ** (model.settings.calibration * best_offset(contrast))
+    contrast_at = SIZE_STEP ** (CALIBRATION * best_offset(contrast))
     area = max(coloured_area(probabilities, float(width), float(height)), 1.0)
     return RegularisedTarget(centre, 1.0, filters, colour, sizes, contrast_at, area=area)
 
@@ -277,24 +272,23 @@ def locate(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
 
 def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> RegularisedTarget:
     """The target at the size that fits best at its place."""
-    settings = model.settings
     if target.sizes is None:
         return target
     middle = round(model.ladder.level(target.size))
     sampled = model.ladder.sample(image, target.centre, middle)
     probabilities = target.colour.probabilities(model.patch(image, target.centre, target.size))
     width, height = model.target / model.scale
-    near = settings.sizes // 2
-    reach = max(settings.size_reach, near)
-    factors = SIZE_STEP ** (middle + np.arange(-reach, reach + 1.0)) / target.size * target.contrast_at
+    near = model.settings.sizes // 2
+    factors = SIZE_STEP ** (middle + np.arange(-SIZE_REACH, SIZE_REACH + 1.0)) / target.size * target.contrast_at
     contrast = size_contrast(probabilities, float(width), float(height), factors)
-    best = best_offset(target.sizes.respond(sampled) + SIZE_COLOUR * contrast[reach - near : reach + near + 1])
-    clear = settings.size_reach > 0 and contrast[reach - near : reach + near + 1].max() >= settings.size_by_area
+    contrast_near = contrast[SIZE_REACH - near : SIZE_REACH + near + 1]
+    best = best_offset(target.sizes.respond(sampled) + SIZE_COLOUR * contrast_near)
+    clear = contrast_near.max() >= SIZE_BY_AREA
     if clear:
         area = coloured_area(probabilities, float(width), float(height))
         far = far_area(area / target.area, SIZE_STEP, FAR)
     else:
-        far = far_peak(contrast, FAR, SIZE_MARGIN) if settings.size_reach else 0.0
+        far = far_peak(contrast, FAR, SIZE_MARGIN)
     side = int(np.sign(far))
     insisted = target.insisted + side if side * target.insisted > 0 else side
     if abs(insisted) >= SIZE_PATIENCE:
@@ -308,10 +302,9 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
 
 def _agrees(model: Model, target: RegularisedTarget, image: ImageArray, step: float) -> bool:
     """Whether the filter of places responds so many steps of size away nearly as much as at the present size."""
-    settings = model.settings
     there = replace(target, size=target.size * SIZE_STEP**step)
     present, away = (peak(responses(model, one, image)[0])[1] for one in (target, there))
-    return away >= settings.size_agreement * present
+    return away >= SIZE_AGREEMENT * present
 
 
 def update(model: Model, target: RegularisedTarget, image: ImageArray) -> RegularisedTarget:

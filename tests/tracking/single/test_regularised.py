@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.tracking.single.moving_texture import clip, run, walk
+from tsuiseki.tracking.single import regularised
 from tsuiseki.tracking.single.regularised import Model, RegularisedSettings, RegularisedTracker
 
 
@@ -23,12 +24,14 @@ def test_one_size_is_kept_where_no_others_are_tried():
         np.testing.assert_allclose(seen.box[2:] - seen.box[:2], boxes[0, 2:] - boxes[0, :2])
 
 
-def test_a_size_that_the_size_filter_does_not_see_is_seen_by_the_colours():
+def test_a_size_that_the_size_filter_does_not_see_is_seen_by_the_colours(monkeypatch):
     """It shrinks at once by more than the filter's five steps of 3 %; without the far look its size stays."""
     images, boxes = clip(walk(40), sizes=[1.0] * 12 + [0.6] * 28)
     found = []
-    for reach in (24, 0):
-        tracker = RegularisedTracker(RegularisedSettings(size_reach=reach))
+    for margin in (regularised.SIZE_MARGIN, np.inf):
+        monkeypatch.setattr(regularised, "SIZE_MARGIN", margin)
+        monkeypatch.setattr(regularised, "SIZE_BY_AREA", 2.0)
+        tracker = RegularisedTracker()
         run(tracker, images, boxes[0])
         found.append(tracker.target.size)
     assert found[0] == pytest.approx(0.6, rel=0.1)

@@ -3,7 +3,8 @@
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.single.regularised import RegularisedSettings, RegularisedTracker
+from tsuiseki.tracking.single import regularised
+from tsuiseki.tracking.single.regularised import RegularisedTracker
 
 FRAMES = 40
 
@@ -24,11 +25,12 @@ def growing_ellipse():
     return images, np.array(areas)
 
 
-def test_a_target_that_grows_while_its_outline_changes_is_followed_by_the_area_of_its_colours():
+def test_a_target_that_grows_while_its_outline_changes_is_followed_by_the_area_of_its_colours(monkeypatch):
     images, areas = growing_ellipse()
     errors = {}
     for contrast in (0.45, 2.0):
-        tracker = RegularisedTracker(RegularisedSettings(size_by_area=contrast))
+        monkeypatch.setattr(regularised, "SIZE_BY_AREA", contrast)
+        tracker = RegularisedTracker()
         tracker.start(images[0], np.array([78.0, 62, 122, 98]))
         for image in images[1:]:
             tracker.follow(image)
