@@ -154,7 +154,7 @@ def is_visdrone(folder: Path) -> bool:
     if not (folder / ANNOTATIONS).is_dir() or (folder / "sequences").is_dir():
         return (folder / ANNOTATIONS).is_dir()
     files = (read_rows(text, "labels").cells for text in sorted((folder / ANNOTATIONS).glob("*.txt")))
-    first = next((cells[0] for cells in files if cells), ())
+    first = next((cells[0] for cells in files if cells), list[str]())
     # Rows of MOTChallenge have -1 or a place in the world there.
     return len(first) == len(VISDRONE_ROW.split(",")) and first[7].isdigit()
 
