@@ -7,14 +7,12 @@ the number of pairs linear in the length of the video. The costs decide what a p
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.association.costs import ObservationCost, PairFeatures, TransitionCost, pair_features
-from tsuiseki.tracking.association.detection_tables import DetectionRows
+from tsuiseki.tracking.association.costs import PairFeatures, TransitionCost, pair_features
 from tsuiseki.tracking.association.nearby import near_pairs, sizes
-from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -122,6 +120,11 @@ def pairs_with_costs(
             yield tail, head, transition(pairs) + miss * (gap - 1)
 
 
+SIZE, TAILS = 0.09, 5.0
+"""Scale of the log ratio of two detected heights of one person; degrees of freedom of the differences, the fewer, the
+less a large one counts."""
+
+
 @dataclass(frozen=True)
 class HandSetCost:
     """Transition cost set by hand on position, size and appearance: nothing is learnt.
@@ -133,76 +136,37 @@ class HandSetCost:
     Attributes:
         bias: q of two detections one frame apart that do not differ, of neutral appearance.
         noise: scale of the difference of two detected centres, in heights.
-        speed_x: scale of a person's horizontal velocity, in heights a frame.
-        speed_y: scale of the vertical velocity, in heights a frame.
-        spread: how much longer gaps count against a link, as their region of likely positions grows; 1 is by its area.
-        size: scale of the log ratio of two detected heights of one person.
-        tails: degrees of freedom of the distributions; the fewer, the less a large difference counts.
+        speed: scale of a person's velocity along either axis, in heights a frame.
         appearance: weight of the cosine distance.
         neutral: cosine distance that speaks neither for nor against, taken also where the distance is not known.
-        action: weight of the cosine distance of the action features, where there are any.
-        action_neutral: likewise, of the action features.
     """
 
-    bias: float = -5.0
-    noise: float = 0.06
-    speed_x: float = 0.04
-    speed_y: float = 0.02
-    spread: float = 1.0
-    size: float = 0.09
-    tails: float = 5.0
-    appearance: float = 14.0
-    neutral: float = 0.27
-    action: float = 4.0
-    action_neutral: float = 0.15
+    bias: float
+    noise: float
+    speed: float
+    appearance: float
+    neutral: float
 
     def __call__(self, pairs: PairFeatures) -> FloatArray:
         """``(P,)`` costs, above 0."""
         gap = pairs.gap.astype(np.float64)
         noise = self.noise**2
-        variance_x, variance_y = noise + (self.speed_x * gap) ** 2, noise + (self.speed_y * gap) ** 2
-        nearest = (noise + self.speed_x**2) * (noise + self.speed_y**2)
-        q = np.log(variance_x * variance_y / nearest) * (self.spread / 2) + self.bias
-        q += surprise(pairs.dx**2 / variance_x + pairs.dy**2 / variance_y, 2, self.tails)
-        q += surprise((pairs.dh / self.size) ** 2, 1, self.tails)
+        variance = noise + (self.speed * gap) ** 2
+        nearest = (noise + self.speed**2) * (noise + self.speed**2)
+        # Longer gaps count against a link by the area of their region of likely positions.
+        q = np.log(variance * variance / nearest) * 0.5 + self.bias
+        q += surprise(pairs.dx**2 / variance + pairs.dy**2 / variance, 2)
+        q += surprise((pairs.dh / SIZE) ** 2, 1)
         known = ~np.isnan(pairs.appearance)
         q[known] += self.appearance * (pairs.appearance[known] - self.neutral)
-        if pairs.action is not None:
-            q += self.action * np.nan_to_num(pairs.action - self.action_neutral)
         return np.logaddexp(0, q)
 
 
-def surprise(squared: FloatArray, dimensions: int, tails: float) -> FloatArray:
+def surprise(squared: FloatArray, dimensions: int) -> FloatArray:
     """How much less likely a difference is than none, -log p(x) / p(0), under Student's t distribution.
 
     Args:
         squared: squared lengths of differences, in scales.
         dimensions: of the differences.
-        tails: degrees of freedom.
     """
-    return np.asarray(np.log1p(squared / tails) * ((tails + dimensions) / 2))
-
-
-@dataclass(frozen=True)
-class PairwiseCosts:
-    """What the flow costs.
-
-    Attributes:
-        gate: which detections may be linked.
-        observation: of detections, c_obsv.
-        transition: of pairs, c_tran.
-        entry: of a track's start, and of its end.
-        miss: of every frame between two linked detections.
-    """
-
-    gate: GateSettings = field(default_factory=GateSettings)
-    observation: ObservationCost = field(default_factory=ObservationCost)
-    transition: TransitionCost = field(default_factory=HandSetCost)
-    entry: float = 2.0
-    miss: float = 0.1
-
-
-def pairwise_tracks(rows: DetectionRows, costs: PairwiseCosts) -> IntArray:
-    """``(N,)`` track of each detection from 0 on, -1 for none."""
-    pairs = pairs_with_costs(rows.frames, rows.boxes, rows.features, costs.gate, costs.transition, costs.miss)
-    return track_labels(solve(build_graph(costs.observation(rows.scores), pairs, costs.entry, costs.entry)))
+    return np.asarray(np.log1p(squared / TAILS) * ((TAILS + dimensions) / 2))

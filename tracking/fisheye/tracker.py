@@ -28,7 +28,8 @@ import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.association.detection_tables import rows_of
-from tsuiseki.tracking.association.pairwise_flow import GateSettings, HandSetCost, PairwiseCosts, pairwise_tracks
+from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
+from tsuiseki.tracking.association.pairwise_flow import GateSettings, HandSetCost, pairs_with_costs
 from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings
 from tsuiseki.tracking.people.lifecycle import Record
 from tsuiseki.tracking.people.whole_flow import long_tracks
@@ -213,8 +214,7 @@ def flow_on_floor(
     transition = HandSetCost(
         bias=settings.bias,
         noise=settings.noise / SQUARE,
-        speed_x=settings.pace * step / SQUARE,
-        speed_y=settings.pace * step / SQUARE,
+        speed=settings.pace * step / SQUARE,
         appearance=settings.appearance,
         neutral=settings.neutral,
     )
@@ -222,8 +222,9 @@ def flow_on_floor(
     rows = rows_of(
         [Detections(s, f.detections.scores, f.detections.features) for s, f in zip(squares, found, strict=True)], 0, 0
     )
-    costs = PairwiseCosts(gate, settings.observation, transition, settings.entry, 0.1 * min(1.0, 10 * step))
-    labels = pairwise_tracks(rows, costs)
+    miss, entry = 0.1 * min(1.0, 10 * step), settings.entry
+    pairs = pairs_with_costs(rows.frames, rows.boxes, rows.features, gate, transition, miss)
+    labels = track_labels(solve(build_graph(settings.observation(rows.scores), pairs, entry, entry)))
     boxes, scores, origin = (
         np.concatenate([getattr(each.detections, name) for each in found]) for name in ("boxes", "scores", "origin")
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -74,6 +76,9 @@ def test_observation_cost_is_equations_2_12_and_2_13() -> None:
     np.testing.assert_allclose(ObservationCost(alpha, beta, b)(scores), b - np.log(p / (1 - p)), rtol=1e-12)
 
 
+BY_HAND = HandSetCost(bias=-5.0, noise=0.06, speed=0.04, appearance=14.0, neutral=0.27)
+
+
 def _pairs(**change: float) -> np.ndarray:
     """Costs of a pair and of one that differs more in one respect."""
     base = {"x": 0.0, "height": 50.0, "gap": 1, "turn": 0.3}
@@ -83,7 +88,7 @@ def _pairs(**change: float) -> np.ndarray:
         boxes = np.array([[0, 0, 20, 50.0], [x, 25 - h / 2, x + 20, 25 + h / 2]])
         looks = np.array([[1.0, 0], [np.cos(angle), np.sin(angle)]])
         pairs = pair_features(boxes, looks, np.array([0]), np.array([1]), np.array([int(values["gap"])]))
-        costs.append(HandSetCost()(pairs)[0])
+        costs.append(BY_HAND(pairs)[0])
     return np.array(costs)
 
 
@@ -99,7 +104,7 @@ def test_a_longer_gap_explains_a_longer_way() -> None:
 
 def test_unknown_looks_count_as_neutral() -> None:
     boxes = np.array([[0, 0, 20, 50.0], [2, 0, 22, 50]])
-    cost = HandSetCost(neutral=0.25)
+    cost = replace(BY_HAND, neutral=0.25)
     arguments = np.array([0]), np.array([1]), np.array([1])
     looks = np.array([[1.0, 0], [0.75, np.sqrt(1 - 0.75**2)]])
     unknown = cost(pair_features(boxes, None, *arguments))
