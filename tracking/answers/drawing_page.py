@@ -22,18 +22,22 @@ _PAGE = """<!doctype html>
  button, input, select { font: inherit; padding: .3rem .6rem } li { margin: .2rem 0 }
 </style>
 <p><label>Draw a <select id="kind"><option value="lines">line</option><option value="zones">zone</option>
- <option value="region">region of interest</option><option value="ignored">ignored region</option></select></label>
- <label>named <input id="name" value="line 1" maxlength="60"></label>
+ <option value="region">region of interest</option><option value="ignored">ignored region</option>
+ <option value="length">known length</option></select></label>
+ <label><span id="what">named</span> <input id="name" value="line 1" maxlength="60"></label>
  <button id="close" disabled>Close the polygon</button> <button id="save" disabled>Save the scene</button></p>
 <p id="said" role="status">Click the two ends of a line, or the corners of a polygon. An arrow shows the way
- that counts as in.</p>
-<div id="frame"><img src="image.png" alt="first frame of the video"><svg></svg></div>
+ that counts as in. Escape takes a point back. By keyboard: arrows, with Shift faster, and Enter. A known length gives
+ metres in a picture straight from above.</p>
+<div id="frame" tabindex="0" aria-label="The picture">
+ <img src="image.png" alt="first frame of the video"><svg></svg></div>
 <ol id="list"></ol>
 <script>
  const byId = id => document.getElementById(id), frame = byId("frame"), image = document.querySelector("img");
  const svg = document.querySelector("svg"), kind = byId("kind"), name = byId("name"), said = byId("said");
  const scene = [];
- let points = [];
+ let points = [], cursor = null;
+ const straight = one => one === "lines" || one === "length";
  const make = (tag, given, text) => {
   const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
   Object.entries(given).forEach(([key, value]) => made.setAttribute(key, value));
@@ -51,21 +55,27 @@ _PAGE = """<!doctype html>
   svg.replaceChildren();
   const size = image.naturalWidth / 40, paint = {fill: "none", stroke: "#e8590c", "stroke-width": 3};
   for (const one of [...scene, {kind: kind.value, name: "", points}]) {
-   const filled = one.kind !== "lines" && one.points !== points;
+   const filled = !straight(one.kind) && one.points !== points;
    const inner = filled ? {fill: "#e8590c33"} : {};
    make(filled ? "polygon" : "polyline", {...paint, points: one.points.join(" "), ...inner});
    if (one.kind === "lines" && one.points.length === 2) make("path", {...paint, d: arrow(one.points, size)});
    if (one.points.length) make("text", {x: one.points[0][0], y: one.points[0][1], "font-size": size * .7}, one.name);
    if (one.points === points) points.forEach(([x, y]) => make("circle", {cx: x, cy: y, r: size / 6, fill: "#e8590c"}));
   }
+  if (cursor) make("path", {...paint, d: `M${cursor}m${-size},0h${2 * size}m${-size},${-size}v${2 * size}`});
   byId("list").replaceChildren(...scene.map((one, k) => {
-   const row = document.createElement("li"), button = document.createElement("button");
-   button.textContent = "Remove";
-   button.onclick = () => { scene.splice(k, 1); show(); };
-   row.append(`${kind.querySelector(`[value=${one.kind}]`).textContent} ${one.name} `, button);
+   const row = document.createElement("li"), does = (text, action) => {
+    const button = document.createElement("button");
+    button.textContent = text;
+    button.onclick = () => { action(); show(); };
+    row.append(button, " ");
+   };
+   row.append(`${kind.querySelector(`[value=${one.kind}]`).textContent} ${one.name} `);
+   does("Remove", () => scene.splice(k, 1));
+   if (one.kind === "lines") does("Turn", () => one.points.reverse());
    return row;
   }));
-  byId("close").disabled = kind.value === "lines" || points.length < 3;
+  byId("close").disabled = straight(kind.value) || points.length < 3;
   byId("save").disabled = points.length > 0 || !scene.some(one => one.kind === "lines" || one.kind === "zones");
  }
  function done() {
@@ -73,29 +83,51 @@ _PAGE = """<!doctype html>
   points = [];
   next();
  }
- const named = () => kind.value === "lines" || kind.value === "zones";
+ const named = () => ["lines", "zones", "length"].includes(kind.value);
  function next() {
   points = [];
   name.disabled = !named();
-  name.value = named() ? `${kind.value.slice(0, -1)} ${scene.filter(one => one.kind === kind.value).length + 1}` : "";
+  byId("what").textContent = kind.value === "length" ? "metres" : "named";
+  name.value = kind.value === "length" ? "1" : named() ?
+   `${kind.value.slice(0, -1)} ${scene.filter(one => one.kind === kind.value).length + 1}` : "";
   show();
  }
+ const within = (v, most) => Math.round(Math.min(Math.max(v, 0), most) * 10) / 10;
+ function add(point) {
+  points.push(point);
+  if (straight(kind.value) && points.length === 2) done(); else show();
+ }
  frame.onpointerdown = event => {
-  const r = image.getBoundingClientRect(), share = (v, most) => Math.min(Math.max(v / most, 0), 1);
-  points.push([share(event.clientX - r.left, r.width) * image.naturalWidth,
-   share(event.clientY - r.top, r.height) * image.naturalHeight].map(v => Math.round(v * 10) / 10));
-  if (kind.value === "lines" && points.length === 2) done(); else show();
+  const r = image.getBoundingClientRect(), {naturalWidth: width, naturalHeight: height} = image;
+  cursor = null;
+  add([within((event.clientX - r.left) / r.width * width, width),
+   within((event.clientY - r.top) / r.height * height, height)]);
+ };
+ document.onkeydown = event => {
+  const way = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1]}[event.key];
+  const {naturalWidth: width, naturalHeight: height} = image, here = document.activeElement === frame;
+  if (event.key === "Escape") points.pop();
+  else if (here && way) {
+   cursor = (cursor ?? [width / 2, height / 2]).map((v, k) =>
+    within(v + way[k] * (event.shiftKey ? width / 20 : 1), k ? height : width));
+  } else if (here && cursor && event.key === "Enter") return add([...cursor]);
+  else return;
+  event.preventDefault();
+  show();
  };
  kind.onchange = next;
  byId("close").onclick = done;
  image.onload = show;
  byId("save").onclick = async () => {
-  const of = what => scene.filter(one => one.kind === what), regions = of("region");
+  const of = what => scene.filter(one => one.kind === what), regions = of("region"), known = of("length").at(-1);
+  const long = known && Math.hypot(known.points[1][0] - known.points[0][0], known.points[1][1] - known.points[0][1]);
+  const scale = known && Number(known.name.replace(",", ".")) / long;
   const answer = await fetch("answer", {method: "POST", body: JSON.stringify({
    size: [image.naturalWidth, image.naturalHeight],
    lines: of("lines").map(one => ({name: one.name, from: one.points[0], to: one.points[1]})),
    zones: of("zones").map(one => ({name: one.name, corners: one.points})),
-   ignored: of("ignored").map(one => one.points), ...(regions.length ? {region: regions.at(-1).points} : {})})});
+   ignored: of("ignored").map(one => one.points), ...(regions.length ? {region: regions.at(-1).points} : {}),
+   ...(known ? {scale: Number.isFinite(scale) ? scale : 0} : {})})});
   said.textContent = answer.ok ? "The scene is saved. This page can be closed." : await answer.text();
   byId("save").disabled = answer.ok;
  };

@@ -1,4 +1,4 @@
-"""`tsuiseki scene` in a real browser: a line and a zone are drawn with the mouse."""
+"""`tsuiseki scene` in a real browser: a line and a zone are drawn with the mouse, a length by keys."""
 
 from __future__ import annotations
 
@@ -29,10 +29,18 @@ def test_a_line_drawn_with_the_mouse_is_in_the_file(tmp_path, inputs, monkeypatc
         page.mouse.click(box["x"] + x * box["width"] / 64, box["y"] + y * box["height"] / 48)
     page.get_by_text("Close the polygon").click()
     assert [row.split(" Remove")[0] for row in page.locator("li").all_inner_texts()] == ["line line 1", "zone shop"]
+    page.get_by_text("Turn").click()
+    page.get_by_label("Draw a").select_option("length")
+    page.get_by_label("metres").fill("0,5")
+    page.locator("#frame").focus()
+    for keys in (["ArrowDown", "Enter", "Escape", "Enter"], ["ArrowRight"] * 10, ["Enter"]):
+        for key in keys:
+            page.keyboard.press(key)
     page.get_by_text("Save the scene").click()
     page.get_by_text("The scene is saved").wait_for()
     assert statuses.get(timeout=20) == 0
     assert wrong == []
     scene = read_scene(out)
-    assert abs(scene.lines[0].ends - [[16, 12], [48, 36]]).max() <= 0.6
+    assert abs(scene.lines[0].ends - [[48, 36], [16, 12]]).max() <= 0.6
     assert abs(scene.zones[0].corners - [[2, 2], [30, 2], [30, 40]]).max() <= 0.6
+    assert scene.scale == 0.05
