@@ -4,12 +4,13 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
-.PHONY: demo test test-browser test-slow lint docs wheel clean help
+.PHONY: demo test test-browser test-readers test-slow lint docs wheel clean help
 
 help:
 	@echo "make demo         set up the base installation (no torch) and run the whole path on a generated clip"
 	@echo "make test         set up the train and dev extras and run the tests"
 	@echo "make test-browser the tests of pages in the system's Chromium"
+	@echo "make test-readers CVAT's own reader opens what is exported, in an environment of its own"
 	@echo "make test-slow    the tests that take over 2 seconds, after make test"
 	@echo "make lint         ruff and mypy --strict"
 	@echo "make docs         build the manual into out/site"
@@ -24,6 +25,9 @@ test: $(VENV)/.dev
 
 test-browser: $(VENV)/.dev
 	$(BIN)/python -m pytest -m browser tests
+
+test-readers: $(VENV)/.dev $(VENV)/.readers
+	$(BIN)/python -m pytest -rs tests/tracking/formats/test_readers.py
 
 test-slow: $(VENV)/.dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "slow and not gpu and not browser"
@@ -56,6 +60,11 @@ $(VENV)/.base: $(VENV)/.venv pyproject.toml
 $(VENV)/.dev: $(VENV)/.venv pyproject.toml
 	$(PIP) --editable ".[train,dev]"
 	touch $@ $(VENV)/.base
+
+# datumaro needs an OpenCV below 5. Where it cannot be installed, its tests are skipped.
+$(VENV)/.readers:
+	-$(PYTHON) -m venv $(VENV)/readers && $(VENV)/readers/bin/python -m pip install --quiet datumaro
+	touch $@
 
 $(VENV)/.docs: $(VENV)/.venv pyproject.toml
 	$(PIP) --editable ".[docs]"
