@@ -26,8 +26,8 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Fitted on generated streets of seeds from 1100 on, each with three simulated detectors: weights of a constant and of
 # `crossing_features`; the share of broken paths ahead of which a line was crossed; n above, the shape of the gamma, and
-# missed crossings of any line.
-CROSSING_WEIGHTS = np.array([5.6, -4.2, -1.9])
+# missed crossings of any line. The constant is chosen on real video (MOT15, TUD, PETS, KITTI).
+CROSSING_WEIGHTS = np.array([3.5, -4.2, -1.9])
 BROKEN, CHANCES, SHAPE, ANY = 0.1, 1.9, 0.9, 0.05
 # Likewise: of what is filled in, the share by which a stay errs and the share of people who are not there; seconds by
 # which it errs anyhow.

@@ -1,4 +1,4 @@
-"""datumaro, which CVAT uses, opens what is exported for it; it runs in an environment of its own (make test-readers)."""
+"""datumaro, which CVAT uses, opens what is exported for it; it has an environment of its own (make test-readers)."""
 
 import json
 import subprocess
