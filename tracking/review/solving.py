@@ -160,7 +160,7 @@ class CorrectedFlow:
     def _note(self, pair: Pair, *, exact: bool) -> str:
         first, last = self.network.frames[[pair.first, pair.last]] + 1
         how = "solved exactly" if exact else "by the cheapest way" if pair.same else "by cutting the weakest link"
-        return f"frames {first} and {last}: {'one person' if pair.same else 'two people'}, {how}"
+        return f"frames {first} and {last}: {'the same' if pair.same else 'not the same'}, {how}"
 
     def _status(self, demands: Demands) -> IntArray:
         """What is forced and forbidden of the arcs: what is demanded first, then the ways of pairs."""
