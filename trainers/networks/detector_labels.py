@@ -131,23 +131,37 @@ def anchors_for(
 def anchor_choice(
     labels: Sequence[LabelledFrame], anchors: list[list[tuple[float, float]]], size: tuple[int, int]
 ) -> tuple[list[list[tuple[float, float]]], str]:
-    """Anchors for the labelled people, and a line about it: those of the start, or others that fit far better.
+    """Anchors for the labels, and a line about it: those of the start, with others for classes that do not fit.
+
+    Where no class fits, all are replaced.
 
     Args:
         labels: of pictures.
-        anchors: of the detector that a training starts from; as many of each level are proposed.
+        anchors: of the detector that a training starts from; as many of each level are proposed for all classes, or one
+            more for some.
         size: height and width of the input.
     """
     sizes = _sizes_in_input(labels, size, "letterbox")
-    old = float(size_iou(sizes, np.concatenate([np.array(level, dtype=float) for level in anchors])).max(axis=1).mean())
+    kinds = np.concatenate([label.classes[~label.ignored] for label in labels])
+    start = np.concatenate([np.array(level, dtype=float) for level in anchors])
+    best = size_iou(sizes, start).max(axis=1)
+    poor = [kind for kind in np.unique(kinds) if best[kinds == kind].mean() < FITTING]
+    misfits, some = np.isin(kinds, poor), 0 < len(poor) < len(np.unique(kinds))
+    old = f"anchors of the start: mean IoU {best.mean():.2f} with {len(sizes)} labels"
+    if not poor:
+        return anchors, old
     try:
-        boxes = np.concatenate([np.zeros_like(sizes), sizes], axis=1)
-        proposed, new = propose_anchors(boxes, [len(level) for level in anchors], np.random.default_rng(0))
+        boxes = np.concatenate([np.zeros_like(sizes), sizes], axis=1)[misfits]
+        counts = [1 if some else len(level) for level in anchors]
+        proposed, new = propose_anchors(boxes, counts, np.random.default_rng(0))
     except ValueError:
-        return anchors, f"anchors of the start: mean IoU {old:.2f} with {len(sizes)} labels, too few for others"
-    if old >= FITTING:
-        return anchors, f"anchors of the start: mean IoU {old:.2f} with {len(sizes)} labels"
-    return proposed, f"anchors of the labels: mean IoU {new:.2f} with {len(sizes)} labels, those of the start {old:.2f}"
+        return anchors, f"{old}, too few for others"
+    if some:
+        chosen = [[*level, *more] for level, more in zip(anchors, proposed, strict=True)]
+        line = f"more anchors, for {misfits.sum()} of {len(sizes)} labels"
+        return chosen, f"{line}: mean IoU {new:.2f}, with those of the start {best[misfits].mean():.2f}"
+    line = f"anchors of the labels: mean IoU {new:.2f} with {len(sizes)} labels"
+    return proposed, f"{line}, those of the start {best.mean():.2f}"
 
 
 def _sizes_in_input(labels: Sequence[LabelledFrame], size: tuple[int, int], resize: Resize) -> FloatArray:

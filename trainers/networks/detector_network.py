@@ -95,16 +95,28 @@ def take_over(network: AnchorDetector, checkpoint: Path) -> int:
 
 def _fill(network: AnchorDetector, weights: dict[str, Tensor], checkpoint: Path) -> int:
     own = network.state_dict()
-    for name, value in weights.items() if network.classes > 1 else ():
-        heads = name.startswith("class_heads") and name in own and value.ndim > 0
-        if heads and 2 * len(own[name]) == (network.classes + 1) * len(value):
-            rows = value.view(-1, 2, *value.shape[1:])
-            weights[name] = torch.cat((rows[:, :1], *[rows[:, 1:]] * network.classes), dim=1).flatten(0, 1)
+    if network.classes > 1:
+        _suit_heads(weights, own, network.classes)
     fitting = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
     if not fitting:
         raise RequestError(f"{checkpoint}: none of its weights fit this detector; start from one with the same trunk")
     network.load_state_dict(fitting, strict=False)
     return len(fitting)
+
+
+def _suit_heads(weights: dict[str, Tensor], own: dict[str, Tensor], classes: int) -> None:
+    """Let each of the classes start as people, and each anchor that ``weights`` lack as one of those that they have."""
+    for name in [n for n in weights if n.startswith("box_heads") and n in own and weights[n].ndim > 0]:
+        kinds, count = name.replace("box", "class", 1), len(weights[name]) // 4
+        scores, boxes = weights.get(kinds), weights[name]
+        if scores is None or count == 0 or len(scores) not in (2 * count, (classes + 1) * count):
+            continue
+        rows = scores.view(count, -1, *scores.shape[1:])
+        if len(scores) == 2 * count:
+            rows = torch.cat((rows[:, :1], *[rows[:, 1:]] * classes), dim=1)
+        order = torch.arange(len(own[name]) // 4) % count
+        weights[kinds] = rows[order].flatten(0, 1)
+        weights[name] = boxes.view(count, 4, *boxes.shape[1:])[order].flatten(0, 1)
 
 
 def detector_card(
