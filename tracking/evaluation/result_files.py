@@ -189,7 +189,8 @@ def evaluate_detection_files(
         none = Detections.empty()
         counted = np.repeat(numbers, [len(found[n]) if n < len(found) else 0 for n in numbers])
         kept = where_labelled(truth.name, truth.labels.frames, counted, truth.length, truth.length is not None)
-        _warn_of_a_segment(file, truth.labels, counted)
+        if network is None:
+            _warn_of_a_segment(file, truth.labels, counted)
         left_out = {*counted[~kept].tolist()}
         numbers = [number for number in numbers if number not in left_out]
         every[truth.name] = (truth.labels, numbers, [found[n] if n < len(found) else none for n in numbers])
