@@ -47,7 +47,7 @@ class PrintedFlow:
         if affinity.features not in ("thesis", "thesis_action"):
             raise RequestError(
                 f"expected costs of links by the features thesis or thesis_action, got {affinity.features}; fit them "
-                "with train affinity --settings.features thesis"
+                "with train affinity --features thesis"
             )
         self._affinity = affinity
         self._iterations = iterations if affinity.acting else 1
