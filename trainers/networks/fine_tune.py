@@ -101,29 +101,29 @@ def _source(folder: Path, part: Part) -> dict[str, object]:
 
 
 def _compared(files: dict[str, Path], held_out: Sequence[LabelledFrame], classes: Sequence[str]) -> str:
-    """A line on the average precision of detectors, its mean over classes, on pictures that none learnt from.
+    """A line on the average precision of detectors, its mean over classes and each, on pictures that none learnt from.
 
     A detector's classes are those of the labels by their names.
     """
     boxes = [frame.boxes for frame in held_out]
     labels = [np.where(frame.ignored, -1, frame.classes) for frame in held_out]
     values: dict[str, tuple[float, float]] = {}
+    apart: dict[str, str] = {}
     for name, file in files.items():
         own = Detector(file).model.card.class_names
         places = [next((k for k, kind in enumerate(classes, start=1) if same_class(kind, one)), 0) for one in own]
         detector = Detector(file, LOWEST_SCORE, classes=ClassChoice(own))
         every = [detector.detect([read_image(frame.path)])[0] for frame in held_out]
         found = [replace(one, classes=np.array([0, *places])[one.classes], names={}) for one in every]
-        fifty, strict = (
-            float(
-                np.mean(
-                    [one.average_precision for one in evaluate_classes(boxes, labels, found, classes, iou).values()]
-                )
-            )
+        by_class = [
+            {k: one.average_precision for k, one in evaluate_classes(boxes, labels, found, classes, iou).items()}
             for iou in (0.5, 0.75)
-        )
+        ]
+        fifty, strict = (float(np.mean([*each.values()])) for each in by_class)
         values[name] = fifty, strict
+        each = ", ".join(f"{kind} {value:.3f}" for kind, value in by_class[0].items())
+        apart[name] = f" (AP50 {each})" if len(by_class[0]) > 1 else ""
     better = sum(values["yours"]) > sum(values["shipped"])
-    shown = "; ".join(f"{name} AP50 {a:.3f}, AP75 {b:.3f}" for name, (a, b) in values.items())
+    shown = "; ".join(f"{name} AP50 {a:.3f}, AP75 {b:.3f}{apart[name]}" for name, (a, b) in values.items())
     advice = "" if better else "; keep the shipped one, or train longer (--trainer.max_epochs) or on more labels"
     return f"on {len(held_out)} held-out pictures: {shown}{advice}"

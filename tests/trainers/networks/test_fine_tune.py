@@ -61,6 +61,8 @@ def test_classes_that_the_labels_name_are_learnt_and_found(tmp_path: Path, capsy
     shown = capsys.readouterr().out
     assert shown.startswith("learning person, car")
     assert "on 1 held-out pictures: shipped AP50" in shown
+    assert "; yours AP50 " in shown
+    assert " (AP50 person " in shown.partition("; yours")[2]
     found = Detector(out / "detector.onnx", classes=ClassChoice(["car"]))
     card = found.model.card
     assert (card.input_height, card.input_width, card.training_data) == (96, 128, "set, 90% of each video")
