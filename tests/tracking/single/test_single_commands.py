@@ -1,6 +1,7 @@
 """`tsuiseki track single` and `tsuiseki evaluate single` as a user types them."""
 
 import json
+import re
 import signal
 
 import cv2
@@ -146,14 +147,19 @@ def test_a_result_of_another_length_is_said(labelled, tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tmp_path, capsys):
+def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("tsuiseki.trainers.experiments.single_target.GENERATED", ((0, 1),))
     out, cache = tmp_path / "out", tmp_path / "cache"
-    words = ["reproduce", "multi-correlation-filter", "--data", f"{labelled},{labelled}", "--cache", str(cache)]
-    words += ["--seeds", "1", "--generated", "1"]
+    words = ["reproduce", "multi-correlation-filter", "--data", str(labelled), "--cache", str(cache)]
+    words += ["--seeds", "1", "--sweep_seeds", "1"]
     assert main([*words, "--out", str(out)]) == 0
+    made = {p.name for p in out.iterdir()}
+    assert {"results.json", "sweeps.png", "comparison.png", "intervals-printed.png", "intervals-robust.png"} <= made
     values = json.loads((out / "results.json").read_text())
-    assert {"kcf-particle, printed", "combined, chosen on the others"} <= set(values["fixed size"])
-    assert "Generated clips 49 to 49" in capsys.readouterr().out
+    assert values["sweeps"]["alpha"]["0.3"]["paper"] == 38.60
+    said = capsys.readouterr().out
+    assert re.search(r"\n *combined, printed( +\d+\.\d\d ± \d\.\d\d) +40\.64", said)
+    assert {"combined, printed", "combined, robust, fixed size", "combined, robust"} <= set(values["comparison"])
     before = sorted(p.stat().st_mtime_ns for p in cache.rglob("*.pickle"))
     assert main([*words, "--out", str(tmp_path / "again")]) == 0
     assert sorted(p.stat().st_mtime_ns for p in cache.rglob("*.pickle")) == before
@@ -163,7 +169,7 @@ def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tm
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (["--generated", "-1"], "--generated: expected 0 or more"),
+        (["--parts", "sweep"], "--parts: expected some of unseen, status"),
         (["--seeds", "0"], "--seeds: expected at least 1"),
         (["--data", "nowhere"], "expected a folder of sequences or a label file at nowhere"),
     ],
@@ -172,12 +178,6 @@ def test_wrong_experiments_are_refused(tmp_path, capsys, options, said):
     assert main(["reproduce", "multi-correlation-filter", "--out", str(tmp_path / "o"), *options]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / "o").exists()
-
-
-def test_a_single_sequence_is_refused(labelled, tmp_path, capsys):
-    words = ["reproduce", "multi-correlation-filter", "--data", str(labelled), "--out", str(tmp_path / "o")]
-    assert main(words) == 2
-    assert "--data: expected two sequences with images, or more, got 1" in capsys.readouterr().err
 
 
 @pytest.mark.slow

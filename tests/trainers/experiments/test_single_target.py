@@ -1,4 +1,4 @@
-"""The experiment of chapter 3 on tiny clips: passes, and settings chosen on other sequences."""
+"""The experiment of chapter 3 on tiny clips: passes, searches, losses, and settings chosen on other sequences."""
 
 from __future__ import annotations
 
@@ -22,13 +22,18 @@ from tsuiseki.trainers.experiments import single_target as single
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.single_target import (
     CSRT,
+    SWEEPS,
     Csrt,
+    GeneratedClip,
     TargetClip,
     area,
+    by_seed,
+    count_losses,
     follow,
     follow_with_csrt,
     leave_one_out,
     scored,
+    searches,
 )
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import Bench
@@ -43,35 +48,48 @@ def clip(seed: int = 1, frames: int = 14) -> TargetClip:
     return TargetClip(SingleSequence(f"tiny-{seed}", (), made.boxes, frozenset({"OCC"})), list(made.images))
 
 
-def test_seeds_are_averaged_and_nothing_is_run_again(tmp_path: Path) -> None:
+def test_sweeps_hold_the_thesis_s_values_and_change_one_parameter() -> None:
+    for sweep in SWEEPS.values():
+        assert set(sweep.paper) <= set(sweep.values)
+        assert len({sweep.settings(v) for v in sweep.values}) == len(sweep.values)
+
+
+def test_searches_compare_three_ways_on_the_same_frames() -> None:
+    during, after = searches(clip(), ALWAYS, 0)
+    for part in (during, after):
+        assert len({len(overlaps) for overlaps in part.values()}) == 1
+    assert len(during["Fix"]) == 4  # frames 2, 6, 10 and 14: each search ends at once, then three without
+    assert len(after["Fix"]) == 9
+    assert 0 <= area(np.array(during["Proposed"])) <= 100
+    assert np.isnan(area(np.empty(0)))
+
+
+def test_a_figure_has_the_frames_during_the_search_and_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(single, "SEARCHES", {"always": ALWAYS})
+    outcome = single.intervals(Bench(Store(tmp_path)), [clip()], [0])
+    titles = [axes.get_title(loc="left") for axes in outcome.plots["intervals-always"].axes]
+    assert titles == ["(a) during the search", "(b) 10 frames after"]
+    assert [row[:2] for row in outcome.tables[0].rows] == [["during the search", "4"], ["10 frames after", "9"]]
+
+
+def test_results_by_seed_and_nothing_is_run_again(tmp_path: Path) -> None:
     def kept() -> dict[Path, int]:
         return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.pickle")}
 
     bench, tiny = Bench(Store(tmp_path)), clip()
-    found = scored(bench, [tiny], {"combined": ALWAYS}, 2, "passes")
-    passes = [follow(tiny, ALWAYS, seed) for seed in (0, 1)]
-    assert all(drew for _, drew in passes)
-    areas = [evaluate_boxes(tiny.sequence.boxes, boxes).auc for boxes, _ in passes]
-    assert found["combined"] == pytest.approx([100 * np.mean(areas)])
+    found = scored(bench, [tiny], {"combined": ALWAYS}, [0, 1], "passes")
+    areas = [one["auc_11"] for one in by_seed(found["combined"])]
+    assert len(areas) == 2
     before = kept()
-    assert len(before) == 1
-    scored(bench, [tiny], {"combined": ALWAYS}, 2, "passes")
+    assert len(before) == 2
+    scored(bench, [tiny], {"combined": ALWAYS}, [0, 1], "passes")
     assert kept() == before
-    scored(bench, [tiny], {"combined": replace(ALWAYS, particles=31)}, 1, "passes")
-    assert len(kept()) == 2
-
-
-def test_a_tracker_without_random_numbers_passes_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    seeds: list[int] = []
-
-    def still(clip: TargetClip, _: KcfSettings, seed: int) -> tuple[FloatArray, bool]:
-        seeds.append(seed)
-        return clip.sequence.boxes, False
-
-    monkeypatch.setattr(single, "follow", still)
-    # The last of 21 thresholds is an overlap above 1.
-    assert area((KcfSettings(), 3), clip()) == pytest.approx(100 * 20 / 21)
-    assert seeds == [0]
+    scored(bench, [tiny], {"combined": replace(ALWAYS, particles=31)}, [0], "passes")
+    assert len(kept()) == 3
+    # A tracker without random numbers passes once, whatever the seeds.
+    assert len(scored(bench, [tiny], {"kcf": KcfSettings()}, [0, 1], "passes")["kcf"][0].auc_11) == 1
 
 
 def test_a_sequence_has_no_say_in_its_own_settings() -> None:
@@ -85,12 +103,52 @@ def test_of_equal_candidates_the_first_is_taken() -> None:
     assert chosen == ["a", "a"]
 
 
-def test_the_chosen_candidate_is_scored_beside_the_others(tmp_path: Path) -> None:
+def test_the_table_of_unseen_sequences_has_a_row_a_tracker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     group = single.ClipGroup(KcfSettings(scale_step=1.0), {"alone": RegularisedSettings(sizes=1)}, {"one": SMALL})
-    found, chosen = single.compared(Bench(Store(tmp_path)), [clip(1, 8), clip(2, 8)], "small", group, 1)
-    assert list(found) == ["KCF", "alone", single.OURS]
-    assert chosen == ["one", "one"]
-    assert found[single.OURS] == pytest.approx(np.array([area((SMALL, 1), clip(seed, 8)) for seed in (1, 2)]))
+    monkeypatch.setattr(single, "GROUPS", {"small": group})
+    outcome = single.unseen(Bench(Store(tmp_path)), [clip(1, 8), clip(2, 8)], [0])
+    assert [row[0] for row in outcome.tables[0].rows] == ["KCF", "alone", single.OURS]
+    values = outcome.values["unseen"]["small"]
+    gain = np.mean(np.array(values[single.OURS]) - values["KCF"])
+    assert float(outcome.tables[0].rows[2][2].split()[0]) == pytest.approx(gain, abs=0.06)
+
+
+def test_one_sequence_is_too_few(tmp_path: Path) -> None:
+    outcome = single.unseen(Bench(Store(tmp_path)), [clip()], [0])
+    assert not outcome.tables
+    assert "two sequences" in outcome.notes[0]
+
+
+def test_losses_and_alarms_are_counted() -> None:
+    overlaps = np.concatenate([np.full(5, 0.8), np.zeros(9), [0.6], np.zeros(12), [np.nan], np.zeros(10)])
+    lost = np.zeros(len(overlaps), dtype=bool)
+    lost[2] = True  # followed: an alarm
+    lost[8] = True  # nine frames are no loss
+    lost[15 + 9] = True  # the tenth frame of the first loss
+    assert count_losses(overlaps, lost) == (2, 1, 6, 1)
+
+
+def test_a_loss_noticed_later_than_ten_frames_is_not_noticed() -> None:
+    lost = np.zeros(30, dtype=bool)
+    lost[10:] = True
+    assert count_losses(np.zeros(30), lost) == (1, 0, 0, 0)
+
+
+@pytest.mark.slow
+def test_the_table_of_the_status_has_given_clips_and_generated_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tracker = RegularisedSettings(sizes=1)
+    monkeypatch.setattr(single, "GENERATED", ((0, 1), (1, 2), (0, 2)))
+    monkeypatch.setattr(single, "STATUS", {"filter": tracker})
+    given = GeneratedClip(0)
+    outcome = single.lost_status(Bench(Store(tmp_path)), [given], [0])
+    first, second, third, both = outcome.tables[0].rows
+    assert first[2:] == second[2:]
+    assert (third[0], both[0]) == ("generated clips 2 to 2", "generated clips 1 to 2")
+    auc = evaluate_boxes(given.sequence.boxes, follow(given, tracker, 0).boxes).auc
+    assert float(first[2]) == pytest.approx(100 * auc, abs=0.06)
+    assert outcome.values["status"]["given clips, filter"]["followed"] > 0
 
 
 def test_a_python_without_csrt_is_refused(tmp_path: Path) -> None:
