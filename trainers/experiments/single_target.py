@@ -353,7 +353,7 @@ def sweeps(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> Outc
         columns = [Column("here", "auc_11", show=study.with_deviation, paper=paper, beside="thesis")]
         tables.append(tabulated(found, columns, ("value",), f"{sweep.figure}, {name}: AUC with 11 thresholds [%]"))
         here = [np.array([one["auc_11"] for one in of]) for of in found.values()]
-        lines = [Curve("here", sweep.values, [float(a.mean()) for a in here])]
+        lines = [Curve("here", sweep.values, [float(a.mean()) for a in here], [float(a.std()) for a in here])]
         if sweep.paper:
             lines.append(Curve("thesis, TB-50", list(sweep.paper), list(sweep.paper.values()), style="s--"))
         panels[sweep.figure if sweep.paper else f"{sweep.figure}, by score"] = lines

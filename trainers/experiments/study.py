@@ -269,12 +269,14 @@ class Curve:
         label: in the legend.
         x: ``(N,)``.
         y: ``(N,)``.
+        error: ``(N,)``, or ``(2, N)`` below and above, of the bars; None for none.
         style: of Matplotlib.
     """
 
     label: str
     x: Sequence[float] | FloatArray
     y: Sequence[float] | FloatArray
+    error: FloatArray | Sequence[float] | None = None
     style: str = "o-"
 
 
@@ -296,7 +298,7 @@ def curves(
         axes = figure.add_subplot(1, len(panels), place + 1)
         for number, one in enumerate(lines):
             colour = COLOURS[number % len(COLOURS)]
-            axes.plot(one.x, one.y, one.style, color=colour, label=one.label)
+            axes.errorbar(one.x, one.y, one.error, fmt=one.style, color=colour, label=one.label, capsize=2)
         axes.set_title(title, loc="left")
         axes.set(xlabel=across[place], ylabel=up if place == 0 else "")
         axes.grid(alpha=0.3)

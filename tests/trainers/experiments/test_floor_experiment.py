@@ -89,3 +89,4 @@ def test_the_experiment_runs_to_its_tables(data_folder, tmp_path, monkeypatch):
     assert "| all cameras |" in tables
     assert "Shelf, given keypoints" in tables
     assert "| generated places |" in tables
+    assert (out / "cameras.png").is_file()

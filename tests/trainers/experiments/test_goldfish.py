@@ -35,16 +35,16 @@ def folders(tmp_path_factory):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(goldfish, "clips", lambda _, name, __: sets[name])
-        patch.setattr(goldfish, "NUMBERS", (60, 120))
+        arms = [arms for arms, _ in goldfish.PARTS.values()]
+        patch.setattr(goldfish, "PARTS", {"arms": (arms[0], (60, 120)), "beyond": (arms[1], (60,))})
         patch.setattr(goldfish, "LEARNING_PARTICLES", 800)
-        patch.setattr(goldfish, "CLAIMS", (("C against A", ("C", 60), ("A", 120)),))
+        patch.setattr(goldfish, "CLAIMS", (("C against A", ("C", 60), ("A", 120)), ("not run", ("C", 500), ("A", 60))))
         assert run("first") == 0
         before = kept()
         assert run("second") == 0
         assert kept() == before
         assert len(before) == 2
-        patch.setattr(goldfish, "NUMBERS", (60,))
-        patch.setattr(goldfish, "CLAIMS", ())
+        patch.setattr(goldfish, "PARTS", {"arms": (arms[0], (60,)), "beyond": (arms[1], (60,))})
         assert run("other") == 0
         assert len(kept()) == 4
     return root
@@ -53,15 +53,17 @@ def folders(tmp_path_factory):
 def test_an_experiment_is_whole_and_the_same_again(folders):
     first, second = (json.loads((folders / name / "results.json").read_text()) for name in ("first", "second"))
     assert first == second
-    assert {"particles.png", "motion.json", "tables.md", "run.json"} <= {
+    assert {"success.png", "particles.png", "motion.json", "tables.md", "run.json"} <= {
         path.name for path in (folders / "first").iterdir()
     }
     assert json.loads((folders / "first/motion.json").read_text())["body"] == "goldfish"
     found = {(run["arm"], run["particles"]): run for run in first["runs"]}
-    assert set(found) == {(arm, n) for arm in goldfish.ARMS for n in (60, 120)}
+    paper, added = (arms for arms, _ in goldfish.PARTS.values())
+    assert set(found) == {(a, n) for a in paper for n in (60, 120)} | {(a, 60) for a in added}
     assert len(found) == len(first["runs"])
     gain = np.subtract(found["C", 60]["all"], found["A", 120]["all"])
     assert np.array(first["claims"]["C against A"])[:, 0].tolist() == gain.tolist()
+    assert list(first["claims"]) == ["C against A"]
     other = json.loads((folders / "other/results.json").read_text())
     assert {run["particles"] for run in other["runs"]} == {60}
 
