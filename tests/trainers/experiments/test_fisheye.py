@@ -17,14 +17,20 @@ from tsuiseki.tracking.types.tracks import FloorDetections
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments import fisheye
 from tsuiseki.trainers.experiments.fisheye import (
+    GATED,
     ROWS,
     SIDE,
+    STAGES,
+    STARTS,
     CeilingClip,
+    Graded,
     Observed,
-    _deepsort,
     _strip,
+    best_choice,
     each_second,
     first_switch,
+    grades,
+    lowest_score,
     named,
     observe,
     pair_of,
@@ -60,35 +66,80 @@ def observed(seconds=12, seed=0):
     truth = GroundTruth(np.repeat(np.arange(seconds), 3), np.tile([1, 2, 3], seconds), boxes, everyone, ~everyone,
                         np.ones(3 * seconds))  # fmt: skip
     kinds = dict.fromkeys(("image", "upright"), features)
-    return Observed(1, found, kinds, truth)
+    return Observed(1, found, kinds, truth, {})
 
 
-@pytest.mark.parametrize("name", ROWS)
-def test_every_row_tracks(name):
+@pytest.mark.parametrize("row", ROWS.values(), ids=lambda row: row.name)
+def test_every_row_tracks(row):
     some = observed()
-    scores = score(pair_of("a", some, tracked(name, some)))
+    choices = list(row.choices())
+    # Neither the narrowest gates nor the widest.
+    choice = choices[len(choices) // 2]
+    scores = score(pair_of("a", some, tracked((row.name, choice, 0.1), some)))
     assert scores.labelled == 36
-    if name in ("world", "both", "track fisheye"):
+    if row.name in ("world", "both", GATED, "track fisheye"):
         assert scores.id_switches == 0
         assert scores.mota > 0.9
 
 
-def test_appearance_alone_exchanges_those_in_the_same_clothes():
+def test_looks_alone_exchange_those_in_the_same_clothes():
     some = observed()
-    switches = {n: score(pair_of("a", some, tracked(n, some))).id_switches for n in ("rectification", "both")}
+    switches = {
+        name: score(pair_of("a", some, tracked((name, choice, 0.1), some))).id_switches
+        for name, choice in (
+            ("rectification", {"feature_gate": 0.5}),
+            ("both", {"feature_gate": 0.5, "reach": 0.9, "speed": 1.4}),
+        )
+    }
     assert switches["both"] == 0
     assert switches["rectification"] > 0
 
 
+def test_the_best_choice_on_validation_is_taken():
+    row = ROWS["world"]
+    found = best_choice(row, lambda choices: grades("world", [observed(), observed(seed=1)], 0.1, choices))
+    assert found.mota > 0.9
+    assert set(found.choice) == {"reach", "speed", "start_score"}
+
+
+def test_the_score_to_start_is_chosen_before_the_grid_and_after():
+    row = ROWS["world"]
+    low, high = STARTS[0], STARTS[-1]
+    near, far = min(row.grid["reach"]), max(row.grid["reach"])
+
+    def graded(choices):
+        # With the highest score to start far gates are best, with the lowest near ones, and these a little less so.
+        worths = {(high, far): 0.9, (low, near): 0.8, (high, near): 0.3, (low, far): 0.2}
+        middle = {high: 0.1, low: 0.0}
+        return [Graded(c, worths.get((c["start_score"], c["reach"]), middle.get(c["start_score"], 0)), 0.0)
+                for c in choices]  # fmt: skip
+
+    found = best_choice(row, graded)
+    assert (found.choice["start_score"], found.choice["reach"]) == (high, far)
+
+
+def test_the_lowest_score_is_chosen_with_scores_to_start(tmp_path, monkeypatch):
+    monkeypatch.setattr(fisheye, "grades", weak_ones_start_nothing)
+    # Weak detections are of people, and cost nothing where they start no track.
+    assert lowest_score(Store(tmp_path), ["baseline", "world"], []) == 0.2
+
+
+def weak_ones_start_nothing(name, clips, least, choices) -> list[Graded]:
+    """Stands for `grades`: the more detections the better, if a track starts from 0.5 on."""
+    del name, clips
+    return [Graded(c, 1 - least if c["start_score"] >= 0.5 else least, 0.0) for c in choices]
+
+
 def test_the_thesis_rows_ask_for_the_place_alone():
-    """Somebody is missed, and what stands there looks like nobody: the literal row goes on, the command does not."""
+    """Somebody is missed, and what stands there looks like nobody: the literal row goes on, the gated one does not."""
     person, thing = np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])
     found = []
     for features in (person, person, person, thing, thing):
         detections = Detections(np.array([[100.0, 100, 130, 160]]), np.ones(1), features)
         found.append(FloorDetections(detections, np.zeros((1, 5)), np.zeros((1, 2))))
-    command = "track fisheye --method hungarian"
-    assert {name: len(ROWS[name].track(found, 1.0)) for name in ("both", command)} == {"both": 1, command: 2}
+    choice = {"feature_gate": 0.4, "reach": 0.5, "speed": 1.0}
+    tracks = {name: len(ROWS[name].track(found, 1.0, choice)) for name in ("both", GATED, "track fisheye")}
+    assert tracks == {"both": 1, GATED: 2, "track fisheye": 2}
 
 
 @pytest.mark.parametrize(("argument", "value"), [("seeds", 0), ("seconds", 0), ("fast_seconds", 0), ("fast_seeds", -1)])
@@ -103,12 +154,18 @@ def test_detections_below_the_lowest_score_are_left_out():
 
 def three_people(clip: CeilingClip, *_) -> Observed:
     """Stands for `observe`: what `observed` makes up."""
-    return observed(clip.seconds, clip.seed + clip.camera)
+    return replace(observed(clip.seconds, clip.seed + clip.camera), seconds=dict.fromkeys(STAGES, 1.0))
+
+
+MIDDLES = {name: (choices := list(row.choices()))[len(choices) // 2] for name, row in ROWS.items()}
 
 
 @pytest.mark.slow
 def test_the_command_goes_to_the_end(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(fisheye, "observe", three_people)
+    # The middle of each grid alone, on one room: choosing well is for other tests.
+    monkeypatch.setattr(fisheye.RoomRow, "choices", lambda row: iter([MIDDLES[row.name]]))
+    monkeypatch.setattr(fisheye, "VALIDATION_SEEDS", fisheye.VALIDATION_SEEDS[:1])
     words = ["--seeds", "1", "--seconds", "6", "--fast-seeds", "0"]
     out = ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
     assert main(["reproduce", "omnidirectional", *words, *out]) == 0
@@ -124,7 +181,7 @@ def test_only_frames_with_a_truth_are_scored():
 
 def test_boxes_outside_a_region_do_not_count():
     some = observed()
-    tracks = tracked("world", some)
+    tracks = tracked(("world", {"reach": 0.9, "speed": 1.4}, 0.1), some)
     left = pair_of("a", some, tracks, lambda boxes: boxes[:, 1] < 400)
     assert 0 < len(left.truth) < 36
     assert score(left).mota > 0.9
@@ -146,7 +203,7 @@ def test_a_room_is_drawn_observed_and_shown():
     assert len(some.truth) > 3
     for each in some.described("upright", 0.2):
         assert np.allclose(np.linalg.norm(each.detections.features, axis=1), 1)
-    tracks = tracked("world", some)
+    tracks = tracked(("world", {"reach": 0.9, "speed": 1.4}, 0.2), some)
     person = next(p for p in some.truth.ids.tolist() if (some.truth.ids == p).sum() == 3)
     assert _strip(clip, some, (2, person), [tracks]).shape == (SIDE, 3 * SIDE, 3)
 
@@ -164,11 +221,13 @@ def test_tables_of_one_room_have_no_interval():
     values = {
         "rows": {"large 1 fps": {"both": [row], "SORT": [{**row, "mota": 41.5}]}},
         "where": {"rim": {"row": "world", "against": "SORT", "by_seed": [2.0]}},
+        "milliseconds": {"large": dict.fromkeys((*STAGES, "associate"), 1.0)},
     }
-    people, where = tables(values)
+    people, where, stages = tables(values)
     assert people.rows[0][:4] == ["both", "50.0", "11.7", ""]
     assert people.rows[1][:4] == ["SORT", "41.5", "-10.5", "-8.5"]
     assert where.rows == [["rim, 300 to 500 px from it", "world", "SORT", "1.757", "2.0"]]
+    assert stages.rows[0] == ["detect", "18.8", "19.9", "1.00"]
 
 
 def test_rooms_that_settings_are_chosen_on_are_not_tested_on(tmp_path):
@@ -178,6 +237,7 @@ def test_rooms_that_settings_are_chosen_on_are_not_tested_on(tmp_path):
 
 @pytest.mark.parametrize(("rate", "step"), [(1.0, 360.0), (5.0, 72.0)])
 def test_the_reach_of_an_image_row_grows_by_the_second(rate, step):
+    row = ROWS["DeepSORT"]
     # Somebody 60 pixels high who moves by 6 heights a second, whose boxes never overlap.
     found = []
     for frame in range(4):
@@ -186,6 +246,6 @@ def test_the_reach_of_an_image_row_grows_by_the_second(rate, step):
         found.append(FloorDetections(detections, np.zeros((1, 5)), np.zeros((1, 2))))
 
     def people(growth):
-        return len(_deepsort(found, rate, 0.5, 0.05, growth, walk=3.0, start_score=0.0))
+        return len(row.track(found, rate, {"feature_gate": 0.5, "reach": 0.05, "growth": growth, "walk": 3.0}))
 
     assert (people(8.0), people(4.0)) == (1, 4)
