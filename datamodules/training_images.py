@@ -175,8 +175,9 @@ def check_source(source: TrainingSource) -> None:
         RequestError: it does.
     """
     where = source.folder
-    given = [name for name in ("sprites", "photographs", "town", "things") if getattr(source, name)]
+    given = [name for name in ("photographs", "town", "things") if getattr(source, name)]
     given += ["boxes"] if source.boxes != "silhouettes" else []
+    given += ["sprites"] if source.sprites and source.scene != "ceiling" else []
     if given and source.scene in ("street", "drone", "ceiling"):
         raise RequestError(
             f"{where}: expected `{given[0]}` with a varied, sparse, aerial, near or overhead scene, got {source.scene}"
@@ -240,7 +241,7 @@ def _picture(source: TrainingSource, size: tuple[int, int], number: int) -> tupl
         return image, truth.boxes, truth.visibility
     rng = np.random.default_rng([source.seed, number])
     if source.scene == "ceiling":
-        return panorama_picture(rng, *size)
+        return panorama_picture(rng, *size, _stock(source.sprites, "").sprites)
     settings = replace(
         settings_of_scene(source.scene, rng, *size),
         town=TOWN if source.town else (0, 0),

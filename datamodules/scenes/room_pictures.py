@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import people_in_view
+from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
+from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dressed, tilt_of
 from tsuiseki.datamodules.scenes.people.person import Person, person_thing, random_person, random_pose
 from tsuiseki.datamodules.scenes.people.poses import draw_pose
 from tsuiseki.datamodules.scenes.people.posture import Pose
@@ -33,6 +35,8 @@ FLOOR, CEILING = (3.5, 18.0), (2.4, 4.5)
 SCALE = (0.25, 0.7)
 # Share of the people who sit, and of the pictures that look straight down.
 SEATED, DOWNWARD = 0.45, 0.15
+# Share of the people who are rendered, where there is a library of them.
+RENDERED = 0.9
 # (fewest, most) people in a picture, and rays along each side of a pixel.
 PEOPLE, SAMPLES = (0, 12), 2
 
@@ -48,6 +52,7 @@ class _Room:
         people: dressed solids so far.
         things: drawn so far.
         taken: x, y and radius of what is occupied so far, metres.
+        placed: where each of ``people`` is, and the pose: "sitting", or "" for who stands or walks.
     """
 
     rng: np.random.Generator
@@ -56,13 +61,15 @@ class _Room:
     people: list[Thing] = field(default_factory=list)
     things: list[Thing] = field(default_factory=list)
     taken: list[tuple[float, float, float]] = field(default_factory=list)
+    placed: list[tuple[FloatArray, str]] = field(default_factory=list)
 
     def free(self, spot: FloatArray, radius: float) -> bool:
         """Whether nothing stands within ``radius`` of a place."""
         return all(np.hypot(spot[0] - x, spot[1] - y) > radius + r for x, y, r in self.taken)
 
-    def add(self, person: Person, pose: Pose, spot: FloatArray, heading: float) -> None:
-        """Somebody."""
+    def add(self, person: Person, pose: Pose, spot: FloatArray, heading: float, name: str = "") -> None:
+        """Somebody in a pose of this name."""
+        self.placed.append((spot, name))
         self.people.append(person_thing(person, pose, spot, heading))
         self.taken.append((float(spot[0]), float(spot[1]), APART / 2))
 
@@ -83,11 +90,16 @@ class _Room:
 
 
 def panorama_picture(
-    rng: np.random.Generator, width: int = 512, height: int = 384
+    rng: np.random.Generator, width: int = 512, height: int = 384, sprites: SpriteLibrary | None = None
 ) -> tuple[ImageArray, FloatArray, FloatArray]:
-    """A picture ``(H, W, 3)`` uint8 RGB, boxes ``(N, 4)`` of whole silhouettes cut off at the border, visibilities."""
+    """A picture ``(H, W, 3)`` uint8 RGB, boxes ``(N, 4)`` of whole silhouettes cut off at the border, visibilities.
+
+    With ``sprites`` most people are rendered.
+    """
     size = np.array([*rng.uniform(*FLOOR, 2), rng.uniform(*CEILING)])
     room = _furnished(rng, size, _camera(rng, size, width, height))
+    if sprites is not None:
+        _render(rng, room, sprites)
     camera = room.camera
     light = lamps(rng)
     # Walls have few edges: one ray a pixel will do.
@@ -106,6 +118,14 @@ def panorama_picture(
         image[: max(round(camera.horizon + height * rng.uniform(-0.03, 0.05)), 0)] = rng.integers(0, 25)
     truth, _ = people_in_view(sightings, (width, height), LEAST_VISIBLE, 0.0)
     return image, truth.boxes, truth.visibility
+
+
+def _render(rng: np.random.Generator, room: _Room, sprites: SpriteLibrary) -> None:
+    """Mostly a rendered person is shown in the place of the drawn one."""
+    for k, (spot, pose) in enumerate(room.placed):
+        if rng.random() < RENDERED:
+            sprite = dressed(rng, sprites.near(rng, tilt_of(room.camera, spot), pose))
+            room.people[k] = replace(room.people[k], cutout=Standing(sprite, spot))
 
 
 def _camera(rng: np.random.Generator, size: FloatArray, width: int, height: int) -> CylinderView | DownwardView:
@@ -166,7 +186,7 @@ def _group(made: _Room, wanted: int) -> int:
         person, facing = random_person(rng), heading + float(rng.normal(0, 0.25))
         pose = draw_pose(int(rng.integers(1 << 31)), person.build, "sitting")
         made.things.append(chair(rng, seat, facing))
-        made.add(person, pose, seat - 0.05 * along(facing)[:2], facing)
+        made.add(person, pose, seat - 0.05 * along(facing)[:2], facing, "sitting")
     if with_table:
         middle = spot + rng.uniform(0.6, 0.75) * ahead
         made.things.append(table(rng, middle, heading, (0.38, 0.5 * members * spacing + 0.2)))

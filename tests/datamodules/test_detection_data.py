@@ -126,7 +126,8 @@ def test_shares_say_where_examples_come_from(walker: Path) -> None:
     [
         ("street", {"things": True}),
         ("drone", {"town": True}),
-        ("ceiling", {"sprites": "people"}),
+        ("ceiling", {"photographs": "views"}),
+        ("street", {"sprites": "people"}),
         ("drone", {"boxes": "steady"}),
     ],
 )

@@ -58,8 +58,7 @@ def layout_of(path: Path, people: bool = True) -> ExportedLayout:
         people: it must be of one class.
 
     Raises:
-        RequestError: it is no such detector of this toolkit's default architecture, or has a map of stride 4, which
-            is no longer learnt.
+        RequestError: it is no such detector of this toolkit's default architecture.
     """
     model, card = opened_onnx(path)
     tensors = {x.name: x for x in model.graph.initializer}
@@ -70,8 +69,6 @@ def layout_of(path: Path, people: bool = True) -> ExportedLayout:
         raise RequestError(f"{path}: expected a detector of people alone, got one of {', '.join(card.class_names)}")
     if "anchors" not in tensors:
         raise RequestError(f"{path}: expected a detector of `tsuiseki export detector`, got one without anchors")
-    if any(name.startswith("detector.features.fine.") for name in tensors):
-        raise RequestError(f"{path}: expected a detector of maps from stride 8 on, got one with a map of stride 4")
     lateral = next(x for name, x in tensors.items() if name.startswith("detector.features.lateral.0.0.weight"))
     return ExportedLayout(
         trunk,

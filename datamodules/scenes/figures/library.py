@@ -19,6 +19,7 @@ from tsuiseki.datamodules.scenes.people.posture import Build
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.processes import on_all_cores
+from tsuiseki.tracking.types import IntArray
 
 _INDEX = "sprites.csv"
 _COLUMNS = ("file", "feet_x", "feet_y", "head_x", "head_y", "height", "tilt", "left", "right")
@@ -101,11 +102,29 @@ class SpriteLibrary:
         posed = draw_pose(int(seed), Build(height), pose)
         return replace(sprite, heading=float(row["heading"]), pose=posed, drawn=drawn)
 
-    def near(self, rng: np.random.Generator, tilt: float) -> Sprite:
-        """A random one of those seen from about so high, ``tilt`` in radians: of the nearest twentieth."""
-        count = max(len(self) // 20, 1)
-        nearest = np.argpartition(np.abs(self.tilts - tilt), count - 1)[:count]
+    def near(self, rng: np.random.Generator, tilt: float, pose: str | None = None) -> Sprite:
+        """A random one of those seen from about so high, ``tilt`` in radians: of the nearest twentieth.
+
+        With a ``pose``, see `poses.draw_pose`, of those that have it; "" is who stands or walks.
+
+        Raises:
+            RequestError: nobody has the pose.
+        """
+        among = np.arange(len(self)) if pose is None else self._posed(pose)
+        count = max(len(among) // 20, 1)
+        nearest = among[np.argpartition(np.abs(self.tilts[among] - tilt), count - 1)[:count]]
         return self.sprite(int(nearest[rng.integers(count)]))
+
+    @lru_cache(maxsize=32)  # noqa: B019
+    def _posed(self, pose: str) -> IntArray:
+        among = np.flatnonzero([(row.get("pose") or "").rsplit(" ", 1)[0] == pose for row in self._rows])
+        if not len(among):
+            wanted = pose or "standing"
+            raise RequestError(
+                f"{self.folder}: expected rendered people who are {wanted}, got none; "
+                "`tsuiseki simulate sprites --poses 0.8` renders some"
+            )
+        return among
 
 
 def write_sprites(
