@@ -23,7 +23,7 @@ from tsuiseki.tracking.formats.rotated import RotatedBoxes, about_bodies
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments.fisheye import ROOMS, TUNED_ON, CeilingClip
+from tsuiseki.trainers.experiments.fisheye import ROOMS, VALIDATION_SEEDS, CeilingClip
 
 VISIBLE, EVERY, LEAST_SCORE = 0.3, 5, 0.05
 
@@ -61,7 +61,7 @@ def _pictures(
     """The pictures of both cameras with the boxes of those who are visible."""
     result = []
     for camera in range(2):
-        sequence = CeilingClip(room, TUNED_ON[0], seconds, 1, camera, calibration)
+        sequence = CeilingClip(room, VALIDATION_SEEDS[0], seconds, 1, camera, calibration)
         frames = enumerate(sequence.pictures())
         result.append(
             (
