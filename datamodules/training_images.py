@@ -57,8 +57,8 @@ class TrainingSource:
             few people among many things (sparse); people among many things from above (aerial); a few people near the
             camera (near); people all around below a fisheye camera (overhead); people who act under a drone; or people
             in rooms, as ceiling cameras see them in unrolled pictures.
-        sprites: folder of rendered people (`tsuiseki simulate sprites`), shown in varied, sparse, aerial, near and
-            overhead pictures.
+        sprites: folder of rendered people (`tsuiseki simulate sprites`), shown in varied, sparse, aerial, near,
+            overhead and ceiling pictures.
         photographs: folder of photographs without people: ``surfaces/`` and ``views/`` for the grounds of these, cut
             out ``things/`` to stand on them.
         town: these pictures show things of towns, too: traffic lights, signs, bicycles, shop fronts and the like.
