@@ -280,7 +280,8 @@ def sprites(
         views: poses and sides of each.
         height: of a person, pixels.
         tilts: least and greatest angle that cameras look down, radians; 0.2,1.3 for people under drones.
-        poses: share of the views of people who sit, crouch, kneel, bend, lie, fall, jump, run or carry, in [0, 1].
+        poses: share of the views, in [0, 1], of people who sit, crouch, kneel, bend, lie, fall, jump, run, carry,
+            cycle, push a pram, sit in a wheelchair or hold an umbrella.
     """
     from tsuiseki.datamodules.scenes.figures.library import SpriteSettings, write_sprites
 
