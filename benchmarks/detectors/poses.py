@@ -10,22 +10,20 @@ A pose takes N pictures of streets, close views and views from above. Counted ar
 from __future__ import annotations
 
 import argparse
-import csv
-import tempfile
-from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
+from tsuiseki.datamodules.scenes.figures.rendering import Sprite
 from tsuiseki.datamodules.scenes.training_pictures import Stock, random_training_scene, settings_of_scene
 from tsuiseki.tracking.features.exported import SizedDetect, open_detector
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
-SCENES, SIZE, SEED = ("street", "near", "aerial"), (640, 480), 78
+SCENES, SIZE, SEED, STANDING = ("street", "near", "aerial"), (640, 480), 78, "standing or walking"
 
 
 def main() -> None:
@@ -38,39 +36,30 @@ def main() -> None:
     arguments = parser.parse_args()
     detector = open_detector(arguments.detector, arguments.score)
     print(f"{'pose':20}{'people':>8}{'IoU .3':>8}{'IoU .5':>8}{'half hidden':>13}{'IoU .3':>8}")
-    for pose, library in by_pose(arguments.sprites).items():
-        overlap, visible = np.concatenate(
-            [found(detector, library, pose, n) for n in range(arguments.pictures)], axis=1
-        )
+    library = OnePose(arguments.sprites)
+    for pose in np.unique(library.poses).tolist():
+        library.shown = pose
+        overlap, visible = np.concatenate([found(detector, library, n) for n in range(arguments.pictures)], axis=1)
         hidden = overlap[visible < 0.75]
         print(
-            f"{pose:20}{len(overlap):8}{np.mean(overlap >= 0.3):8.2f}{np.mean(overlap >= 0.5):8.2f}"
+            f"{pose or STANDING:20}{len(overlap):8}{np.mean(overlap >= 0.3):8.2f}{np.mean(overlap >= 0.5):8.2f}"
             f"{len(hidden):13}{np.mean(hidden >= 0.3) if len(hidden) else np.nan:8.2f}"
         )
 
 
-def by_pose(sprites: Path) -> dict[str, SpriteLibrary]:
-    """A library of each pose that the rendered people of a folder have."""
-    with (sprites / "sprites.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    groups: dict[str, list[dict[str, str]]] = defaultdict(list)
-    for row in rows:
-        name = row["pose"].rsplit(" ", 1)[0] or "standing or walking"
-        groups[name].append({**row, "file": str((sprites / row["file"]).resolve())})
-    libraries = {}
-    for name, chosen in sorted(groups.items()):
-        with tempfile.TemporaryDirectory() as folder:
-            with (Path(folder) / "sprites.csv").open("w", newline="") as file:
-                writer = csv.DictWriter(file, rows[0])
-                writer.writeheader()
-                writer.writerows(chosen)
-            libraries[name] = SpriteLibrary(folder)
-    return libraries
+class OnePose(SpriteLibrary):
+    """Rendered people, of whom only those in one pose are shown."""
+
+    shown = ""
+
+    def near(self, rng: np.random.Generator, tilt: float, pose: str | None = None) -> Sprite:
+        """See `SpriteLibrary.near`."""
+        return super().near(rng, tilt, self.shown if pose is None else pose)
 
 
-def found(detector: SizedDetect, library: SpriteLibrary, pose: str, number: int) -> FloatArray:
+def found(detector: SizedDetect, library: OnePose, number: int) -> FloatArray:
     """``(2, N)`` greatest IoU of a detection with each person of a picture, and how much of each is visible."""
-    rng = np.random.default_rng([SEED, *pose.encode(), number])
+    rng = np.random.default_rng([SEED, *(library.shown or STANDING).encode(), number])
     settings = settings_of_scene(SCENES[number % len(SCENES)], rng, *SIZE)
     settings = replace(settings, people=(2, 12), rendered=1.0)
     image, boxes, visible = random_training_scene(rng, settings, Stock(library))

@@ -152,9 +152,8 @@ class HandSetCost:
         gap = pairs.gap.astype(np.float64)
         noise = self.noise**2
         variance = noise + (self.speed * gap) ** 2
-        nearest = (noise + self.speed**2) * (noise + self.speed**2)
         # Longer gaps count against a link by the area of their region of likely positions.
-        q = np.log(variance * variance / nearest) * 0.5 + self.bias
+        q = np.log(variance / (noise + self.speed**2)) + self.bias
         q += surprise(pairs.dx**2 / variance + pairs.dy**2 / variance, 2)
         q += surprise((pairs.dh / SIZE) ** 2, 1)
         known = ~np.isnan(pairs.appearance)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.figures.assets import BONES
-from tsuiseki.datamodules.scenes.figures.figure import fabric
+from tsuiseki.datamodules.scenes.figures.figure import covered, fabric
 from tsuiseki.datamodules.scenes.figures.mesh import Mesh, Worn, ellipsoid, triangles_of_quads
 from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
 from tsuiseki.tracking.types import FloatArray, IntArray
@@ -44,14 +44,8 @@ def equipment(rng: np.random.Generator, name: str, skeleton: PersonSkeleton) -> 
     limbs = _Limbs(skeleton.pelvis[2], (skeleton.fingers - root) @ axes, (skeleton.ankle - root) @ axes)
     shells = _MADE[name](rng, limbs)
     cloth = fabric(rng)
-    meshes = []
-    for vertices, triangles in shells:
-        spread = vertices[triangles] / 0.3
-        uv = np.stack([spread[..., 0] + spread[..., 1], spread[..., 2]], axis=-1)
-        labels = np.full(len(triangles), Worn.BESIDE, np.uint8)
-        unweighted = np.zeros((len(vertices), len(BONES)))
-        meshes.append(Mesh(vertices @ axes.T + root, triangles, uv, unweighted, labels, cloth))
-    return meshes
+    made = [covered(shell, cloth, Worn.BESIDE) for shell in shells]
+    return [replace(mesh, vertices=mesh.vertices @ axes.T + root) for mesh in made]
 
 
 def _tube(start: FloatArray | list[float], end: FloatArray | list[float], radius: float) -> Shell:

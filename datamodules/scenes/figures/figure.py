@@ -181,14 +181,20 @@ def _sewn(rng: np.random.Generator, body: BaseBody, shape: FloatArray, part: str
     return Mesh(vertices, triangles[kept], uv[kept], body.weights, labels[kept], fabric(rng))
 
 
-def _rigid(rng: np.random.Generator, shell: tuple[FloatArray, IntArray], bone: str) -> Mesh:
-    """A shell that moves with one bone."""
+def covered(shell: tuple[FloatArray, IntArray], cloth: ImageArray, label: Worn) -> Mesh:
+    """A shell of ``cloth`` that no bone moves."""
     vertices, triangles = shell
-    weights = np.zeros((len(vertices), len(BONES)))
-    weights[:, BONES.index(bone)] = 1
     spread = vertices[triangles] / 0.3
     uv = np.stack([spread[..., 0] + spread[..., 1], spread[..., 2]], axis=-1)
-    return Mesh(vertices, triangles, uv, weights, np.full(len(triangles), Worn.EXTRA, np.uint8), fabric(rng))
+    unmoved = np.zeros((len(vertices), len(BONES)))
+    return Mesh(vertices, triangles, uv, unmoved, np.full(len(triangles), label, np.uint8), cloth)
+
+
+def _rigid(rng: np.random.Generator, shell: tuple[FloatArray, IntArray], bone: str) -> Mesh:
+    """A shell that moves with one bone."""
+    mesh = covered(shell, fabric(rng), Worn.EXTRA)
+    mesh.weights[:, BONES.index(bone)] = 1
+    return mesh
 
 
 def _carried(rng: np.random.Generator, joints: FloatArray, height: float) -> list[Mesh]:

@@ -19,7 +19,6 @@ from tsuiseki.datamodules.scenes.people.posture import Build
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.processes import on_all_cores
-from tsuiseki.tracking.types import IntArray
 
 _INDEX = "sprites.csv"
 _COLUMNS = ("file", "feet_x", "feet_y", "head_x", "head_y", "height", "tilt", "left", "right")
@@ -78,6 +77,7 @@ class SpriteLibrary:
         if self._rows and (missing := [c for c in _COLUMNS if c not in self._rows[0]]):
             raise RequestError(f"{index}: expected columns {', '.join(_COLUMNS)}, got none {missing[0]}; make it anew")
         self.tilts = np.array([float(row["tilt"]) for row in self._rows])
+        self.poses = np.array([(row.get("pose") or "").rsplit(" ", 1)[0] for row in self._rows], dtype=str)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -110,21 +110,15 @@ class SpriteLibrary:
         Raises:
             RequestError: nobody has the pose.
         """
-        among = np.arange(len(self)) if pose is None else self._posed(pose)
+        among = np.arange(len(self)) if pose is None else np.flatnonzero(self.poses == pose)
+        if not len(among):
+            raise RequestError(
+                f"{self.folder}: expected rendered people who are {pose or 'standing'}, got none; "
+                "`tsuiseki simulate sprites --poses 0.8` renders some"
+            )
         count = max(len(among) // 20, 1)
         nearest = among[np.argpartition(np.abs(self.tilts[among] - tilt), count - 1)[:count]]
         return self.sprite(int(nearest[rng.integers(count)]))
-
-    @lru_cache(maxsize=32)  # noqa: B019
-    def _posed(self, pose: str) -> IntArray:
-        among = np.flatnonzero([(row.get("pose") or "").rsplit(" ", 1)[0] == pose for row in self._rows])
-        if not len(among):
-            wanted = pose or "standing"
-            raise RequestError(
-                f"{self.folder}: expected rendered people who are {wanted}, got none; "
-                "`tsuiseki simulate sprites --poses 0.8` renders some"
-            )
-        return among
 
 
 def write_sprites(

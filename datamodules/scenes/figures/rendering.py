@@ -244,9 +244,10 @@ def render_figure(
         albedo[rows, columns] = _texel(mesh, triangle, own.where)[:, :3]
         label[rows, columns] = mesh.labels[triangle]
         normal[rows, columns] = np.round(127 * _normals(mesh, points, triangle, own.where, camera)).astype(np.int8)
-    covered = np.zeros(label.size, np.bool_)
-    covered[np.concatenate([part.pixel for part in parts[: len(figure.meshes)]])] = True
-    label[(label == Worn.BESIDE) & covered.reshape(size)] = Worn.EXTRA
+    if beside:
+        covered = np.zeros(label.size, np.bool_)
+        covered[np.concatenate([part.pixel for part in parts[: len(figure.meshes)]])] = True
+        label[(label == Worn.BESIDE) & covered.reshape(size)] = Worn.EXTRA
     upright = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, figure.height]])
     pixels, _ = camera.project(upright if ends is None else ends)
     left, top, right, bottom = tight(label > 0)

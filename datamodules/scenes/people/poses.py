@@ -201,7 +201,7 @@ def _running(rng: np.random.Generator, build: Build) -> Pose:
 
 
 def _carrying(rng: np.random.Generator, build: Build) -> Pose:
-    """Hands before the body, as on a pram, a trolley or a box."""
+    """Hands before the body, as on a trolley or a box."""
     pose = walking(build, random_manner(rng), float(rng.random()), _between(rng, 0.3, 1.3))
     ahead, high = _between(rng, 0.3, 0.5), _between(rng, 0.5, 0.68) * build.height
     return holding_before(build, replace(pose, lean=pose.lean + _between(rng, -0.1, 0.25)), ahead, 0.45, high)
@@ -215,7 +215,8 @@ def _cycling(rng: np.random.Generator, build: Build) -> Pose:
         ahead = 0.09 * build.height + crank * math.sin(turned + half)
         down = 0.37 * build.height + crank * math.cos(turned + half)
         legs.append(_stepping(build, ahead, down))
-    (hip, knee), straddle = (pair(np.array(each)) for each in zip(*legs, strict=True)), _both(rng, 0.0, 0.12, 0.03)
+    hip, knee = (pair(np.array(each)) for each in zip(*legs, strict=True))
+    straddle = _both(rng, 0.0, 0.12, 0.03)
     ankle = pair(np.clip(np.array(knee) - hip + rng.normal(0, 0.15, 2), -_ANKLE, _ANKLE))
     pose = Pose(lean=lean, nod=-0.4 * lean, hip=hip, knee=knee, straddle=straddle, ankle=ankle)
     return _hands_at(build, pose, 0.36 * build.height + 0.12 * lean, _between(rng, 0.4, 0.56), 0.13 * build.height)
