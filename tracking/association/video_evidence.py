@@ -342,14 +342,14 @@ class ScoreScale:
 
     def __init__(self, frame_rate: float, start: float) -> None:
         self._evidence, self._start = VideoEvidence(DetectionCost(), frame_rate), start
-        self._frame, self._whole, self.used = 0, False, False
+        self._frame, self.used = 0, False
 
     def __str__(self) -> str:
         return "scores are on a scale of their own: taken instead is how often boxes of a score are found again"
 
     def every(self, found: Sequence[Detections]) -> list[Detections]:
         """The detections of a whole video, an entry a frame; also turned where none could start a track."""
-        self._whole, frames = True, np.repeat(np.arange(len(found)), [len(each) for each in found])
+        frames = np.repeat(np.arange(len(found)), [len(each) for each in found])
         boxes = np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)])
         scores = np.concatenate([np.empty(0), *(each.scores for each in found)])
         self.used = _no_probabilities(scores) or bool(len(scores) and (scores < self._start).all())
@@ -358,12 +358,7 @@ class ScoreScale:
         return [self._turned(each) for each in found]
 
     def next(self, found: Detections) -> Detections:
-        """The detections of the next frame; scores are turned from the first on that is no probability.
-
-        Of a whole video that was turned before they stay as they are.
-        """
-        if self._whole:
-            return found
+        """The detections of the next frame; scores are turned from the first on that is no probability."""
         self._evidence.add(np.full(len(found), self._frame), found.boxes, found.scores, self._frame)
         self._frame, self.used = self._frame + 1, self.used or _no_probabilities(found.scores)
         return self._turned(found)

@@ -67,7 +67,7 @@ class PeopleInputs:
         ground: weighs the detections, in the order of the video.
         inferred: ``(F,)`` by frame number, where a detector was run; None for everywhere.
         choice: of the threshold of a network whose scores are not known; None where it is given.
-        scale: turns scores that are no probabilities; None where the method takes any.
+        scale: turns scores that are no probabilities, those of a list beforehand; None where the method takes any.
     """
 
     source: Source
@@ -138,7 +138,7 @@ class PeopleInputs:
             if check is not None and check.what == DETECTOR:
                 check.size = frame.image.shape[1], frame.image.shape[0]
                 check.add(here.boxes)
-            if self.scale is not None:
+            if self.scale is not None and not isinstance(self.detect, list):
                 here = self.scale.next(here)
             if self.ground is not None:
                 with times.measure("ground"):
