@@ -32,7 +32,7 @@ PAPERS = {
     "thesis": Paper(_chapters({2: 17, 3: 8, 4: 5, 5: 3}), ("tracking", "trainers", "models")),
     "goldfish": Paper(
         tuple(map(str, range(1, 19))),
-        ("tracking/bodies", "tracking/filters/motion/bodies.py", "tracking/filters/motion/learnt.py"),
+        ("tracking/bodies", "tracking/filters/body_motion.py", "tracking/filters/learnt_motion.py"),
     ),
     "finite sets": Paper(
         tuple(map(str, range(1, 69))),
@@ -41,7 +41,7 @@ PAPERS = {
             "tracking/filters/particle_filter.py",
             "tracking/filters/resampling.py",
             "tracking/filters/finite_sets",
-            "tracking/filters/motion/points.py",
+            "tracking/filters/point_motion.py",
             "tracking/points",
         ),
     ),

@@ -269,4 +269,4 @@ def test_every_numbered_equation_has_its_file() -> None:
         "finite sets": [],
     }
     assert "tracking/evaluation/multi.py" in found["thesis"]["4.5"]
-    assert "| 16 to 18 | `tracking/filters/motion/bodies.py`" in module.table("goldfish")
+    assert "| 16 to 18 | `tracking/filters/body_motion.py`" in module.table("goldfish")

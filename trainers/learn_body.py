@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.bodies.contour import Extraction
-from tsuiseki.tracking.bodies.learnt import LearntBody, write_body
+from tsuiseki.tracking.bodies.learnt_body import LearntBody, write_body
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.formats.silhouettes import FOLDER, MOST_BODIES, read_silhouettes, silhouette_of

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.bodies.body import Body
-from tsuiseki.tracking.bodies.learnt import parse_body
+from tsuiseki.tracking.bodies.learnt_body import parse_body
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.motion.bodies import HEADING, conditions, turned
-from tsuiseki.tracking.filters.motion.learnt import LearntMotion, PrincipalComponents, write_motion
+from tsuiseki.tracking.filters.body_motion import HEADING, conditions, turned
+from tsuiseki.tracking.filters.learnt_motion import LearntMotion, PrincipalComponents, write_motion
 from tsuiseki.tracking.formats.body_states import read_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.options import OutputFile

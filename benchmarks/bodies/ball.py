@@ -19,7 +19,7 @@ from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
-from tsuiseki.tracking.filters.motion.bodies import BodyMotion, Noise, RandomWalk
+from tsuiseki.tracking.filters.body_motion import BodyMotion, Noise, RandomWalk
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.learn_motion import learn_motion
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_states
 from tsuiseki.tracking.bodies.body import Goldfish
-from tsuiseki.tracking.filters.motion.learnt import LearntMotion, PrincipalComponents
+from tsuiseki.tracking.filters.learnt_motion import LearntMotion, PrincipalComponents
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.learn_motion import learn_motion
 

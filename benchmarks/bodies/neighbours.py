@@ -20,7 +20,7 @@ from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.contour import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
-from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk
+from tsuiseki.tracking.filters.body_motion import BodyMotion, RandomWalk
 from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.trainers.experiments.goldfish import BODY, TRACKER, FishClip, prepare_clip
 from tsuiseki.trainers.learn_motion import learn_motion

@@ -26,8 +26,8 @@ from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detec
 from tsuiseki.tracking.features.exported import open_detector
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.ground_plane import GroundPlane
+from tsuiseki.tracking.features.tiles import parse_view
 from tsuiseki.tracking.features.view_choice import ViewedDetector
-from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange

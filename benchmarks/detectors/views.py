@@ -27,8 +27,8 @@ from benchmarks.detectors.accuracy import LOWEST_SCORE, labelled, recall_by_heig
 from tsuiseki.datamodules.scenes.training_pictures import TrainingSettings, random_training_scene
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.features.exported import open_detector
+from tsuiseki.tracking.features.tiles import LARGEST_SCALE, TiledDetector, view_of
 from tsuiseki.tracking.features.view_choice import ENLARGED_SCALE, WORTH, most_columns, worth_more
-from tsuiseki.tracking.features.views import LARGEST_SCALE, TiledDetector, view_of
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.preprocessing import stretched
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray

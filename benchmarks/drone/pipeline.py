@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.machine import machine
 from benchmarks.walkers import acting_look_alikes, walking_people
-from tsuiseki.tracking.drone.models import DroneMethod
+from tsuiseki.tracking.drone.drone_models import DroneMethod
 from tsuiseki.tracking.drone.run import suited
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.drone.tracker import DroneTracker

@@ -22,9 +22,9 @@ import numpy as np
 
 from tsuiseki.tracking.filters.base import TargetEstimates
 from tsuiseki.tracking.filters.finite_sets.clusters import Clusters, PhdState
-from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
 from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
+from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor
 from tsuiseki.trainers.experiments.finite_sets import (
     PointScenario,
     read_scenario,

@@ -24,11 +24,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.cameras.camera_pose import locate_over_floor, pose_at
 from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.cameras.person_model import GridSettings, PersonModel, PersonTable, build_table, stand
-from tsuiseki.tracking.cameras.pose import locate_over_floor, pose_at
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import evaluate_rotated
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences

@@ -15,9 +15,9 @@ import numpy as np
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.person_model import build_table
-from tsuiseki.tracking.cameras.rectification import upright_crops
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, UnrolledDetector
+from tsuiseki.tracking.fisheye.view import upright_crops
 from tsuiseki.tracking.weights import shipped
 
 WIDTH, HEIGHT, PEOPLE = 1280, 960, 10

@@ -11,7 +11,7 @@ from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
-from tsuiseki.tracking.filters.motion.bodies import Noise, RandomWalk
+from tsuiseki.tracking.filters.body_motion import Noise, RandomWalk
 from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.trainers.learn_motion import learn_motion
 

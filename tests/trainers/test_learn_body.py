@@ -9,13 +9,13 @@ from tsuiseki.datamodules.scenes import goldfish_clip
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, point_distances, wide_noise
-from tsuiseki.tracking.bodies.learnt import parse_body, read_body, write_body
+from tsuiseki.tracking.bodies.learnt_body import parse_body, read_body, write_body
 from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import parse_colour
-from tsuiseki.tracking.filters.motion.bodies import RandomWalk
+from tsuiseki.tracking.filters.body_motion import RandomWalk
 from tsuiseki.tracking.formats.body_states import read_states
 from tsuiseki.tracking.formats.silhouettes import centre_inside
 from tsuiseki.trainers.learn_body import Outline, area_centroids, evenly_sampled, learn_body, line_up, outlines_of

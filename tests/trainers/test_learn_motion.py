@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.motion.bodies import BodyFixedVelocity, Noise
-from tsuiseki.tracking.filters.motion.learnt import read_motion, write_motion
+from tsuiseki.tracking.filters.body_motion import BodyFixedVelocity, Noise
+from tsuiseki.tracking.filters.learnt_motion import read_motion, write_motion
 from tsuiseki.trainers.learn_motion import learn_motion, track_steps
 
 FIELDS, ANGLES = ("a", "b", "theta", "phi"), (2, 3)

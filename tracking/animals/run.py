@@ -32,8 +32,8 @@ from tsuiseki.tracking.formats.result_folder import POINTS
 from tsuiseki.tracking.people.tracking import check_corrections, correction_files
 from tsuiseki.tracking.report.overlay import draw_marks
 from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.review.corrected_tracks import corrected_bodies
 from tsuiseki.tracking.review.session import SOLVED_STATES, STATES_FILE
-from tsuiseki.tracking.review.tracks import corrected_bodies
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable, boxes_about

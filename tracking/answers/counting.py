@@ -108,10 +108,7 @@ def count(
         raise RequestError(f"expected a frame rate above 0, got {rate:g}; give the video's as `fps`")
     if settings.anchor == "floor":
         scene = scene.on_floor()
-    tracks, bodies = (
-        boxes_about(result, getattr(result, "names", ())),
-        any(isinstance(one, BodyTrack) for one in result),
-    )
+    tracks, bodies = boxes_about(result, getattr(result, "names", ())), any(isinstance(t, BodyTrack) for t in result)
     if settings.anchor is None and scene.unit == "pixels" and bodies:
         settings = replace(settings, anchor="centre")
     paths = paths_of(tracks, scene, settings)

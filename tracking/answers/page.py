@@ -19,8 +19,8 @@ from typing import Any, TypeVar
 import cv2
 import numpy as np
 
+from tsuiseki.tracking.answers.answer_plots import FIGURES, heat_table, heat_values, matrix, path_table
 from tsuiseki.tracking.answers.counting import Answers, Table, count
-from tsuiseki.tracking.answers.plots import FIGURES, heat_table, heat_values, matrix, path_table
 from tsuiseki.tracking.answers.scene import Scene
 from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError, RunError

@@ -21,8 +21,8 @@ from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.streaming import stream
+from tsuiseki.tracking.features.tiles import TileView
 from tsuiseki.tracking.features.view_choice import ViewChoice, ViewedDetector, ViewHistory, inner_detector
-from tsuiseki.tracking.features.views import TileView
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 from tsuiseki.tracking.people.tracker import PeopleTracker

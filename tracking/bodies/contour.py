@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_pixels
 from tsuiseki.tracking.filters.base import bootstrap
-from tsuiseki.tracking.filters.motion.bodies import HEADING, Noise, RandomWalk
+from tsuiseki.tracking.filters.body_motion import HEADING, Noise, RandomWalk
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter
 from tsuiseki.tracking.filters.resampling import best_particle, systematic
 from tsuiseki.tracking.types import FloatArray, ImageArray

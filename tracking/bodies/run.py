@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.bodies.contour import BodyPixels, Extraction
-from tsuiseki.tracking.bodies.learnt import parse_body
+from tsuiseki.tracking.bodies.learnt_body import parse_body
 from tsuiseki.tracking.bodies.settings import (
     CONTRASTS,
     BodyChoice,

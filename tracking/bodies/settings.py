@@ -14,8 +14,8 @@ from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.bodies.contour import FARTHEST, wide_noise
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast
-from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk
-from tsuiseki.tracking.filters.motion.learnt import read_motion
+from tsuiseki.tracking.filters.body_motion import BodyMotion, RandomWalk
+from tsuiseki.tracking.filters.learnt_motion import read_motion
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video.source import Source

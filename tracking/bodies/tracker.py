@@ -28,7 +28,7 @@ from tsuiseki.tracking.bodies.contour import (
 )
 from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.filters.base import Proposal, bootstrap
-from tsuiseki.tracking.filters.motion.bodies import BodyMotion
+from tsuiseki.tracking.filters.body_motion import BodyMotion
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.resampling import weighted_mean
 from tsuiseki.tracking.types import FloatArray, Frame, Status

@@ -94,10 +94,10 @@ class FloorPose(LensSizes):
 
     def camera(self, file: Path) -> tuple[PinholeCamera | OmnidirectionalCamera, list[str]]:
         """The camera whose lens is in ``file``, in its place, and the message about the fit."""
-        from tsuiseki.tracking.calibrate.places import locate_from_points
+        from tsuiseki.tracking.calibrate.measured_points import locate_from_points
+        from tsuiseki.tracking.cameras.camera_pose import pose_at
         from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
         from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
-        from tsuiseki.tracking.cameras.pose import pose_at
 
         camera: PinholeCamera | OmnidirectionalCamera
         if self.projective:
@@ -148,7 +148,7 @@ def points(
         intrinsics: one calibration file of OpenCV or ROS per camera (or one for all), separated by commas; only the
             pose is fitted then, and the lens may distort.
     """
-    from tsuiseki.tracking.calibrate.places import calibrate_from_points, described
+    from tsuiseki.tracking.calibrate.measured_points import calibrate_from_points, described
     from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 
     groups, found = calibrate_from_points(file, size.image_size, intrinsics)
@@ -314,7 +314,7 @@ def pose(
             model of a person has there, to compare with a picture.
         person_height: height of the model of a person, metres.
     """
-    from tsuiseki.tracking.calibrate.places import floor_about, standing
+    from tsuiseki.tracking.calibrate.measured_points import floor_about, standing
     from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, write_cameras
     from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
 

@@ -308,7 +308,7 @@ def points(given: Comparison, scored: ScoredFrames, cutoff: float = 100.0, windo
         cutoff: distance from which a point counts as missed, in the unit of the files.
         window: frames of OSPA(2).
     """
-    from tsuiseki.tracking.evaluation.points import evaluate_point_files
+    from tsuiseki.tracking.evaluation.point_distances import evaluate_point_files
     from tsuiseki.tracking.evaluation.tables import POINT_COLUMNS, value_table
 
     _check(cutoff > 0, "cutoff", "a distance above 0", cutoff)
@@ -337,7 +337,7 @@ def single(
         json: write all scores and curves to this file.
         plot: write the curves to this file (PNG, SVG or PDF).
     """
-    from tsuiseki.tracking.evaluation.single import compare, single_table, single_values
+    from tsuiseki.tracking.evaluation.success_curves import compare, single_table, single_values
     from tsuiseki.tracking.formats.single import find_single_sequences
     from tsuiseki.tracking.report.plots import curves_figure
 

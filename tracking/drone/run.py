@@ -18,7 +18,7 @@ from tsuiseki.tracking.association.learnt_costs import Affinity, CostChanges, Co
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE
 from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.devices import Device
-from tsuiseki.tracking.drone.models import DroneMethod, DroneModels, as_detections
+from tsuiseki.tracking.drone.drone_models import DroneMethod, DroneModels, as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track

@@ -22,7 +22,7 @@ from scipy.spatial.distance import cdist
 from tsuiseki.tracking.cameras.multicamera import PlacedTruth, read_placed_truth
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.identity_metrics import LabelledSequence, clear, hota, identity
-from tsuiseki.tracking.evaluation.points import gospa
+from tsuiseki.tracking.evaluation.point_distances import gospa
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 

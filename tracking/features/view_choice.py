@@ -17,7 +17,7 @@ import numpy as np
 
 from tsuiseki.tracking.features.exported import Detector, SizedDetect
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
-from tsuiseki.tracking.features.views import (
+from tsuiseki.tracking.features.tiles import (
     EVERY_TILE,
     LARGEST_SCALE,
     MOST_COLUMNS,

@@ -13,7 +13,7 @@ eq. 2.5 and its estimate, eq. 2.6. Motion and likelihood are its models of state
 Neither function changes what it is given. All randomness is ``rng``: the same seed gives the same result. What a filter
 is made of is an argument:
 
-* a motion ``f(states, seconds, rng)`` draws the next states, `Motion`; all are in `tsuiseki.tracking.filters.motion`.
+* a motion ``f(states, seconds, rng)`` draws the next states, `Motion`; `body_motion` and `point_motion` have all.
   One that is linear with Gaussian noise may also say so in matrices, `LinearMotion`;
 * a proposal ``f(particles, observation, rng)`` does so knowing the observation, `Proposal`;
 * a likelihood ``f(particles, observation)`` is a logarithm, `LogLikelihood`;

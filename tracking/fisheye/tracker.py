@@ -1,7 +1,7 @@
 """People under a ceiling fisheye camera, by upright appearance and position on the floor (thesis chapter 4).
 
 This is Algorithm 2. In each frame, every detected box is given a rotated box r and a place q on the floor
-(`person_model`). Its appearance feature x is computed on the crop turned upright (`rectification`). Tracks and
+(`person_model`). Its appearance feature x is computed on the crop turned upright (`upright_crops`). Tracks and
 detections are then matched in two stages (2.3.2). The first stage uses C^feat, the distance of their features. The
 second uses C^pos, the distance of their places, for the tracks and detections that the first left unmatched.
 Algorithm 2 prints r in c^pos; the text (4.2.2, 4.3.3) uses the place in the world, and so does this tracker.

@@ -14,8 +14,8 @@ import numpy as np
 
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter, LabelledState
-from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, PointModel, cartesian, linear_sensor
-from tsuiseki.tracking.filters.motion.points import straight
+from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor, PointModel, cartesian, linear_sensor
+from tsuiseki.tracking.filters.point_motion import straight
 from tsuiseki.tracking.floor.measured_floor import MeasuredFloor, SensorView
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.measurements import PersonOnFloor

@@ -34,8 +34,8 @@ from tsuiseki.tracking.features.foreign_options import AppearanceOptions
 from tsuiseki.tracking.features.ground_plane import GroundPlane
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.streaming import stream
+from tsuiseki.tracking.features.tiles import parse_view
 from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detector
-from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.label_checks import BoxCheck, compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections

@@ -490,7 +490,7 @@ def check_corrections(path: Path, source: Source) -> None:
     Raises:
         RequestError: they are, or cannot be read.
     """
-    from tsuiseki.tracking.review.corrections import CorrectedVideo, read_corrections
+    from tsuiseki.tracking.review.correction_log import CorrectedVideo, read_corrections
 
     wanted = source.frames_wanted
     frames = wanted.last + 1 if wanted.last is not None else length_of(source) or 0
@@ -523,9 +523,9 @@ def correction_files(
     files: dict[str, Writer] = {} if network is None else {NETWORK_FILE: lambda path, _: network.write(path)}
     if corrections is None:
         return tracks, files, {}, []
-    from tsuiseki.tracking.review.corrections import CORRECTIONS_FILE, CorrectedVideo
+    from tsuiseki.tracking.review.corrected_tracks import replayed
+    from tsuiseki.tracking.review.correction_log import CORRECTIONS_FILE, CorrectedVideo
     from tsuiseki.tracking.review.session import FILL, SOLVED_FILE
-    from tsuiseki.tracking.review.tracks import replayed
 
     last = max([*frames, *(int(track.frames[-1]) for track in tracks)], default=-1)
     video = CorrectedVideo(Path(source.name).name, image_size(source), last + 1)

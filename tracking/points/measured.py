@@ -15,7 +15,12 @@ from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.following import count
-from tsuiseki.tracking.formats.measurements import read_scans, read_sensing_model, sensing_model, write_sensed_tracks
+from tsuiseki.tracking.formats.measurement_tables import (
+    read_scans,
+    read_sensing_model,
+    sensing_model,
+    write_sensed_tracks,
+)
 from tsuiseki.tracking.people.detect import network_detections
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.points.observed import positions_of, region_of
@@ -50,7 +55,7 @@ def track_measurements(
     """Targets behind the measurements of a sensor, each with an id, at every scan.
 
     Args:
-        measured: a CSV of measurements (`tracking.formats.measurements`), or scans in order of time.
+        measured: a CSV of measurements (`tracking.formats.measurement_tables`), or scans in order of time.
         model: of sensor, targets and clutter: a YAML file, what stands in one, or `SensingModel`.
         method: labelled multi-Bernoulli filter, or phd.
         particles: number of particles of each target.

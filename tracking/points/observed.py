@@ -12,7 +12,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.base import Births, Filter, Motion, SetInfo
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
-from tsuiseki.tracking.filters.finite_sets.models import (
+from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
+from tsuiseki.tracking.filters.finite_sets.point_model import (
     GaussianSensor,
     PointModel,
     StateFunction,
@@ -20,7 +21,6 @@ from tsuiseki.tracking.filters.finite_sets.models import (
     linear_sensor,
     polar_sensor,
 )
-from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
 from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, PatchBirths
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     Calibrated,
@@ -30,7 +30,7 @@ from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     as_printed,
 )
 from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
-from tsuiseki.tracking.filters.motion.points import (
+from tsuiseki.tracking.filters.point_motion import (
     DriftingBox,
     SteppingBox,
     coordinated_turn,

@@ -33,8 +33,8 @@ from tsuiseki.tracking.filters.finite_sets.region_births import (
 )
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import boxes_of, cluster_means
 from tsuiseki.tracking.filters.finite_sets.region_phd import RegionInfo, RegionPhdFilter
-from tsuiseki.tracking.filters.motion.points import SteppingBox
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.point_motion import SteppingBox
 from tsuiseki.tracking.filters.resampling import weighted_mean
 from tsuiseki.tracking.geometry import centres as box_centres
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections

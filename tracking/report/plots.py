@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
-from tsuiseki.tracking.evaluation.single import DISTANCES, OVERLAPS, PRECISION_AT, MeanCurves
+from tsuiseki.tracking.evaluation.success_curves import DISTANCES, OVERLAPS, PRECISION_AT, MeanCurves
 from tsuiseki.tracking.types import Estimate, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 

@@ -12,7 +12,7 @@ import numpy as np
 from tsuiseki.tracking.association.pair_constraints import Pair
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
-from tsuiseki.tracking.review.corrections import Box, Correction
+from tsuiseki.tracking.review.correction_log import Box, Correction
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 # Of a box that was spoken of, the detection of its frame is meant that overlaps it most, and by as much.

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
-from tsuiseki.tracking.review.corrections import Correction
+from tsuiseki.tracking.review.correction_log import Correction
 from tsuiseki.tracking.review.demands import NOTHING, Finder
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 

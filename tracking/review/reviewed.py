@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.review.corrections import Box, Correction
+from tsuiseki.tracking.review.corrected_tracks import rows_of
+from tsuiseki.tracking.review.correction_log import Box, Correction
 from tsuiseki.tracking.review.questions import Question, ShownBox
 from tsuiseki.tracking.review.session import Session
-from tsuiseki.tracking.review.tracks import rows_of
 from tsuiseki.tracking.types import Track
 
 CHUNK = 500

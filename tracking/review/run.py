@@ -34,7 +34,7 @@ def review(result: Path, /, video: Path | None = None) -> int:
         raise RequestError(f"reviewing needs {needs}; install the extra: pip install 'tsuiseki[review]'")
     import uvicorn
 
-    from tsuiseki.tracking.review.pictures import JpegFrames
+    from tsuiseki.tracking.review.jpeg_frames import JpegFrames
     from tsuiseki.tracking.review.reviewed import Reviewed
     from tsuiseki.tracking.review.server import HOST, application, listening
 

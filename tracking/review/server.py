@@ -22,7 +22,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.review.pictures import JpegFrames
+from tsuiseki.tracking.review.jpeg_frames import JpegFrames
 from tsuiseki.tracking.review.reviewed import Reviewed
 
 HOST = "127.0.0.1"

@@ -23,7 +23,8 @@ from tsuiseki.tracking.formats.single import write_boxes
 from tsuiseki.tracking.formats.track_tables import table_of, write_table
 from tsuiseki.tracking.output import RUN_FILE, hold, output_file, record_text, whole_file
 from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.review.corrections import (
+from tsuiseki.tracking.review.corrected_tracks import Reporter, acting, changes, corrected_bodies
+from tsuiseki.tracking.review.correction_log import (
     CORRECTIONS_FILE,
     Box,
     CorrectedVideo,
@@ -38,7 +39,6 @@ from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
 from tsuiseki.tracking.review.refit import EVERY, refitted
 from tsuiseki.tracking.review.solving import CorrectedFlow
-from tsuiseki.tracking.review.tracks import Reporter, acting, changes, corrected_bodies
 from tsuiseki.tracking.types import IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, boxes_about
 from tsuiseki.tracking.video.source import image_size, open_source

@@ -15,7 +15,7 @@ from tsuiseki.tracking.association.sliding_flow import solve_in_windows
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import centres
-from tsuiseki.tracking.review.corrections import Box, Correction
+from tsuiseki.tracking.review.correction_log import Box, Correction
 from tsuiseki.tracking.review.demands import NOTHING, Demands, corners, demands_of, unmet_boxes
 from tsuiseki.tracking.types import FloatArray, IntArray
 

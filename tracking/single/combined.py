@@ -28,8 +28,8 @@ import numpy as np
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.filters.base import bootstrap
 from tsuiseki.tracking.filters.kernelised_correlation import ComplexArray
-from tsuiseki.tracking.filters.motion.points import PlaneWalk
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.point_motion import PlaneWalk
 from tsuiseki.tracking.filters.resampling import normalise
 from tsuiseki.tracking.single import regularised, witness
 from tsuiseki.tracking.single.regularised import Model, RegularisedSettings, RegularisedTarget

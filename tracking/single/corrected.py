@@ -23,7 +23,7 @@ def corrected_boxes(path: Path, source: Source) -> dict[int, FloatArray]:
     Raises:
         RequestError: the file cannot be read, speaks of a video of another size, or moves or adds no box.
     """
-    from tsuiseki.tracking.review.corrections import CorrectedVideo, read_corrections
+    from tsuiseki.tracking.review.correction_log import CorrectedVideo, read_corrections
     from tsuiseki.tracking.review.demands import corners
 
     file = read_corrections(path, CorrectedVideo(Path(source.name).name, image_size(source), 0)).given

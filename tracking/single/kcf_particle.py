@@ -39,8 +39,8 @@ import numpy as np
 from tsuiseki.tracking.features.objectness import ObjectnessModel, propose, shipped_objectness
 from tsuiseki.tracking.filters.base import Motion, bootstrap
 from tsuiseki.tracking.filters.kernelised_correlation import FilterBank, Samples, join, respond
-from tsuiseki.tracking.filters.motion.points import PlaneWalk
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.point_motion import PlaneWalk
 from tsuiseki.tracking.filters.resampling import probabilities
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.particles import (

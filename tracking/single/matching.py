@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.filters.base import bootstrap
 from tsuiseki.tracking.filters.kalman import Gaussians, predict, update
-from tsuiseki.tracking.filters.motion.points import PlaneVelocity, PlaneWalk
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter
+from tsuiseki.tracking.filters.point_motion import PlaneVelocity, PlaneWalk
 from tsuiseki.tracking.filters.resampling import probabilities
 from tsuiseki.tracking.single.search_windows import cut
 from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre

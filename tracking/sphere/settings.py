@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, PlacedCamera, read_projective_cameras
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError, a_path
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion.points import Ballistic, ConstantVelocity3D, RandomWalk3D
+from tsuiseki.tracking.filters.point_motion import Ballistic, ConstantVelocity3D, RandomWalk3D
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video.frame_times import uneven

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.filters.base import Motion
-from tsuiseki.tracking.filters.motion.points import ConstantVelocity3D
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
+from tsuiseki.tracking.filters.point_motion import ConstantVelocity3D
 from tsuiseki.tracking.filters.resampling import (
     Covering,
     bearable_share,

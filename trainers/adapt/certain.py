@@ -10,7 +10,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.review.corrections import CORRECTIONS_FILE, CorrectedVideo, Correction, read_corrections
+from tsuiseki.tracking.review.correction_log import CORRECTIONS_FILE, CorrectedVideo, Correction, read_corrections
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 BACKGROUND, PERSON, DRAWN = 0, 1, 2

@@ -10,8 +10,8 @@ from time import perf_counter
 from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.features.exported import SizedDetect, open_appearance, open_detector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
+from tsuiseki.tracking.features.tiles import parse_view
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
-from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.people.inputs import PeopleInputs
 from tsuiseki.tracking.people.methods import cost_of_scores, people_affinity, people_tracker
 from tsuiseki.tracking.people.tracker import shifted

@@ -19,8 +19,8 @@ from tsuiseki.datamodules.detection_data import Composition, DetectionData
 from tsuiseki.datamodules.training_images import TrainingSource
 from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
+from tsuiseki.tracking.features.tiles import view_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector
-from tsuiseki.tracking.features.views import view_of
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, ImageArray
@@ -29,8 +29,7 @@ from tsuiseki.trainers.exporting.export import export_onnx, load_module
 from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import ExportedLayout
 from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
-from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
-from tsuiseki.trainers.networks.modules import Optimisation
+from tsuiseki.trainers.networks.detector_training import DetectorOptimisation, DetectorTraining, detections
 
 # Windows of a step, their sides as a share of the detector's input, and people that are rendered to be composed onto
 # the empty view beside the camera's own.
@@ -90,7 +89,7 @@ def fine_tune(
         channels=layout.channels,
         loss="quality",
         box_weight=2.0,
-        optimisation=Optimisation(
+        optimisation=DetectorOptimisation(
             learning_rate=LEARNING_RATE / 2 ** (round_ - 1),
             warmup_steps=min(20, settings.steps // 4),
             final_share=0.05,

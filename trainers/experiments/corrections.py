@@ -18,11 +18,11 @@ from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import IGNORED, UNMATCHED, owners_of
-from tsuiseki.tracking.review.corrections import Box, Correction, boxes_of
+from tsuiseki.tracking.review.corrected_tracks import Reporter, track_ids
+from tsuiseki.tracking.review.correction_log import Box, Correction, boxes_of
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
 from tsuiseki.tracking.review.solving import CorrectedFlow
-from tsuiseki.tracking.review.tracks import Reporter, track_ids
 from tsuiseki.tracking.types import BoolArray, IntArray
 from tsuiseki.trainers.experiments import given_sequences
 from tsuiseki.trainers.experiments.end_to_end import STREETS

@@ -20,7 +20,7 @@ from tsuiseki.tracking.association.costs import ActionFeatures
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.drone.models import DroneMethod, as_detections
+from tsuiseki.tracking.drone.drone_models import DroneMethod, as_detections
 from tsuiseki.tracking.drone.observations import Observation, Observers, observe
 from tsuiseki.tracking.drone.run import suited
 from tsuiseki.tracking.drone.settings import DroneSettings
@@ -35,7 +35,7 @@ from tsuiseki.tracking.evaluation.actions import (
     read_labelled_actions,
 )
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
-from tsuiseki.tracking.evaluation.resampling import paired_bootstrap, score_sums
+from tsuiseki.tracking.evaluation.paired_bootstrap import paired_bootstrap, score_sums
 from tsuiseki.tracking.evaluation.tables import action_values
 from tsuiseki.tracking.features.action import LOCAL_STREAMS, STREAMS, ActionRecogniser, StreamName, averaged
 from tsuiseki.tracking.features.camera_path import CameraPath

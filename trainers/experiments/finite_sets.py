@@ -16,15 +16,15 @@ from zipfile import BadZipFile
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
+from tsuiseki.tracking.evaluation.point_distances import PointTracks, evaluate_points
 from tsuiseki.tracking.filters.base import Births, Filter, Running, SetInfo
-from tsuiseki.tracking.filters.finite_sets import models
+from tsuiseki.tracking.filters.finite_sets import point_model
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.clusters import by_clusters, by_measurements
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
 from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
-from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn
+from tsuiseki.tracking.filters.point_motion import constant_velocity, coordinated_turn
 from tsuiseki.tracking.points.settings import Lag, SetMethod
 from tsuiseki.tracking.points.tracker import MeasurementTracker
 from tsuiseki.tracking.types import FloatArray, measurements
@@ -186,16 +186,16 @@ def read_scenario(path: Path) -> PointScenario:
     return PointScenario(path.stem.removeprefix("phd_scenario_"), settings, truth, cells, fingerprint)
 
 
-def scenario_sensor(settings: dict[str, Any]) -> models.GaussianSensor:
+def scenario_sensor(settings: dict[str, Any]) -> point_model.GaussianSensor:
     """The sensor of a scenario of kind ``linear`` or ``ct``."""
     if settings["kind"] == "linear":
-        return models.GaussianSensor(models.cartesian, np.full(2, settings["sigma_e"]))
-    return models.GaussianSensor(
-        models.bearing_range, np.array([settings["sigma_bearing"], settings["sigma_range"]]), (0,)
+        return point_model.GaussianSensor(point_model.cartesian, np.full(2, settings["sigma_e"]))
+    return point_model.GaussianSensor(
+        point_model.bearing_range, np.array([settings["sigma_bearing"], settings["sigma_range"]]), (0,)
     )
 
 
-def scenario_model(settings: dict[str, Any], clutter_rate: float) -> models.PointModel:
+def scenario_model(settings: dict[str, Any], clutter_rate: float) -> point_model.PointModel:
     """The model that the scenario was made with: its motion, sensor, probabilities and clutter density."""
     volume = float(np.prod([high - low for low, high in settings["region"]]))
     sensor = scenario_sensor(settings)
@@ -203,7 +203,9 @@ def scenario_model(settings: dict[str, Any], clutter_rate: float) -> models.Poin
         motion = constant_velocity(settings["sigma_v"])
     else:
         motion = coordinated_turn(settings["sigma_v"], settings["sigma_turn"])
-    return models.PointModel(motion, sensor, settings["P_S"], settings["P_D"], clutter_rate / volume, settings["T"])
+    return point_model.PointModel(
+        motion, sensor, settings["P_S"], settings["P_D"], clutter_rate / volume, settings["T"]
+    )
 
 
 def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
@@ -216,7 +218,7 @@ def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
     if settings["kind"] == "linear":
         complete, columns = newborn(lambda places: places, 2, speed), 4
     else:
-        complete, columns = newborn(models.from_bearing_range, 2, speed, turn=0.05), 5
+        complete, columns = newborn(point_model.from_bearing_range, 2, speed, turn=0.05), 5
     return MeasurementBirths(BIRTHS_ANYWHERE / volume, scenario_sensor(settings), complete, columns, count // 5)
 
 

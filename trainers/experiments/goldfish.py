@@ -23,8 +23,8 @@ from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, wide_noise
 from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import ColourRange
-from tsuiseki.tracking.filters.motion.bodies import BodyMotion, RandomWalk
-from tsuiseki.tracking.filters.motion.learnt import LearntMotion, motion_text
+from tsuiseki.tracking.filters.body_motion import BodyMotion, RandomWalk
+from tsuiseki.tracking.filters.learnt_motion import LearntMotion, motion_text
 from tsuiseki.tracking.filters.resampling import probabilities, systematic
 from tsuiseki.tracking.formats.body_states import read_states, write_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence

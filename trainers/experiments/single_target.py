@@ -20,7 +20,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.single_clip import draw_single_clip
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.single import OVERLAPS, evaluate_boxes
+from tsuiseki.tracking.evaluation.success_curves import OVERLAPS, evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence, find_single_sequences
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_pairs, xywh_from_corners
 from tsuiseki.tracking.single import kcf

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -52,6 +53,18 @@ _CANDIDATES = 300
 _NORM_EXAMPLES = 32
 
 
+@dataclass(frozen=True)
+class DetectorOptimisation(Optimisation):
+    """How the training of a detector moves weights.
+
+    Attributes:
+        features_rate: learning rate of all but the heads, as a share of the learning rate; a small one keeps what the
+            starting weights know of other places.
+    """
+
+    features_rate: float = 1.0
+
+
 class DetectorTraining(Tested):
     """A detector of people or other classes, its loss and its schedule; validates by AP50, its mean over the classes.
 
@@ -74,8 +87,6 @@ class DetectorTraining(Tested):
         box_weight: of the box loss against the class loss; 2 suits complete IoU.
         teacher: another detector, from whose scores and boxes the network learns beside the labels.
         optimisation: how weights are moved.
-        features_rate: learning rate of all but the heads, as a share of the learning rate; a small one keeps what the
-            starting weights know of other places.
     """
 
     def __init__(
@@ -94,8 +105,7 @@ class DetectorTraining(Tested):
         loss: DetectionLossName = "multibox",
         box_weight: float = 1.0,
         teacher: Teacher = Teacher(),  # noqa: B008
-        optimisation: Optimisation = Optimisation(warmup_steps=200),  # noqa: B008
-        features_rate: float = 1.0,
+        optimisation: DetectorOptimisation = DetectorOptimisation(warmup_steps=200),
     ) -> None:
         super().__init__()
         self.save_hyperparameters()
@@ -117,7 +127,7 @@ class DetectorTraining(Tested):
             raise RequestError("expected one class with a `teacher`, which knows people alone")
         self.teacher = None if teacher.file is None else SoftTeacher(teacher.file, self.network, self.card)
         self.teacher_weight = teacher.weight
-        self.optimisation, self.features_rate = optimisation, features_rate
+        self.optimisation = optimisation
         self._validated: list[tuple[FloatArray, IntArray, Detections]] = []
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
         self.network.to(memory_format=torch.channels_last)
@@ -176,11 +186,11 @@ class DetectorTraining(Tested):
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW or SGD under a linear warm-up and a cosine decay over the whole training."""
-        if self.features_rate == 1:
+        if self.optimisation.features_rate == 1:
             groups = self.optimisation.groups(self.network)
         else:
             heads = nn.ModuleList([self.network.class_heads, self.network.box_heads])
-            groups = self.optimisation.groups(self.network.features, self.features_rate)
+            groups = self.optimisation.groups(self.network.features, self.optimisation.features_rate)
             groups += self.optimisation.groups(heads)
         return self.optimisation.scheduled(groups, self.trainer)
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from tests.tracking.answers.walkers import down, walker
+from tsuiseki.tracking.answers.answer_plots import heat_values
 from tsuiseki.tracking.answers.counting import count
 from tsuiseki.tracking.answers.page import TrackedPage, with_page
-from tsuiseki.tracking.answers.plots import heat_values
 from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.report import pictures
 from tsuiseki.tracking.report.pictures import frames_to_show, pictures_of

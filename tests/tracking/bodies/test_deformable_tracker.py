@@ -12,7 +12,7 @@ from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS
-from tsuiseki.tracking.filters.motion.bodies import BodyFixedVelocity, Noise, RandomWalk
+from tsuiseki.tracking.filters.body_motion import BodyFixedVelocity, Noise, RandomWalk
 from tsuiseki.tracking.types import Frame
 
 ORANGE = Extraction(NAMED_COLOURS["orange"])

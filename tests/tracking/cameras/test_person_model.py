@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.cameras.camera_pose import pose_at
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.cameras.person_model import (
     GridSettings,
@@ -18,10 +19,9 @@ from tsuiseki.tracking.cameras.person_model import (
     outlines,
     stand,
 )
-from tsuiseki.tracking.cameras.pose import pose_at
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cameras.rectification import upright_crops
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.fisheye.view import upright_crops
 
 LENS = OmnidirectionalLens(640, 480, np.array([140.0, 0.0, -1.2e-3, 1e-6, -5e-9]), np.array([320.0, 240.0]))
 CAMERA = pose_at(OmnidirectionalCamera(LENS, np.eye(3), np.zeros(3)), 3.0)

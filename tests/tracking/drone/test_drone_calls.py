@@ -11,7 +11,7 @@ import pytest
 from tsuiseki import track_drone
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
-from tsuiseki.tracking.drone.models import DroneModels
+from tsuiseki.tracking.drone.drone_models import DroneModels
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.mot import read_ground_truth

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.single import OVERLAPS, compare, evaluate_boxes, evaluate_single
+from tsuiseki.tracking.evaluation.success_curves import OVERLAPS, compare, evaluate_boxes, evaluate_single
 from tsuiseki.tracking.formats.single import ATTRIBUTES, SingleSequence, find_single_sequences
 
 TRUTH = np.array([[0, 0, 10, 10], [0, 0, 10, 10], [0, 0, 10, 10], [0, 0, 10, 10.0]])

@@ -13,7 +13,7 @@ from tests.tracking.features.tiny_onnx import HEIGHT, WIDTH, save_constant
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import open_detector
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
-from tsuiseki.tracking.features.views import merge
+from tsuiseki.tracking.features.tiles import merge
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.class_choice import ClassChoice
 

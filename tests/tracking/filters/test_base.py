@@ -12,12 +12,13 @@ from tsuiseki.tracking.features.colour_region import ColourImage
 from tsuiseki.tracking.filters.base import BornParticles, Running, bootstrap
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
-from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, PointModel, cartesian
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
+from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor, PointModel, cartesian
 from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, ExplainedImage, PatchBirths
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import EachAlone, WithoutOthers
 from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
-from tsuiseki.tracking.filters.motion.points import (
+from tsuiseki.tracking.filters.particle_filter import ParticleFilter
+from tsuiseki.tracking.filters.point_motion import (
     Ballistic,
     ConstantVelocity3D,
     DriftingBox,
@@ -27,7 +28,6 @@ from tsuiseki.tracking.filters.motion.points import (
     constant_velocity,
     coordinated_turn,
 )
-from tsuiseki.tracking.filters.particle_filter import ParticleFilter
 from tsuiseki.tracking.types import Position
 
 SENSOR = GaussianSensor(cartesian, np.array([10.0, 10.0]))

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.drone.models import read_given_tracks
+from tsuiseki.tracking.drone.drone_models import read_given_tracks
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.people.flow import FlowTracker

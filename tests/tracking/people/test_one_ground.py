@@ -9,8 +9,8 @@ import pytest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import open_detector
 from tsuiseki.tracking.features.ground_plane import GroundPlane
+from tsuiseki.tracking.features.tiles import parse_view
 from tsuiseki.tracking.features.view_choice import ViewedDetector
-from tsuiseki.tracking.features.views import parse_view
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.people.inputs import PeopleInputs, ground_of

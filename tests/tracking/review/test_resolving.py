@@ -9,7 +9,7 @@ from tsuiseki.tracking.association.network_flow import FlowGraph
 from tsuiseki.tracking.association.residual_flow import FORCED
 from tsuiseki.tracking.association.sliding_flow import solve_in_windows
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
-from tsuiseki.tracking.review.corrections import Correction, boxes_of
+from tsuiseki.tracking.review.correction_log import Correction, boxes_of
 from tsuiseki.tracking.review.solving import CorrectedFlow
 
 

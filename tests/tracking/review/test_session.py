@@ -10,7 +10,7 @@ from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.review.corrections import Correction, boxes_of
+from tsuiseki.tracking.review.correction_log import Correction, boxes_of
 from tsuiseki.tracking.review.session import Session
 from tsuiseki.tracking.review.solving import CorrectedFlow
 

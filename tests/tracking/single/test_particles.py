@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.motion.points import PlaneWalk
+from tsuiseki.tracking.filters.point_motion import PlaneWalk
 from tsuiseki.tracking.single.kcf_particle import PRINTED
 from tsuiseki.tracking.single.particles import (
     SMALLEST_LIKELIHOOD,

@@ -11,7 +11,7 @@ import pytest
 
 from tsuiseki.datamodules.scenes.single_clip import SingleClipSettings, draw_single_clip
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.evaluation.single import evaluate_boxes
+from tsuiseki.tracking.evaluation.success_curves import evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.single.combined import CombinedSettings
 from tsuiseki.tracking.single.kcf import KcfSettings

@@ -24,9 +24,8 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.detector_network import detector_card
-from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
+from tsuiseki.trainers.networks.detector_training import DetectorOptimisation, DetectorTraining, detections
 from tsuiseki.trainers.networks.fit import DETECTOR, EpochLines, TaskCLI, fit_detector, one_line
-from tsuiseki.trainers.networks.modules import Optimisation
 
 
 def sequence(folder: Path, frames: int = 6) -> Path:
@@ -302,8 +301,7 @@ def test_features_learn_at_their_own_rate(
         width=64,
         anchors=[[(12, 28)], [(20, 50)], [(30, 60)]],
         channels=16,
-        optimisation=Optimisation(learning_rate=0.01, optimiser=optimiser),
-        features_rate=rate,
+        optimisation=DetectorOptimisation(learning_rate=0.01, optimiser=optimiser, features_rate=rate),
     )
     monkeypatch.setattr(DetectorTraining, "trainer", SimpleNamespace(estimated_stepping_batches=10))
     groups = module.configure_optimizers()["optimizer"].param_groups  # type: ignore[index]
@@ -326,7 +324,7 @@ def test_modules_and_data_work_with_a_trainer_of_ones_own(tmp_path: Path) -> Non
         width=64,
         anchors=anchors,
         channels=16,
-        optimisation=Optimisation(warmup_steps=1),
+        optimisation=DetectorOptimisation(warmup_steps=1),
     )
     trainer = lightning.Trainer(
         max_epochs=1, accelerator="cpu", logger=False, default_root_dir=tmp_path, enable_progress_bar=False

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.filters.base import BornParticles
-from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, StateFunction
 from tsuiseki.tracking.filters.finite_sets.pairs import find_pairs, groups_near
+from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor, StateFunction
 from tsuiseki.tracking.filters.resampling import logarithms
 from tsuiseki.tracking.types import FloatArray, IntArray
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from tsuiseki.tracking.filters.base import Births, BornParticles, TargetEstimates
 from tsuiseki.tracking.filters.finite_sets.clusters import first_particles
-from tsuiseki.tracking.filters.finite_sets.models import PointModel, check_measurements
 from tsuiseki.tracking.filters.finite_sets.pairs import association_marginals, draw_by_measurement, find_pairs
+from tsuiseki.tracking.filters.finite_sets.point_model import PointModel, check_measurements
 from tsuiseki.tracking.filters.resampling import logarithms, systematic_rows
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor
+from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 

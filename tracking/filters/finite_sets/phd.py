@@ -24,9 +24,9 @@ from tsuiseki.tracking.filters.finite_sets.clusters import (
     first_particles,
     joined,
 )
-from tsuiseki.tracking.filters.finite_sets.models import PointModel, check_measurements
 from tsuiseki.tracking.filters.finite_sets.pairs import find_pairs
 from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
+from tsuiseki.tracking.filters.finite_sets.point_model import PointModel, check_measurements
 from tsuiseki.tracking.filters.resampling import logarithms, systematic
 from tsuiseki.tracking.types import FloatArray
 

@@ -31,7 +31,7 @@ from tsuiseki.tracking.filters.finite_sets.clusters import (
     cluster_starts,
     rows,
 )
-from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, PointModel
+from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor, PointModel
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 MOST_SPREAD = 20

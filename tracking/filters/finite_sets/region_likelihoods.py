@@ -24,7 +24,7 @@ import numpy as np
 
 from tsuiseki.tracking.features.colour_region import ColourImage, region_contrast
 from tsuiseki.tracking.filters.finite_sets.clusters import LabelledParticles, cluster_sizes, cluster_starts
-from tsuiseki.tracking.filters.motion.points import SMALLEST_SIDE
+from tsuiseki.tracking.filters.point_motion import SMALLEST_SIDE
 from tsuiseki.tracking.filters.resampling import logarithms
 from tsuiseki.tracking.geometry import grown, intersections
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray

@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points
+from tsuiseki.tracking.evaluation.point_distances import PointTracks, evaluate_points
 from tsuiseki.tracking.filters.base import Running
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.clusters import by_clusters, by_measurements
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
-from tsuiseki.tracking.filters.finite_sets.models import (
+from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
+from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
+from tsuiseki.tracking.filters.finite_sets.point_model import (
     GaussianSensor,
     PointModel,
     bearing_range,
     cartesian,
     from_bearing_range,
 )
-from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
-from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
-from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn
+from tsuiseki.tracking.filters.point_motion import constant_velocity, coordinated_turn
 
 SENSOR = GaussianSensor(cartesian, np.array([10.0, 10.0]))
 REGION = 1000.0

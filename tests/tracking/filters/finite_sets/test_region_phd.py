@@ -22,7 +22,7 @@ from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     calibrated,
 )
 from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
-from tsuiseki.tracking.filters.motion.points import SteppingBox
+from tsuiseki.tracking.filters.point_motion import SteppingBox
 from tsuiseki.tracking.filters.resampling import logarithms
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence

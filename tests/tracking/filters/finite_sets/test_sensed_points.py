@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.filters.finite_sets.births import newborn
-from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, linear_sensor, polar_sensor
 from tsuiseki.tracking.filters.finite_sets.pairs import find_pairs
-from tsuiseki.tracking.filters.motion.points import constant_velocity, coordinated_turn, straight, taking_turns
+from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor, linear_sensor, polar_sensor
+from tsuiseki.tracking.filters.point_motion import constant_velocity, coordinated_turn, straight, taking_turns
 
 
 def test_in_two_dimensions_straight_is_the_motion_of_the_point_models():

@@ -12,8 +12,8 @@ from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import (
     SmoothingStep,
     TrackParticles,
 )
-from tsuiseki.tracking.filters.finite_sets.models import GaussianSensor, PointModel, cartesian
-from tsuiseki.tracking.filters.motion.points import constant_velocity
+from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor, PointModel, cartesian
+from tsuiseki.tracking.filters.point_motion import constant_velocity
 from tsuiseki.tracking.types import FloatArray
 
 SENSOR = GaussianSensor(cartesian, np.array([10.0, 10.0]))

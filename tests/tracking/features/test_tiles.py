@@ -10,8 +10,8 @@ import pytest
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.streaming import stream
+from tsuiseki.tracking.features.tiles import TiledDetector, busy_tiles, parse_view, view_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector, choose_view
-from tsuiseki.tracking.features.views import TiledDetector, busy_tiles, parse_view, view_of
 from tsuiseki.tracking.types import Detections, Frame
 
 INPUT = (60, 80)

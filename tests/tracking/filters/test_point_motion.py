@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.motion.points import Ballistic, ConstantVelocity3D, RandomWalk3D
+from tsuiseki.tracking.filters.point_motion import Ballistic, ConstantVelocity3D, RandomWalk3D
 
 MANY = 40000
 

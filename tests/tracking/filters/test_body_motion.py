@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.motion.bodies import (
+from tsuiseki.tracking.filters.body_motion import (
     BodyFixedVelocity,
     ConstantVelocity,
     Noise,

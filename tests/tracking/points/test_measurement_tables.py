@@ -160,7 +160,7 @@ def test_the_command_writes_what_the_function_finds(tmp_path: Path, capsys: pyte
 
 
 def test_empty_rows_and_missing_frames_are_scans_without_measurements(tmp_path: Path) -> None:
-    from tsuiseki.tracking.formats.measurements import read_scans
+    from tsuiseki.tracking.formats.measurement_tables import read_scans
 
     timed = read_scans(write_csv(tmp_path / "a.csv", "time,x,y", ["0.5,1,2", "1.5,,", "2,3,4", "2,5,6"]), ("x", "y"))
     assert [(scan.time, len(scan.measurements)) for scan in timed] == [(0.5, 1), (1.5, 0), (2.0, 2)]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.review.corrections import CorrectedVideo, Correction, append, read_corrections
+from tsuiseki.tracking.review.correction_log import CorrectedVideo, Correction, append, read_corrections
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack

@@ -7,7 +7,14 @@ import itertools
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.evaluation.points import PointTracks, evaluate_points, gospa, identity_switches, ospa, ospa2
+from tsuiseki.tracking.evaluation.point_distances import (
+    PointTracks,
+    evaluate_points,
+    gospa,
+    identity_switches,
+    ospa,
+    ospa2,
+)
 
 EMPTY = np.empty((0, 2))
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.cameras.calibration import Calibration, calibrate_camera, locate_camera
+from tsuiseki.tracking.cameras.camera_pose import Camera, locate_over_floor
 from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.person_model import PersonModel, stand
-from tsuiseki.tracking.cameras.pose import Camera, locate_over_floor
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.world_tables import Correspondences, read_correspondences, read_floor_points

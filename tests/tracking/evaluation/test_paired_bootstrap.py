@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
-from tsuiseki.tracking.evaluation.resampling import SCORES, paired_bootstrap, score_sums, scores_of
+from tsuiseki.tracking.evaluation.paired_bootstrap import SCORES, paired_bootstrap, score_sums, scores_of
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 

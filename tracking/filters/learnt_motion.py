@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.filters.motion.bodies import (
+from tsuiseki.tracking.filters.body_motion import (
     HEADING,
     BodyFixedVelocity,
     ConstantVelocity,
