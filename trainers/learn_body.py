@@ -18,11 +18,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.bodies.body import LearntBody, write_body
 from tsuiseki.tracking.bodies.contour import Extraction
-from tsuiseki.tracking.bodies.learnt_body import LearntBody, write_body
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import parse_colour
-from tsuiseki.tracking.formats.silhouettes import FOLDER, MOST_BODIES, read_silhouettes, silhouette_of
+from tsuiseki.tracking.formats.body_states import FOLDER, MOST_BODIES, read_silhouettes, silhouette_of
 from tsuiseki.tracking.options import PlottedFile
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video.source import open_source

@@ -14,8 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.bodies.body import Body
-from tsuiseki.tracking.bodies.learnt_body import parse_body
+from tsuiseki.tracking.bodies.body import Body, parse_body
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.body_motion import HEADING, conditions, turned
 from tsuiseki.tracking.filters.learnt_motion import LearntMotion, PrincipalComponents, write_motion

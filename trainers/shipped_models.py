@@ -13,7 +13,7 @@ import yaml
 
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
-from tsuiseki.tracking.demo.compared_methods import STREET_MODELS
+from tsuiseki.tracking.demo.page import STREET_MODELS
 from tsuiseki.tracking.errors import RunError
 
 SHIPPED = {kind: f"{name}.onnx" for kind, name in STREET_MODELS.items()}

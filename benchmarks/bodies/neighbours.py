@@ -21,7 +21,7 @@ from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_gol
 from tsuiseki.tracking.bodies.contour import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.filters.body_motion import BodyMotion, RandomWalk
-from tsuiseki.tracking.formats.silhouettes import centre_inside
+from tsuiseki.tracking.formats.body_states import centre_inside
 from tsuiseki.trainers.experiments.goldfish import BODY, TRACKER, FishClip, prepare_clip
 from tsuiseki.trainers.learn_motion import learn_motion
 

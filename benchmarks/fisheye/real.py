@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.cameras.camera_pose import locate_over_floor, pose_at
+from tsuiseki.tracking.calibrate.measured_points import locate_over_floor, pose_at
 from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
@@ -32,7 +32,7 @@ from tsuiseki.tracking.cameras.person_model import GridSettings, PersonModel, Pe
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import evaluate_rotated
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
-from tsuiseki.tracking.evaluation.truths import read_truths
+from tsuiseki.tracking.evaluation.result_files import read_truths
 from tsuiseki.tracking.features.exported import Appearance, Detect, Detector
 from tsuiseki.tracking.fisheye.page import corners
 from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, UnrollingSettings

@@ -13,8 +13,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, Moment
 from tsuiseki.datamodules.scenes.render.solids import Float32, Window, overlap
-from tsuiseki.tracking.formats.body_states import write_states
-from tsuiseki.tracking.formats.silhouettes import FOLDER
+from tsuiseki.tracking.formats.body_states import FOLDER, write_states
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.tracks import exact_track
 

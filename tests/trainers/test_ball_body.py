@@ -12,7 +12,7 @@ from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.filters.body_motion import Noise, RandomWalk
-from tsuiseki.tracking.formats.silhouettes import centre_inside
+from tsuiseki.tracking.formats.body_states import centre_inside
 from tsuiseki.trainers.learn_motion import learn_motion
 
 pytestmark = pytest.mark.slow

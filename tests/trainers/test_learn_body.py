@@ -8,16 +8,15 @@ import pytest
 from tsuiseki.datamodules.scenes import goldfish_clip
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
+from tsuiseki.tracking.bodies.body import parse_body, read_body, write_body
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, point_distances, wide_noise
-from tsuiseki.tracking.bodies.learnt_body import parse_body, read_body, write_body
 from tsuiseki.tracking.bodies.settings import DeformableSettings
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.filters.body_motion import RandomWalk
-from tsuiseki.tracking.formats.body_states import read_states
-from tsuiseki.tracking.formats.silhouettes import centre_inside
+from tsuiseki.tracking.formats.body_states import centre_inside, read_states
 from tsuiseki.trainers.learn_body import Outline, area_centroids, evenly_sampled, learn_body, line_up, outlines_of
 
 SETTINGS = GoldfishSettings(frames=60, fish=3, size_spread=0.0)

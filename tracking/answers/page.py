@@ -27,6 +27,7 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.report.page import (
     BOXES_NOTE,
+    Bar,
     embedded_image,
     embedded_overlay,
     html_page,
@@ -35,10 +36,10 @@ from tsuiseki.tracking.report.page import (
     scrolling,
     seconds_table,
     section,
+    timeline,
 )
 from tsuiseki.tracking.report.pictures import Pictures, frames_to_show, heat_picture, paths_picture, pictures_of
 from tsuiseki.tracking.report.plots import inline_svg
-from tsuiseki.tracking.report.timeline import Bar, timeline
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange

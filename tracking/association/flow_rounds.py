@@ -20,8 +20,8 @@ import numpy as np
 from tsuiseki.tracking.association.chain_motion import TrackMotion
 from tsuiseki.tracking.association.costs import window_means
 from tsuiseki.tracking.association.detection_tables import DetectionTable
+from tsuiseki.tracking.association.evidence import LinkModel, link_costs
 from tsuiseki.tracking.association.link_cost import DOUBT, MOST_WORTH, LinkCost
-from tsuiseki.tracking.association.link_parts import LinkModel, link_costs
 from tsuiseki.tracking.association.nearby import (
     BOXES_AT_ONCE,
     Pairs,

@@ -13,7 +13,7 @@ from tsuiseki.tracking.association.detection_tables import (
     DetectionTable,
     rows_of_numbers,
 )
-from tsuiseki.tracking.association.evidence import detection_evidence, link_evidence
+from tsuiseki.tracking.association.evidence import LinkChange, LinkModel, detection_evidence, link_costs, link_evidence
 from tsuiseki.tracking.association.flow_rounds import (
     AVERAGED,
     DEAREST,
@@ -26,7 +26,6 @@ from tsuiseki.tracking.association.flow_rounds import (
 )
 from tsuiseki.tracking.association.learnt_costs import LARGEST, CostChanges
 from tsuiseki.tracking.association.link_cost import MOST_WORTH, LinkCost
-from tsuiseki.tracking.association.link_parts import LinkChange, LinkModel, link_costs
 from tsuiseki.tracking.association.nearby import Pairs, gaps
 from tsuiseki.tracking.association.network_flow import FlowGraph, FlowSolution, track_labels
 from tsuiseki.tracking.association.places import (

@@ -22,10 +22,9 @@ import scipy
 from tsuiseki.tracking.association.chain_motion import beliefs_along
 from tsuiseki.tracking.association.costs import cosine_distances
 from tsuiseki.tracking.association.detection_tables import DetectionTable
-from tsuiseki.tracking.association.evidence import link_evidence
+from tsuiseki.tracking.association.evidence import LinkParts, link_evidence
 from tsuiseki.tracking.association.learnt_costs import CostChanges
 from tsuiseki.tracking.association.link_cost import LinkCost
-from tsuiseki.tracking.association.link_parts import LinkParts
 from tsuiseki.tracking.association.nearby import Occluders, Pairs
 from tsuiseki.tracking.association.network_flow import FlowSolution, track_labels
 from tsuiseki.tracking.geometry import shared_with_all

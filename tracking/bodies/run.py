@@ -9,8 +9,8 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tsuiseki.tracking.bodies.body import parse_body
 from tsuiseki.tracking.bodies.contour import BodyPixels, Extraction
-from tsuiseki.tracking.bodies.learnt_body import parse_body
 from tsuiseki.tracking.bodies.settings import (
     CONTRASTS,
     BodyChoice,

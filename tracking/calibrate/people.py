@@ -15,10 +15,21 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, Placed, read_cameras, write_cameras
-from tsuiseki.tracking.cameras.path_matching import STEP, align, places_at
 from tsuiseki.tracking.cameras.people_bundle import placed, refined
 from tsuiseki.tracking.cameras.people_fit import BodyHeights, fit_view
-from tsuiseki.tracking.cameras.people_views import DRIFT, OFFSET, PeopleView, feet, on_floor, picture, pinhole, view_of
+from tsuiseki.tracking.cameras.people_views import (
+    DRIFT,
+    OFFSET,
+    STEP,
+    PeopleView,
+    align,
+    feet,
+    on_floor,
+    picture,
+    pinhole,
+    places_at,
+    view_of,
+)
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, rates_of, tracked
 from tsuiseki.tracking.result import Result

@@ -94,8 +94,7 @@ class FloorPose(LensSizes):
 
     def camera(self, file: Path) -> tuple[PinholeCamera | OmnidirectionalCamera, list[str]]:
         """The camera whose lens is in ``file``, in its place, and the message about the fit."""
-        from tsuiseki.tracking.calibrate.measured_points import locate_from_points
-        from tsuiseki.tracking.cameras.camera_pose import pose_at
+        from tsuiseki.tracking.calibrate.measured_points import locate_from_points, pose_at
         from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
         from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from tsuiseki.tracking.cameras.path_matching import FEWEST, STEP, Alignment, places_at
 from tsuiseki.tracking.cameras.people_fit import (
     MOST_PEOPLE,
     BodyHeights,
@@ -27,13 +26,17 @@ from tsuiseki.tracking.cameras.people_fit import (
 )
 from tsuiseki.tracking.cameras.people_views import (
     DRIFT,
+    FEWEST,
     GAP,
     NUMBERS,
     OFFSET,
     PLACE,
+    STEP,
+    Alignment,
     PeopleView,
     height_errors,
     on_floor,
+    places_at,
 )
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray

@@ -182,7 +182,7 @@ def _motion_lines(camera: CameraVideos) -> list[str]:
 def _teacher(given: Path | None, options: DetectorOptions, device: Device) -> SizedDetect | None:
     """The detector of the first round."""
     from tsuiseki.tracking.features.exported import open_detector
-    from tsuiseki.trainers.adapt.find import LOWEST_SCORE
+    from tsuiseki.trainers.adapt.round import LOWEST_SCORE
 
     if given is not None:
         return open_detector(given, LOWEST_SCORE, threads=1, options=options, device=device)

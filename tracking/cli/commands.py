@@ -161,7 +161,7 @@ COMMANDS: Tree = {
     "models": Group("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
     "calibrate": Group("calibrate the lens and pose of cameras", "tracking.calibrate.run", CALIBRATE),
     "track": Group("follow something through a video with exported models", "tracking", TRACK),
-    "detect": Command("tracking.people.detect:detect", "write what a network detects in a video, without tracking"),
+    "detect": Command("tracking.people.run:detect", "write what a network detects in a video, without tracking"),
     "scene": Command("tracking.answers.run:scene", "draw lines and zones to count in, on a page in the browser"),
     "hide": Command("tracking.people.hiding:hide_people", "hide people in a video that was tracked"),
     "count": Command("tracking.answers.run:count", "who crosses lines and stays in zones, from a finished result"),

@@ -197,9 +197,8 @@ def detection(
         json: write the scores to this file, with recall and precision at every detection.
     """
     from tsuiseki.tracking.evaluation.detection import evaluate_rotated_file
-    from tsuiseki.tracking.evaluation.result_files import evaluate_detection_files
+    from tsuiseki.tracking.evaluation.result_files import evaluate_detection_files, read_truths
     from tsuiseki.tracking.evaluation.tables import detection_table, evaluation_values
-    from tsuiseki.tracking.evaluation.truths import read_truths
     from tsuiseki.tracking.formats.rotated import is_rotated
 
     _check(0 < iou <= 1, "iou", "an overlap above 0 and up to 1", iou)
@@ -259,9 +258,8 @@ def people(given: PlottedComparison, labels: Labels, classes: list[int | str] | 
             labels' numbers.
     """
     from tsuiseki.tracking.evaluation.multi import evaluate_sequences
-    from tsuiseki.tracking.evaluation.result_files import match_results
+    from tsuiseki.tracking.evaluation.result_files import match_results, read_truths
     from tsuiseki.tracking.evaluation.tables import evaluation_values, people_table
-    from tsuiseki.tracking.evaluation.truths import read_truths
     from tsuiseki.tracking.report.plots import save_comparison
     from tsuiseki.tracking.types.class_choice import ClassChoice
 

@@ -26,8 +26,7 @@ def get(name: str, /, yes: bool = False) -> int:
         yes: do not ask.
     """
     from tsuiseki.tracking.cli.progress import progress
-    from tsuiseki.tracking.weights.catalogue import model_named
-    from tsuiseki.tracking.weights.download import MEGABYTE, download
+    from tsuiseki.tracking.weights.catalogue import MEGABYTE, download, model_named
 
     entry = model_named(name)
     print(entry)

@@ -66,8 +66,7 @@ def _demo_street(
     """Generate a street, track it three ways, score and report."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
-    from tsuiseki.tracking.demo.compared_methods import scored, shipped_street, street_inputs, street_trackers
-    from tsuiseki.tracking.demo.page import DemoResult
+    from tsuiseki.tracking.demo.page import DemoResult, scored, shipped_street, street_inputs, street_trackers
     from tsuiseki.tracking.features.standing_camera import StandingCamera
     from tsuiseki.tracking.features.view_choice import report_models
     from tsuiseki.tracking.formats.mot import read_ground_truth
@@ -100,8 +99,7 @@ def _demo_street(
 
 def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]) -> None:
     """A folder for each method, the overlay, the report."""
-    from tsuiseki.tracking.demo.compared_methods import STREET_METHODS
-    from tsuiseki.tracking.demo.page import street_report
+    from tsuiseki.tracking.demo.page import STREET_METHODS, street_report
     from tsuiseki.tracking.formats.mot import write_tracks
     from tsuiseki.tracking.report.overlay import write_overlay
     from tsuiseki.tracking.report.page import write_report
@@ -125,8 +123,7 @@ def _demo_drone(output: SeededOutput, frames: int, threads: int, device: Device)
     """Generate a clip, detect people once, link them three ways, score and report; see `demo`."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
-    from tsuiseki.tracking.demo.compared_methods import DRONE_METHODS, scored
-    from tsuiseki.tracking.demo.page import DemoResult
+    from tsuiseki.tracking.demo.page import DRONE_METHODS, DemoResult, scored
     from tsuiseki.tracking.drone.drone_models import DroneModels
     from tsuiseki.tracking.drone.run import link, observations
     from tsuiseki.tracking.drone.settings import DroneSettings
@@ -162,8 +159,7 @@ def _demo_drone(output: SeededOutput, frames: int, threads: int, device: Device)
 
 def _write_drone(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> None:
     """A folder for each method, the overlay, the report."""
-    from tsuiseki.tracking.demo.compared_methods import DRONE_METHODS
-    from tsuiseki.tracking.demo.page import drone_report
+    from tsuiseki.tracking.demo.page import DRONE_METHODS, drone_report
     from tsuiseki.tracking.report.overlay import write_drawn
     from tsuiseki.tracking.report.page import write_report
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from tsuiseki.tracking.answers.page import followed
 from tsuiseki.tracking.evaluation.coverage import spans
-from tsuiseki.tracking.report.page import section
-from tsuiseki.tracking.report.timeline import Bar, timeline
+from tsuiseki.tracking.report.page import Bar, section, timeline
 from tsuiseki.tracking.types.tracks import ActingTrack
 
 if TYPE_CHECKING:

@@ -13,9 +13,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence, restrict
 from tsuiseki.tracking.evaluation.point_distances import PointScores, PointTracks
 from tsuiseki.tracking.evaluation.point_distances import evaluate_points as score_points
-from tsuiseki.tracking.evaluation.result_files import match_results, of_class
+from tsuiseki.tracking.evaluation.result_files import Truth, match_results, of_class, read_truths
 from tsuiseki.tracking.evaluation.success_curves import SequenceScores, evaluate_boxes
-from tsuiseki.tracking.evaluation.truths import Truth, read_truths
 from tsuiseki.tracking.formats.label_checks import same_class
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.types import Estimate, FloatArray, Track, as_numbers

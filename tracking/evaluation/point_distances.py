@@ -14,8 +14,8 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.measurement_tables import is_point_file, read_point_tracks
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
-from tsuiseki.tracking.formats.sensed_points import is_point_file, read_point_tracks
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import FloatArray, IntArray, Track

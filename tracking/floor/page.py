@@ -16,9 +16,8 @@ from tsuiseki.tracking.floor.measured_floor import MeasuredFloor
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.track_tables import table_of
 from tsuiseki.tracking.report.overlay import track_colour
-from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, section
+from tsuiseki.tracking.report.page import Bar, embedded_overlay, html_page, listing, section, timeline
 from tsuiseki.tracking.report.plots import inline_svg
-from tsuiseki.tracking.report.timeline import Bar, timeline
 from tsuiseki.tracking.result import Writer
 from tsuiseki.tracking.types import BoolArray, Track
 from tsuiseki.tracking.types.measurements import PersonOnFloor

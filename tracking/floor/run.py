@@ -25,8 +25,8 @@ from tsuiseki.tracking.floor.page import floor_files
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
 from tsuiseki.tracking.following import Drawing, count
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
+from tsuiseki.tracking.formats.measurement_tables import is_point_file
 from tsuiseki.tracking.formats.mot import read_detections
-from tsuiseki.tracking.formats.sensed_points import is_point_file
 from tsuiseki.tracking.formats.world_tables import FloorPositions, read_floor_positions
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.people.inputs import PeopleInputs

@@ -1,4 +1,10 @@
-"""The files of other programs that tracks go into, by name; those with ``read`` are read again, also as labels."""
+"""The files of other programs that tracks go into, by name; those with ``read`` are read again, also as labels.
+
+GEFF, the exchange format of graphs that motile, napari and others read: a folder of Zarr, written without it.
+
+A node is a box or a body in a frame, with ``t`` (the frame, from 0), ``y`` and ``x`` (the centre), what else is known
+of it, and ``track_id``; an edge joins it to the next one of its track. Arrays are of Zarr format 2, one raw chunk each.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +12,22 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.annotation_tools import (
+    read_coco,
+    read_cvat,
+    read_label_studio,
+    write_coco,
+    write_cvat,
+    write_label_studio,
+)
 from tsuiseki.tracking.formats.body_points import write_deeplabcut
 from tsuiseki.tracking.formats.box_labels import write_kitti
-from tsuiseki.tracking.formats.coco_video import read_coco, write_coco
-from tsuiseki.tracking.formats.cvat import read_cvat, write_cvat
-from tsuiseki.tracking.formats.geff import write_geff
-from tsuiseki.tracking.formats.label_studio import read_label_studio, write_label_studio
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.mot_sequence import write_sequence
 from tsuiseki.tracking.formats.rows import write_csv
@@ -22,7 +35,74 @@ from tsuiseki.tracking.formats.sleap_hdf5 import write_sleap_analysis, write_sle
 from tsuiseki.tracking.formats.track_tables import KNOWN, write_table
 from tsuiseki.tracking.formats.tracked_video import NONE, TrackedVideo
 from tsuiseki.tracking.formats.yolo import is_yolo, read_yolo, write_yolo
-from tsuiseki.tracking.geometry import xywh_from_corners
+from tsuiseki.tracking.geometry import centres, xywh_from_corners
+
+GEFF_VERSION = "1.1"
+AXES = (("t", "time", "frame"), ("y", "space", "pixel"), ("x", "space", "pixel"))
+BOX_SIDES = ("x1", "y1", "x2", "y2")
+
+
+def write_geff(folder: Path, video: TrackedVideo) -> None:
+    """Write the graph of the tracks.
+
+    Raises:
+        RequestError: they have no places in a plane.
+    """
+    nodes = _nodes(video)
+    ids, frames = nodes["track_id"], nodes["t"]
+    order = np.lexsort([frames, ids])
+    joined = ids[order][1:] == ids[order][:-1]
+    edges = np.column_stack([order[:-1][joined], order[1:][joined]])
+    axes = [{"name": name, "type": kind, "unit": unit, **_reach(nodes[name])} for name, kind, unit in AXES]
+    about = {
+        "geff_version": GEFF_VERSION,
+        "directed": True,
+        "axes": axes,
+        "node_props_metadata": {name: {"identifier": name, "dtype": str(v.dtype)} for name, v in nodes.items()},
+        "edge_props_metadata": {},
+        "track_node_props": {"tracklet": "track_id"},
+        "extra": {"frame_rate": video.frame_rate, "source": video.name},
+    }
+    for group in ("", "nodes", "nodes/props", *(f"nodes/props/{name}" for name in nodes), "edges", "edges/props"):
+        (folder / group).mkdir(parents=True, exist_ok=True)
+        _write_json(folder / group / ".zgroup", {"zarr_format": 2})
+    _write_json(folder / ".zattrs", {"geff": about})
+    _write_array(folder / "nodes/ids", np.arange(len(order), dtype=np.uint64))
+    _write_array(folder / "edges/ids", edges.astype(np.uint64))
+    for name, values in nodes.items():
+        _write_array(folder / "nodes/props" / name / "values", values)
+
+
+def _nodes(video: TrackedVideo) -> dict[str, NDArray[Any]]:
+    rows, table = video.boxes, video.table
+    if not table or "x1" in table:
+        x, y = centres(rows.boxes).T
+        about = {"t": rows.frames, "y": y, "x": x, "score": rows.scores, "track_id": rows.ids}
+        return about | dict(zip(BOX_SIDES, rows.boxes.T, strict=True))
+    places = next((names for names in (("a", "b"), ("x", "y")) if {*names, "frame", "id"} <= table.keys()), None)
+    if places is None:
+        raise RequestError(f"expected tracks with frame, id and a place, got {', '.join(list(table)[:8])}")
+    known = {"t": table["frame"], "y": table[places[1]], "x": table[places[0]], "track_id": table["id"]}
+    return known | {n: v for n, v in table.items() if v.dtype.kind in "fi" and n not in (*places, "frame", "id")}
+
+
+def _reach(values: NDArray[Any]) -> dict[str, float]:
+    return {"min": float(values.min()), "max": float(values.max())} if len(values) else {}
+
+
+def _write_array(folder: Path, values: NDArray[Any]) -> None:
+    folder.mkdir()
+    shape = list(values.shape)
+    about = {"zarr_format": 2, "shape": shape, "chunks": [max(n, 1) for n in shape], "dtype": values.dtype.str,
+             "compressor": None, "fill_value": 0, "order": "C", "filters": None}  # fmt: skip
+    _write_json(folder / ".zarray", about)
+    if values.size:
+        (folder / ".".join("0" * values.ndim)).write_bytes(np.ascontiguousarray(values).tobytes())
+
+
+def _write_json(path: Path, content: Any) -> None:
+    path.write_text(json.dumps(content, indent=1), encoding="utf-8")
+
 
 HEADING = ("filename", "file_size", "file_attributes", "region_count", "region_id", "region_shape_attributes",
            "region_attributes")  # fmt: skip

@@ -55,13 +55,13 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.linking.run import link as link
     from tsuiseki.tracking.people.bytetrack import ByteTrack as ByteTrack
     from tsuiseki.tracking.people.bytetrack import ByteTrackSettings as ByteTrackSettings
-    from tsuiseki.tracking.people.deepsort import DeepSort as DeepSort
-    from tsuiseki.tracking.people.deepsort import DeepSortSettings as DeepSortSettings
     from tsuiseki.tracking.people.flow import FlowTracker as FlowTracker
     from tsuiseki.tracking.people.flow_input import FlowSettings as FlowSettings
     from tsuiseki.tracking.people.hiding import hide as hide
     from tsuiseki.tracking.people.ocsort import OcSort as OcSort
     from tsuiseki.tracking.people.ocsort import OcSortSettings as OcSortSettings
+    from tsuiseki.tracking.people.sort import DeepSort as DeepSort
+    from tsuiseki.tracking.people.sort import DeepSortSettings as DeepSortSettings
     from tsuiseki.tracking.people.sort import Sort as Sort
     from tsuiseki.tracking.people.sort import SortSettings as SortSettings
     from tsuiseki.tracking.people.tracking import follow_people as follow_people

@@ -23,11 +23,10 @@ from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.onnx import kind_of
 from tsuiseki.tracking.people.bytetrack import ByteTrack
-from tsuiseki.tracking.people.deepsort import DeepSort
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.settings import METHODS, NONE, MethodSettings, PeopleMethod
-from tsuiseki.tracking.people.sort import Sort
+from tsuiseki.tracking.people.sort import DeepSort, Sort
 from tsuiseki.tracking.people.tracker import FirstDetections, PeopleTracker, skipped, updated
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Targets, Track
 from tsuiseki.tracking.types.class_choice import called

@@ -12,10 +12,9 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.people.bytetrack import ByteTrackSettings
-from tsuiseki.tracking.people.deepsort import DeepSortSettings
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.ocsort import OcSortSettings
-from tsuiseki.tracking.people.sort import SortSettings
+from tsuiseki.tracking.people.sort import DeepSortSettings, SortSettings
 from tsuiseki.tracking.types.class_choice import ClassChoice
 
 PeopleMethod = Literal["flow", "deepsort", "sort", "bytetrack", "ocsort"]

@@ -1,17 +1,43 @@
-"""SORT: people followed online by where they are alone (Bewley et al., "Simple online and realtime tracking", 2016)."""
+"""SORT: people followed online by where they are alone (Bewley et al., "Simple online and realtime tracking", 2016).
+
+DeepSORT: online tracking by appearance first, then by position (thesis 2.3.2).
+
+Each frame, the cost c(a, b) of every track a and detection b is computed twice: C^feat, the cosine distance of their
+appearance, and C^pos. A first assignment is solved on C^feat with the gate ε_feat; a second, on C^pos with the gate
+ε_pos, only for the tracks that the first left unmatched and the detections it left free.
+
+The thesis leaves these points open; here:
+
+* C^pos is 1 - IoU of the detection and the box that a Kalman filter of constant velocity predicts for the track.
+* A track's appearance is the running mean of its features, weighted towards the recent ones and kept at unit length.
+* Appearance alone would match two people in similar clothes across the whole image. So the first assignment has a
+  gate on distance: the centre of the detection lies within ``reach`` heights of the prediction, and ``reach_growth``
+  more for each frame without a detection.
+* An unmatched detection starts a track. The track is confirmed after ``min_hits`` detections in a row and deleted
+  after ``max_age`` frames without a detection. Unconfirmed tracks are matched like confirmed ones.
+* A detection or a track without appearance (no feature, or a NaN in it) is matched by position only.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import Unpack
 
+import numpy as np
+
 from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
-from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleKeywords, LifecycleSettings, LifecycleTracker, adjusted
-from tsuiseki.tracking.types import Targets
+from tsuiseki.tracking.people.lifecycle import (
+    LifecycleKeywords,
+    LifecycleSettings,
+    LifecycleTracker,
+    Survivors,
+    adjusted,
+)
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets
 
 
 @dataclass(frozen=True)
@@ -75,3 +101,122 @@ class Sort(LifecycleTracker):
         matched, detected = assign(1 - iou_matrix(predicted, found.boxes), 1 - least)
         self._lifecycle.advance(matched, detected, found)
         return self._lifecycle.targets
+
+
+@dataclass(frozen=True)
+class DeepSortSettings:
+    """Settings of DeepSORT.
+
+    Attributes:
+        feature_gate: ε_feat, the largest cosine distance of a match by appearance, in [0, 2].
+        position_gate: ε_pos, the largest 1 - IoU of a match by position, in [0, 1).
+        memory: weight of the past in a track's running mean of features, in [0, 1).
+        reach: distance from the prediction within which appearance may match, in heights.
+        reach_growth: additional distance for every frame without a detection, in heights.
+        lifecycle: when tracks are confirmed and deleted.
+        motion: noise of the Kalman filter.
+    """
+
+    feature_gate: float = 0.3
+    position_gate: float = 0.7
+    memory: float = 0.9
+    reach: float = 1.0
+    reach_growth: float = 0.1
+    lifecycle: LifecycleSettings = field(default_factory=lambda: LifecycleSettings(max_age=30))
+    motion: BoxMotion = field(default_factory=BoxMotion)
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.feature_gate <= 2 and 0 <= self.position_gate < 1 and 0 <= self.memory < 1):
+            raise RequestError("expected feature_gate in [0, 2], position_gate in [0, 1) and memory in [0, 1)")
+
+
+class DeepSortKeywords(LifecycleKeywords, total=False):
+    """What `DeepSort` takes by name; by default ``max_age`` is 30, ``min_hits`` 3 and ``start_score`` 0.5.
+
+    Attributes:
+        feature_gate: largest cosine distance of a match by appearance, 0.3 by default.
+        position_gate: largest 1 - IoU of a match by position, 0.7 by default.
+        memory: weight of the past in a track's mean appearance, 0.9 by default.
+        reach: distance within which appearance may match, 1 height of the person by default.
+    """
+
+    feature_gate: float | None
+    position_gate: float | None
+    memory: float | None
+    reach: float | None
+
+
+class DeepSort(LifecycleTracker):
+    """Appearance first, then position, each with its own gate. It draws no random numbers.
+
+    Args:
+        settings: all of them; what is given by name goes before.
+        seed: taken as by all trackers; nothing is drawn.
+        given: see `DeepSortKeywords`.
+    """
+
+    def __init__(
+        self, settings: DeepSortSettings | None = None, seed: int = 0, **given: Unpack[DeepSortKeywords]
+    ) -> None:
+        self.settings = adjusted(settings, DeepSortSettings, given)
+        super().__init__(self.settings, seed)
+        self._appearance = np.empty((0, 0))
+
+    def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
+        """Take the detections of the next frame; those without features are matched by position.
+
+        Returns:
+            The people of the frame.
+
+        Raises:
+            ValueError: the features are of another length than those before.
+        """
+        found = as_detections(detections, counted=self.bad)
+        features = self._checked_features(found)
+        predicted = self._lifecycle.predict(time)
+        paired, detected = assign(self._feature_costs(predicted, found, features), self.settings.feature_gate)
+        paired, detected = self._match_rest(predicted, found, paired, detected)
+        parts = self._lifecycle.advance(paired, detected, found)
+        self._appearance = self._updated_appearance(parts, features)
+        return self._lifecycle.targets
+
+    def _checked_features(self, detections: Detections) -> FloatArray:
+        """``(M, D)`` the features, NaN where there are none."""
+        length = self._appearance.shape[1]
+        if detections.features is None:
+            return np.full((len(detections), length), np.nan)
+        if length == 0:
+            self._appearance = np.full((len(self._appearance), detections.features.shape[1]), np.nan)
+        elif detections.features.shape[1] != length and len(detections):
+            raise ValueError(f"expected features of length {length} as before, got {detections.features.shape[1]}")
+        return detections.features.reshape(len(detections), self._appearance.shape[1])
+
+    def _feature_costs(self, predicted: FloatArray, detections: Detections, features: FloatArray) -> FloatArray:
+        """C^feat, infinite outside the gate on distance, NaN without appearance."""
+        if features.size == 0 or self._appearance.size == 0:
+            return np.full((len(predicted), len(detections)), np.nan)
+        move = centres(predicted)[:, None] - centres(detections.boxes)[None]
+        heights = detections.boxes[:, 3] - detections.boxes[:, 1]
+        reach = self.settings.reach + self.settings.reach_growth * self._lifecycle.misses
+        far = np.hypot(move[..., 0], move[..., 1]) > reach[:, None] * heights
+        return np.where(far, np.inf, 1 - self._appearance @ features.T)
+
+    def _match_rest(
+        self, predicted: FloatArray, detections: Detections, paired: IntArray, detected: IntArray
+    ) -> tuple[IntArray, IntArray]:
+        """The matches so far and those by position, C^pos, among what they left."""
+        tracks = np.setdiff1d(np.arange(len(predicted)), paired)
+        free = np.setdiff1d(np.arange(len(detections)), detected)
+        overlaps = iou_matrix(predicted[tracks], detections.boxes[free])
+        rows, columns = assign(1 - overlaps, 1 - self._lifecycle.least(1 - self.settings.position_gate))
+        return np.concatenate([paired, tracks[rows]]), np.concatenate([detected, free[columns]])
+
+    def _updated_appearance(self, parts: Survivors, features: FloatArray) -> FloatArray:
+        """``(N, D)`` the appearance of the live tracks after a frame."""
+        before, now = self._appearance[parts.matched], features[parts.detected]
+        mean = self.settings.memory * before + (1 - self.settings.memory) * now
+        length = np.linalg.norm(mean, axis=1, keepdims=True)
+        # Two opposite features can cancel; the newer then stands alone, as it does where the older is not known.
+        mean = np.where(length > 0, mean / np.where(length > 0, length, 1), now)
+        mean = np.where(np.isnan(before), now, np.where(np.isnan(now), before, mean))
+        return np.concatenate([mean, self._appearance[parts.kept], features[parts.started]])

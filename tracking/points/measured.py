@@ -21,7 +21,7 @@ from tsuiseki.tracking.formats.measurement_tables import (
     sensing_model,
     write_sensed_tracks,
 )
-from tsuiseki.tracking.people.detect import network_detections
+from tsuiseki.tracking.people.run import network_detections
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.points.observed import positions_of, region_of
 from tsuiseki.tracking.points.run import extent_of

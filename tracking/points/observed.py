@@ -21,7 +21,6 @@ from tsuiseki.tracking.filters.finite_sets.point_model import (
     linear_sensor,
     polar_sensor,
 )
-from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, PatchBirths
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     Calibrated,
     EachAlone,
@@ -29,7 +28,7 @@ from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     WithoutOthers,
     as_printed,
 )
-from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.finite_sets.region_phd import AnywhereBirths, PatchBirths, RegionPhdFilter
 from tsuiseki.tracking.filters.point_motion import (
     DriftingBox,
     SteppingBox,

@@ -14,11 +14,11 @@ from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box, parse_colour
 from tsuiseki.tracking.following import Video, count
+from tsuiseki.tracking.formats.measurement_tables import is_point_file, read_points, write_point_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
-from tsuiseki.tracking.formats.sensed_points import is_point_file, read_points, write_point_tracks
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.detect import network_detections
 from tsuiseki.tracking.people.inputs import given_detections
+from tsuiseki.tracking.people.run import network_detections
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.points.observed import points_as_boxes

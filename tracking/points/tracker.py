@@ -24,15 +24,16 @@ from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import (
     TrackParticles,
 )
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter, PhdInfo
-from tsuiseki.tracking.filters.finite_sets.region_births import (
+from tsuiseki.tracking.filters.finite_sets.region_likelihoods import boxes_of, cluster_means
+from tsuiseki.tracking.filters.finite_sets.region_phd import (
     AnywhereBirths,
     Confirmation,
     ExplainedImage,
     PatchBirths,
+    RegionInfo,
+    RegionPhdFilter,
     at_patches,
 )
-from tsuiseki.tracking.filters.finite_sets.region_likelihoods import boxes_of, cluster_means
-from tsuiseki.tracking.filters.finite_sets.region_phd import RegionInfo, RegionPhdFilter
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.point_motion import SteppingBox
 from tsuiseki.tracking.filters.resampling import weighted_mean

@@ -34,9 +34,8 @@ def review(result: Path, /, video: Path | None = None) -> int:
         raise RequestError(f"reviewing needs {needs}; install the extra: pip install 'tsuiseki[review]'")
     import uvicorn
 
-    from tsuiseki.tracking.review.jpeg_frames import JpegFrames
     from tsuiseki.tracking.review.reviewed import Reviewed
-    from tsuiseki.tracking.review.server import HOST, application, listening
+    from tsuiseki.tracking.review.server import HOST, JpegFrames, application, listening
 
     session = Session(result, video)
     try:

@@ -27,13 +27,13 @@ import numpy as np
 
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.filters.base import bootstrap
-from tsuiseki.tracking.filters.kernelised_correlation import ComplexArray
+from tsuiseki.tracking.filters.correlation_filters import ComplexArray
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.point_motion import PlaneWalk
 from tsuiseki.tracking.filters.resampling import normalise
 from tsuiseki.tracking.single import regularised, witness
 from tsuiseki.tracking.single.regularised import Model, RegularisedSettings, RegularisedTarget
-from tsuiseki.tracking.single.response import ResponseMaps, maxima_of_each, peak
+from tsuiseki.tracking.single.search_windows import ResponseMaps, maxima_of_each, peak
 from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.single.witness import Describe, Witness
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status

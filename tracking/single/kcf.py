@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.features.hog import hog
-from tsuiseki.tracking.filters.kernelised_correlation import (
+from tsuiseki.tracking.filters.correlation_filters import (
     ComplexArray,
     FilterBank,
     Float32Array,
@@ -28,8 +28,7 @@ from tsuiseki.tracking.filters.kernelised_correlation import (
     train,
     transform,
 )
-from tsuiseki.tracking.single.response import peak
-from tsuiseki.tracking.single.search_windows import cut
+from tsuiseki.tracking.single.search_windows import cut, peak
 from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 

@@ -38,7 +38,7 @@ import numpy as np
 
 from tsuiseki.tracking.features.objectness import ObjectnessModel, propose, shipped_objectness
 from tsuiseki.tracking.filters.base import Motion, bootstrap
-from tsuiseki.tracking.filters.kernelised_correlation import FilterBank, Samples, join, respond
+from tsuiseki.tracking.filters.correlation_filters import FilterBank, Samples, join, respond
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
 from tsuiseki.tracking.filters.point_motion import PlaneWalk
 from tsuiseki.tracking.filters.resampling import probabilities
@@ -55,7 +55,7 @@ from tsuiseki.tracking.single.particles import (
     jump_prior,
     step_deviation,
 )
-from tsuiseki.tracking.single.response import ResponseMaps
+from tsuiseki.tracking.single.search_windows import ResponseMaps
 from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 

@@ -11,9 +11,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.filters.kernelised_correlation import cosine_window, gaussian_labels
-from tsuiseki.tracking.single.response import peak
-from tsuiseki.tracking.single.search_windows import cut
+from tsuiseki.tracking.filters.correlation_filters import cosine_window, gaussian_labels
+from tsuiseki.tracking.single.search_windows import cut, peak
 from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 

@@ -16,7 +16,7 @@ import numpy as np
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.colours import ForegroundColour
-from tsuiseki.tracking.single.response import ResponseMaps, local_maxima
+from tsuiseki.tracking.single.search_windows import ResponseMaps, local_maxima
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 COLOUR_RATE = 0.04

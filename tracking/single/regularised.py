@@ -30,22 +30,19 @@ import numpy as np
 import scipy.fft
 
 from tsuiseki.tracking.features.hog import hog
-from tsuiseki.tracking.filters.kernelised_correlation import (
+from tsuiseki.tracking.filters.correlation_filters import (
     ComplexArray,
     Float32Array,
-    cosine_window,
-    gaussian_labels,
-)
-from tsuiseki.tracking.filters.regularised_correlation import (
     RegularisedLearning,
     Support,
+    cosine_window,
+    gaussian_labels,
     learn,
-    respond,
+    regularised_response,
 )
 from tsuiseki.tracking.filters.scale_filter import ScaleFilter, best_offset, far_area, far_peak
 from tsuiseki.tracking.single.colours import PixelColour, coloured_area, shift_response, size_contrast
-from tsuiseki.tracking.single.response import peak
-from tsuiseki.tracking.single.search_windows import SizeLadder, SizeSample, cut
+from tsuiseki.tracking.single.search_windows import SizeLadder, SizeSample, cut, peak
 from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -228,7 +225,7 @@ def responses(model: Model, target: RegularisedTarget, image: ImageArray) -> tup
     """Responses ``(rows, columns)`` of places about the target over cyclic shifts, and the colours' share alone."""
     patch = model.patch(image, target.centre, target.size)
     colours = model.colour_response(target.colour, patch)
-    found = respond(target.filters, model.describe([patch])[0], model.shape)
+    found = regularised_response(target.filters, model.describe([patch])[0], model.shape)
     return _joined(model, found, colours), colours
 
 
@@ -249,7 +246,7 @@ def responses_at(
     """
     patches = [model.patch(image, centre, target.size) for centre in centres]
     colours = np.stack([model.colour_response(target.colour, patch) for patch in patches])
-    found = np.stack([respond(bank, window, model.shape) for window in model.describe(patches)])
+    found = np.stack([regularised_response(bank, window, model.shape) for window in model.describe(patches)])
     return _joined(model, found, colours[:, None])
 
 

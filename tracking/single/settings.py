@@ -17,9 +17,9 @@ from tsuiseki.tracking.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.single.gradient import MeanShift, MedianFlow, Mil
 from tsuiseki.tracking.single.matching import ColourParticle, HistogramMatching, TemplateMatching
 from tsuiseki.tracking.single.mosse import Mosse
-from tsuiseki.tracking.single.recognised import Recognised
 from tsuiseki.tracking.single.regularised import RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.single.tracker import SingleTracker
+from tsuiseki.tracking.single.witness import Recognised
 from tsuiseki.tracking.weights import shipped
 
 SingleMethod = Literal[

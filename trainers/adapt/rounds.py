@@ -23,14 +23,17 @@ from tsuiseki.tracking.features.exported import SizedDetect
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.people.settings import NONE
 from tsuiseki.trainers.adapt.certain import CertainBoxes
-from tsuiseki.trainers.adapt.find import RoundVideo, above, find, labelled
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
 from tsuiseki.trainers.adapt.round import (
     DEFAULT,
     Round,
+    RoundVideo,
+    above,
     agreement_held_out,
+    find,
     keep_round,
     kept_round,
+    labelled,
     round_scores,
 )
 from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, TAKEN, Verdict

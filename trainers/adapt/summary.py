@@ -11,8 +11,7 @@ from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.report.adapted import AdaptedReport, BeforeAndAfter, example_crop
 from tsuiseki.tracking.types import Detections, ImageArray, Track
-from tsuiseki.trainers.adapt.find import above
-from tsuiseki.trainers.adapt.round import Round
+from tsuiseki.trainers.adapt.round import Round, above
 from tsuiseki.trainers.adapt.rounds import Adaptation
 from tsuiseki.trainers.adapt.track_labels import DELETED, SHORT, STILL, TAKEN, TWICE, UNSURE
 from tsuiseki.trainers.adapt.watch import HELD_OUT, Watched

@@ -13,11 +13,18 @@ import numpy as np
 
 from tsuiseki.tracking.association.chain_motion import beliefs_along
 from tsuiseki.tracking.association.detection_tables import DetectionTable
-from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, JOIN_FEATURES, detection_evidence, link_evidence
+from tsuiseki.tracking.association.evidence import (
+    DETECTION_FEATURES,
+    JOIN_FEATURES,
+    LinkModel,
+    LinkParts,
+    detection_evidence,
+    link_costs,
+    link_evidence,
+)
 from tsuiseki.tracking.association.flow_rounds import AVERAGED, mean_features
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.inference_times import InferenceTimes
-from tsuiseki.tracking.association.link_parts import LinkModel, LinkParts, link_costs
 from tsuiseki.tracking.association.tracklets import MISS_OF_JOIN, MOST_FOR_JOIN, Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.evaluation.coverage import IGNORED, UNMATCHED, owners_of
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings

@@ -13,8 +13,7 @@ from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, as_ground_t
 from tsuiseki.tracking.evaluation.point_distances import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
 from tsuiseki.tracking.filters.finite_sets import region_likelihoods as likelihoods
-from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, PatchBirths
-from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.finite_sets.region_phd import AnywhereBirths, PatchBirths, RegionPhdFilter
 from tsuiseki.tracking.filters.point_motion import SteppingBox
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.people.tracker import run_tracker

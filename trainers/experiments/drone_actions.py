@@ -42,10 +42,10 @@ from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.people.deepsort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.people.methods import MotionCompensated
 from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
+from tsuiseki.tracking.people.sort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.processes import on_all_cores
 from tsuiseki.tracking.types import FloatArray, IntArray, Track

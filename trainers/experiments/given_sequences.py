@@ -22,7 +22,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import owners_of
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
 from tsuiseki.tracking.evaluation.paired_bootstrap import COUNTS, SCORES, paired_bootstrap, score_sums, scores_of
-from tsuiseki.tracking.evaluation.truths import read_truths
+from tsuiseki.tracking.evaluation.result_files import read_truths
 from tsuiseki.tracking.formats.mot import read_ground_truth, write_detections
 from tsuiseki.tracking.formats.mot_sequence import read_sequence, write_sequence_info
 from tsuiseki.tracking.people.flow import FlowTracker

@@ -26,9 +26,8 @@ from tsuiseki.tracking.features.colour_region import ColourRange
 from tsuiseki.tracking.filters.body_motion import BodyMotion, RandomWalk
 from tsuiseki.tracking.filters.learnt_motion import LearntMotion, motion_text
 from tsuiseki.tracking.filters.resampling import probabilities, systematic
-from tsuiseki.tracking.formats.body_states import read_states, write_states
+from tsuiseki.tracking.formats.body_states import centre_inside, read_silhouettes, read_states, write_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import open_source

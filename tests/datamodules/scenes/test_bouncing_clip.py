@@ -9,7 +9,7 @@ import pytest
 from tsuiseki.datamodules.scenes.bouncing_clip import DIAMETER, GRAVITY, WALL, BouncingBallSettings, plan_balls
 from tsuiseki.tracking.bodies.body import Ball
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.silhouettes import silhouette_of
+from tsuiseki.tracking.formats.body_states import silhouette_of
 
 SETTINGS = BouncingBallSettings(frames=300, balls=2)
 

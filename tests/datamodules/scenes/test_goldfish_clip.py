@@ -14,8 +14,7 @@ from tsuiseki.datamodules.scenes.fish import swim
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.body_states import read_states
-from tsuiseki.tracking.formats.silhouettes import centre_inside, read_silhouettes, silhouette_of
+from tsuiseki.tracking.formats.body_states import centre_inside, read_silhouettes, read_states, silhouette_of
 from tsuiseki.tracking.video.source import open_source
 
 SHORT = GoldfishSettings(frames=12, fish=3)

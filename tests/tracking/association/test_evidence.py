@@ -14,12 +14,14 @@ from tsuiseki.tracking.association.evidence import (
     DETECTION_FEATURES,
     JOIN_FEATURES,
     LINK_FEATURES,
+    LinkModel,
+    LinkParts,
     detection_evidence,
+    link_costs,
     link_evidence,
 )
 from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.association.link_cost import LinkCost
-from tsuiseki.tracking.association.link_parts import LinkModel, LinkParts, link_costs
 from tsuiseki.tracking.association.tracklets import Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.people.flow_input import FlowInput, InputSettings
 from tsuiseki.tracking.types import Detections, FloatArray

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.bodies.body import Ball, Goldfish
-from tsuiseki.tracking.bodies.learnt_body import parse_body
+from tsuiseki.tracking.bodies.body import Ball, Goldfish, parse_body
 from tsuiseki.tracking.errors import RequestError
 
 BODIES = [Goldfish(), Goldfish(length=30, width=8, tail=50, tail_points=1), Ball()]

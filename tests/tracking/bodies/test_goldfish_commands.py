@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.formats.body_states import read_states
-from tsuiseki.tracking.formats.silhouettes import read_silhouettes
+from tsuiseki.tracking.formats.body_states import read_silhouettes, read_states
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.calibrate.measured_points import locate_over_floor, pose_at
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras, write_cameras
-from tsuiseki.tracking.cameras.camera_pose import locate_over_floor, pose_at
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.cameras.camera_pose import pose_at
+from tsuiseki.tracking.calibrate.measured_points import pose_at
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.cameras.person_model import (
     GridSettings,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cameras.triangulation import triangulate
+from tsuiseki.tracking.sphere.points import triangulate
 
 CAMERAS = [
     PinholeCamera.look_at(np.array(place), np.array([0.0, 0.0, 1.0]), 700.0, 800, 600)

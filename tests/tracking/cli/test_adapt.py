@@ -95,7 +95,7 @@ def test_nobody(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch:
     import cv2
 
     from tsuiseki.trainers.adapt import rounds as module
-    from tsuiseki.trainers.adapt.find import TrackedPeople
+    from tsuiseki.trainers.adapt.round import TrackedPeople
 
     monkeypatch.setattr(module, "find", lambda v, *_: TrackedPeople([Detections.empty()] * v.length, 0, [], 1))
     empty = street.write_video(tmp_path / "empty", frames=100)

@@ -13,7 +13,7 @@ import yaml
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.cli.commands import COMMANDS, Group
 from tsuiseki.tracking.cli.parser import parse
-from tsuiseki.tracking.evaluation.truths import read_truths
+from tsuiseki.tracking.evaluation.result_files import read_truths
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.trainers.shipped_models import DRAWN, SHIPPED, commands

@@ -17,8 +17,7 @@ from tsuiseki.tracking.evaluation.detection import (
     evaluate_detections,
     labelled_boxes,
 )
-from tsuiseki.tracking.evaluation.result_files import evaluate_detection_files
-from tsuiseki.tracking.evaluation.truths import read_truths
+from tsuiseki.tracking.evaluation.result_files import evaluate_detection_files, read_truths
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import Detections

@@ -17,8 +17,7 @@ from tsuiseki.tracking.evaluation.multi import (
     evaluate_sequences,
     restrict,
 )
-from tsuiseki.tracking.evaluation.result_files import evaluate_detection_files
-from tsuiseki.tracking.evaluation.truths import Truth
+from tsuiseki.tracking.evaluation.result_files import Truth, evaluate_detection_files
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks, write_tracks
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.frame_range import FrameRange

@@ -13,7 +13,7 @@ from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import evaluate_rotated
-from tsuiseki.tracking.evaluation.truths import read_truths
+from tsuiseki.tracking.evaluation.result_files import read_truths
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.rotated import (
     RotatedBoxes,

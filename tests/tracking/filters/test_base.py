@@ -14,9 +14,13 @@ from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, Mixt
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
 from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor, PointModel, cartesian
-from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, ExplainedImage, PatchBirths
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import EachAlone, WithoutOthers
-from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.finite_sets.region_phd import (
+    AnywhereBirths,
+    ExplainedImage,
+    PatchBirths,
+    RegionPhdFilter,
+)
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter
 from tsuiseki.tracking.filters.point_motion import (
     Ballistic,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.filters.kernelised_correlation import (
+from tsuiseki.tracking.filters.correlation_filters import (
     FilterBank,
     GaussianKernel,
     blend,
@@ -13,7 +13,7 @@ from tsuiseki.tracking.filters.kernelised_correlation import (
     train,
     transform,
 )
-from tsuiseki.tracking.single.response import local_maxima, maxima_of_each, peak, signed_shift
+from tsuiseki.tracking.single.search_windows import local_maxima, maxima_of_each, peak, signed_shift
 
 SHAPE = (6, 8)
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from tsuiseki.tracking.filters.kernelised_correlation import gaussian_labels
-from tsuiseki.tracking.filters.regularised_correlation import (
+from tsuiseki.tracking.filters.correlation_filters import (
     RegularisedLearning,
     Support,
+    gaussian_labels,
     learn,
-    respond,
+    regularised_response,
 )
-from tsuiseki.tracking.single.response import peak
+from tsuiseki.tracking.single.search_windows import peak
 
 SHAPE = (10, 12)
 WANTED = gaussian_labels(SHAPE, 1.0)
@@ -58,10 +58,10 @@ def test_the_response_follows_the_target(shift):
     support = Support.of(SHAPE, 6, 6)
     filters = learn(scipy.fft.rfft2(features), WANTED, support, None, RegularisedLearning())
     moved = scipy.fft.rfft2(np.roll(features, shift, axis=(1, 2)))
-    found, value = peak(respond(filters, moved, SHAPE))
+    found, value = peak(regularised_response(filters, moved, SHAPE))
     np.testing.assert_allclose(found, shift[::-1], atol=0.5)
     # noise gives the filter's 49 cells little to hold the whole window by; elsewhere the response is a fraction of it
-    response = respond(filters, moved, SHAPE)
+    response = regularised_response(filters, moved, SHAPE)
     assert value > 2 * np.sort(response.ravel())[-6]
 
 
@@ -77,6 +77,6 @@ def test_more_memory_keeps_the_filter_closer_to_the_one_before():
 
 def test_a_bank_of_filters_answers_like_each_of_them():
     bank = np.stack([learn(window(k), WANTED, EVERYWHERE, None, RegularisedLearning()) for k in range(3)])
-    together = respond(bank, window(5), SHAPE)
+    together = regularised_response(bank, window(5), SHAPE)
     for one, alone in zip(bank, together, strict=True):
-        np.testing.assert_allclose(respond(one, window(5), SHAPE), alone, atol=1e-6)
+        np.testing.assert_allclose(regularised_response(one, window(5), SHAPE), alone, atol=1e-6)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.evaluation.result_files import match_results
-from tsuiseki.tracking.evaluation.truths import read_truths
+from tsuiseki.tracking.evaluation.result_files import match_results, read_truths
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.single import read_boxes

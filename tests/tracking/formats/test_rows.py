@@ -13,13 +13,12 @@ from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
 from tsuiseki.tracking.formats.body_states import read_states
 from tsuiseki.tracking.formats.box_labels import read_kitti, read_visdrone
-from tsuiseki.tracking.formats.measurement_tables import read_scans
+from tsuiseki.tracking.formats.measurement_tables import is_point_file, read_point_tracks, read_scans
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.formats.okutama import read_okutama
 from tsuiseki.tracking.formats.rotated import read_rotated_labels
 from tsuiseki.tracking.formats.rows import finite_number, read_rows
-from tsuiseki.tracking.formats.sensed_points import is_point_file, read_point_tracks
 from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.formats.world_tables import read_correspondences
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.silhouettes import FOLDER, centre_inside, read_silhouettes
+from tsuiseki.tracking.formats.body_states import FOLDER, centre_inside, read_silhouettes
 
 
 @pytest.fixture

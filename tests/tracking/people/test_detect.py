@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.formats.measurement_tables import read_points
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
-from tsuiseki.tracking.formats.sensed_points import read_points
 
 BOX = [8, 8, 24, 40]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.review.jpeg_frames import JpegFrames
+from tsuiseki.tracking.review.server import JpegFrames
 
 av = pytest.importorskip("av")
 SIZE, FRAMES, STRIPE = (64, 48), 50, 4

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.tracking.single.moving_texture import SIZE, clip, overlaps, run, walk
-from tsuiseki.tracking.filters.kernelised_correlation import respond
+from tsuiseki.tracking.filters.correlation_filters import respond
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.kcf import KcfTracker
 

@@ -16,7 +16,7 @@ from tsuiseki.tracking.single.particles import (
     jump_prior,
     step_deviation,
 )
-from tsuiseki.tracking.single.response import ResponseMaps
+from tsuiseki.tracking.single.search_windows import ResponseMaps
 
 PEAKS = np.array([[10.0, 10.0], [200.0, 50.0], [60.0, 150.0]])
 DEVIATION = np.array([2.0, 3.0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.single.colours import PixelColour, coloured_area, shift_response, size_contrast
-from tsuiseki.tracking.single.response import peak
+from tsuiseki.tracking.single.search_windows import peak
 
 SIDE, WIDTH, HEIGHT = 104, 24, 40
 

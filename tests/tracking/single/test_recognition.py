@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.single.combined import Combined
-from tsuiseki.tracking.single.recognised import Recognised, RecognitionSettings
 from tsuiseki.tracking.single.settings import SingleChoice
 from tsuiseki.tracking.single.tracker import TargetState
+from tsuiseki.tracking.single.witness import Recognised, RecognitionSettings
 
 BOX = np.array([10.0, 10.0, 30.0, 50.0])
 EVERY = RecognitionSettings(every=1, trusted=2, lost_inferences=2)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.single.colours import ForegroundColour
-from tsuiseki.tracking.single.response import ResponseMaps
+from tsuiseki.tracking.single.search_windows import ResponseMaps
 
 
 def ramp_maps():

@@ -6,10 +6,10 @@ import pytest
 
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cameras.triangulation import triangulate
 from tsuiseki.tracking.cameras.volume import common_volume, in_view
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.point_motion import Ballistic, ConstantVelocity3D
+from tsuiseki.tracking.sphere.points import triangulate
 from tsuiseki.tracking.sphere.run import check_start
 from tsuiseki.tracking.sphere.search import find_ball
 from tsuiseki.tracking.sphere.settings import check_lengths

@@ -20,7 +20,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.exported import open_appearance, open_detector
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
-from tsuiseki.tracking.weights import catalogue, download
+from tsuiseki.tracking.weights import catalogue
 from tsuiseki.tracking.weights.catalogue import CATALOGUE, CatalogueModel, file_sum
 
 BLANK = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
@@ -100,7 +100,7 @@ def entry(server, tmp_path, monkeypatch):
 
 
 def fetched(entry):
-    return sum(1 for _ in download.download(entry))
+    return sum(1 for _ in catalogue.download(entry))
 
 
 def test_the_command_shows_the_terms_fetches_and_the_name_is_a_detector_then(entry, server, tmp_path, capsys):
@@ -158,14 +158,14 @@ def test_a_download_that_was_cut_goes_on_where_it_ended(entry, server):
 
 
 def test_the_progress_counts_each_megabyte_once_however_often_it_is_cut(entry, server, monkeypatch):
-    monkeypatch.setattr(download, "MEGABYTE", 100)
+    monkeypatch.setattr(catalogue, "MEGABYTE", 100)
     server.cut = [300, 200]
-    assert sum(1 for _ in download.download(entry)) == len(server.content) // 100
+    assert sum(1 for _ in catalogue.download(entry)) == len(server.content) // 100
 
 
 def test_one_that_keeps_breaking_off_is_kept_for_the_next_command(entry, server):
-    server.cut = [100] * download.TRIES
-    with pytest.raises(RunError, match=rf"broke off {download.TRIES} times, .* 500 bytes are kept: give the command"):
+    server.cut = [100] * catalogue.TRIES
+    with pytest.raises(RunError, match=rf"broke off {catalogue.TRIES} times, .* 500 bytes are kept: give the command"):
         fetched(entry)
     assert not entry.file.exists()
     fetched(entry)
@@ -260,7 +260,7 @@ def test_every_wait_has_a_bound(entry, server, monkeypatch, pause):
     server.content, server.pause = bytes(50_000), pause
     entry = replace(entry, sha256="", size=0)
     for name, value in (("PATIENCE", 0.3), ("TRIES", 2), ("SLOWEST", 1e9)):
-        monkeypatch.setattr(download, name, value)
+        monkeypatch.setattr(catalogue, name, value)
     begun = time.monotonic()
     with pytest.raises(RunError, match=r"broke off 2 times, the last time with '(timed out|too slow)'"):
         fetched(entry)
@@ -276,8 +276,8 @@ def test_a_server_that_is_not_there_is_said_in_one_line(entry, server):
 
 def test_two_downloads_of_one_model_do_not_mix(entry, server):
     server.cut = [1000]
-    first = download.download(replace(entry, size=0))
-    server.content = bytes(3 * download.MEGABYTE)
+    first = catalogue.download(replace(entry, size=0))
+    server.content = bytes(3 * catalogue.MEGABYTE)
     server.cut = []
     next(first)
     with pytest.raises(RequestError, match="another run is downloading ours-s"):

@@ -17,7 +17,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.trainers.adapt import rounds as module
-from tsuiseki.trainers.adapt.find import TrackedPeople
+from tsuiseki.trainers.adapt.round import TrackedPeople
 from tsuiseki.trainers.adapt.rounds import (
     Adaptation,
     against_default,

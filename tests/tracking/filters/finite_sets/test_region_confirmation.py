@@ -8,7 +8,7 @@ import pytest
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, plan_blobs
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS
-from tsuiseki.tracking.filters.finite_sets.region_births import Confirmation, at_patches
+from tsuiseki.tracking.filters.finite_sets.region_phd import Confirmation, at_patches
 from tsuiseki.tracking.points.settings import BlobSettings
 from tsuiseki.tracking.points.tracker import BlobTracker
 from tsuiseki.tracking.types import Frame

@@ -12,7 +12,6 @@ from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings as SceneSett
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_mask
-from tsuiseki.tracking.filters.finite_sets.region_births import AnywhereBirths, PatchBirths
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     Calibrated,
     Equalised,
@@ -21,7 +20,7 @@ from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     as_printed,
     calibrated,
 )
-from tsuiseki.tracking.filters.finite_sets.region_phd import RegionPhdFilter
+from tsuiseki.tracking.filters.finite_sets.region_phd import AnywhereBirths, PatchBirths, RegionPhdFilter
 from tsuiseki.tracking.filters.point_motion import SteppingBox
 from tsuiseki.tracking.filters.resampling import logarithms
 from tsuiseki.tracking.formats.mot import read_ground_truth
