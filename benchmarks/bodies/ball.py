@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, plan_balls
+from tsuiseki.datamodules.scenes.body_clip import BouncingBallSettings, plan_balls
 from tsuiseki.tracking.bodies.body import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.settings import DeformableSettings

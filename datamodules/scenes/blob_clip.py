@@ -10,14 +10,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import IMAGES, QUALITY, ClipSettings, FrameTruth, Moment, ground_truth
-from tsuiseki.datamodules.scenes.render.solids import overlap
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.datamodules.scenes.clip import Clip, ClipSettings, FrameTruth, Moment, ground_truth
+from tsuiseki.datamodules.scenes.render.tracing import overlap
+from tsuiseki.tracking.geometry import areas, intersections
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
 
 HUES = {"red": 0.0, "orange": 28.0, "yellow": 55.0, "green": 120.0, "cyan": 182.0, "blue": 230.0, "magenta": 300.0}
@@ -66,48 +66,30 @@ class BlobSceneSettings(ClipSettings):
 
 
 @dataclass(frozen=True)
-class BlobPaths:
-    """Where everything is.
-
-    Attributes:
-        boxes: ``(T, K, 4)`` x1, y1, x2, y2 in pixels, NaN while an object is away.
-        purity: ``(K,)``.
-        sprites: a picture ``(h, w, 3)`` of each object.
-        shapes: its ``(h, w)`` mask.
-    """
-
-    boxes: FloatArray
-    purity: FloatArray
-    sprites: tuple[ImageArray, ...]
-    shapes: tuple[ImageArray, ...]
-
-
-@dataclass(frozen=True)
-class BlobClip:
-    """A planned clip; see `clip.Clip`. Nearer objects (later ones) cover farther ones."""
+class BlobClip(Clip[FloatArray]):
+    """The clip of a seed. Nearer objects (later ones) cover farther ones."""
 
     settings: BlobSceneSettings
     seed: int
 
-    views: ClassVar[tuple[str, ...]] = (IMAGES,)
-    quality: ClassVar[int] = QUALITY
-
     @property
-    def paths(self) -> BlobPaths:
-        """Where everything is."""
-        return _plan(self.settings, np.random.default_rng(self.seed))
+    def purity(self) -> FloatArray:
+        """``(K,)`` of the objects."""
+        return _purity(self.settings, np.random.default_rng(self.seed))
 
     def frames(self) -> Iterator[Moment[FloatArray]]:
         """See `clip.Clip`; the truth is the boxes ``(K, 4)`` of a frame, NaN while an object is away."""
         settings, rng = self.settings, np.random.default_rng(self.seed)
-        paths = _plan(settings, rng)
+        ways, objects = _plan(settings, rng)
         ground = _ground(settings, rng)
-        for boxes in paths.boxes:
+        for boxes in ways:
             image = ground.copy()
             _stain_colour(image, settings, settings.flashes, rng)
-            for box, sprite, shape in zip(boxes, paths.sprites, paths.shapes, strict=True):
+            for box, (picture, shape) in zip(boxes, objects, strict=True):
                 if np.isfinite(box[0]):
-                    _paste(image, sprite, shape, box)
+                    # Its corner lies at whole pixels.
+                    there, own = overlap(image.shape, (round(float(box[1])), round(float(box[0]))), shape.shape)
+                    image[there][shape[own]] = picture[own][shape[own]]
             noise = 4.0 * rng.standard_normal(image.shape, dtype=np.float32)
             yield (np.clip(image + noise, 0, 255).astype(np.uint8),), boxes
 
@@ -116,27 +98,26 @@ class BlobClip:
         self.settings.write_info(folder, name, as_ground_truth(np.stack(truths)))
 
 
-def plan_blobs(settings: BlobSceneSettings, seed: int) -> BlobClip:
-    """The clip of ``seed``."""
-    return BlobClip(settings, seed)
+def _purity(settings: BlobSceneSettings, rng: np.random.Generator) -> FloatArray:
+    count, most = settings.objects, settings.purity[1]
+    return rng.permutation(np.linspace(*settings.purity, count)) if count > 1 else np.array([most])
 
 
-def _plan(settings: BlobSceneSettings, rng: np.random.Generator) -> BlobPaths:
-    """Draw the objects and their ways."""
-    count = settings.objects
-    purity = rng.permutation(np.linspace(*settings.purity, count)) if count > 1 else np.array([settings.purity[1]])
+def _plan(
+    settings: BlobSceneSettings, rng: np.random.Generator
+) -> tuple[FloatArray, list[tuple[ImageArray, BoolArray]]]:
+    """Boxes ``(T, K, 4)``, and the picture ``(h, w, 3)`` and mask ``(h, w)`` of each object."""
+    count, purity = settings.objects, _purity(settings, rng)
     sizes = np.round(rng.uniform(*settings.size, (count, 2)))
     late = np.arange(count) < round(settings.enter * count)
     start = np.where(late, rng.integers(1, max(settings.frames // 2, 2), count), 0)
     boxes = np.full((settings.frames, count, 4), np.nan)
-    for k in range(count):
+    for k, half in enumerate(sizes / 2):
         centres = _path(settings, sizes[k], bool(late[k]), settings.frames - int(start[k]), rng)
-        half = sizes[k] / 2
         boxes[start[k] :, k] = np.concatenate([centres - half, centres + half], axis=1)
     inside = np.minimum(boxes[..., 2:], [settings.width, settings.height]) - np.maximum(boxes[..., :2], 0)
     boxes[inside.min(axis=-1) < 3] = np.nan
-    drawn = [_sprite(size, share, HUES[settings.colour], rng) for size, share in zip(sizes, purity, strict=True)]
-    return BlobPaths(boxes, purity, tuple(d[0] for d in drawn), tuple(d[1] for d in drawn))
+    return boxes, [_sprite(size, share, HUES[settings.colour], rng) for size, share in zip(sizes, purity, strict=True)]
 
 
 def as_ground_truth(boxes: FloatArray) -> GroundTruth:
@@ -144,14 +125,9 @@ def as_ground_truth(boxes: FloatArray) -> GroundTruth:
     truths = []
     for now in boxes:
         there = np.flatnonzero(np.isfinite(now[:, 0]))
-        truths.append(FrameTruth(there + 1, now[there], np.array([_visible(now, k) for k in there.tolist()])))
+        covered = np.triu(intersections(now[there, None], now[there][None]), 1).sum(axis=1)
+        truths.append(FrameTruth(there + 1, now[there], np.maximum(1 - covered / areas(now[there]), 0)))
     return ground_truth(truths)
-
-
-def _visible(boxes: FloatArray, k: int) -> float:
-    over = boxes[k + 1 :][np.isfinite(boxes[k + 1 :, 0])]
-    side = np.clip(np.minimum(boxes[k, 2:], over[:, 2:]) - np.maximum(boxes[k, :2], over[:, :2]), 0, None)
-    return float(max(1.0 - side.prod(axis=1).sum() / np.prod(boxes[k, 2:] - boxes[k, :2]), 0.0))
 
 
 def _path(
@@ -180,7 +156,7 @@ def _path(
     return way
 
 
-def _sprite(size: FloatArray, purity: float, hue: float, rng: np.random.Generator) -> tuple[ImageArray, ImageArray]:
+def _sprite(size: FloatArray, purity: float, hue: float, rng: np.random.Generator) -> tuple[ImageArray, BoolArray]:
     """A rounded object: cells of 3 pixels, ``purity`` of them in the colour and the others grey or brown."""
     width, height = (int(side) for side in size)
     cells = (-(-height // 3), -(-width // 3))
@@ -193,7 +169,7 @@ def _sprite(size: FloatArray, purity: float, hue: float, rng: np.random.Generato
     picture = np.repeat(np.repeat(picture, 3, axis=0), 3, axis=1)[:height, :width]
     y, x = np.mgrid[:height, :width]
     round_off = ((x + 0.5) / width * 2 - 1) ** 6 + ((y + 0.5) / height * 2 - 1) ** 6 <= 1.0
-    return picture, round_off.astype(np.uint8)
+    return picture, round_off
 
 
 def _ground(settings: BlobSceneSettings, rng: np.random.Generator) -> ImageArray:
@@ -225,13 +201,6 @@ def _stain(image: ImageArray, hsv: FloatArray, radii: FloatArray, rng: np.random
     axes = (max(int(radii[0]), 1), max(int(radii[1]), 1))
     colour = tuple(int(v) for v in _rgb(hsv[None, None])[0, 0])
     cv2.ellipse(image, centre, axes, float(rng.uniform(0, 180)), 0, 360, colour, cv2.FILLED, cv2.LINE_AA)
-
-
-def _paste(image: ImageArray, sprite: ImageArray, shape: ImageArray, box: FloatArray) -> None:
-    """Draws an object with its corner at whole pixels, cut off at the border."""
-    there, own = overlap(image.shape, (round(float(box[1])), round(float(box[0]))), shape.shape)
-    inside = shape[own].astype(bool)
-    image[there][inside] = sprite[own][inside]
 
 
 def _rgb(hsv: FloatArray) -> ImageArray:

@@ -5,15 +5,16 @@ A clip is planned whole from its settings and a seed, draws its frames in order,
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.render.scene import Sighting
+from tsuiseki.datamodules.scenes.render.composing import Sighting
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
@@ -32,27 +33,33 @@ Moment = tuple[Sequence[ImageArray], Truth]
 """The images of all views at one time, and what is true then."""
 
 
-class Clip(Protocol[Truth]):
+class Clip(ABC, Generic[Truth]):
     """A generated clip of one or several views.
 
     Attributes:
+        settings: `ClipSettings`, or what has ``frames`` too.
         quality: of JPEG images, 1 to 100.
     """
 
-    quality: ClassVar[int]
+    settings: Any
+    quality: ClassVar[int] = QUALITY
+    draw_frame: ClassVar[Callable[..., Any]]
+    """Draws one frame of a clip whose frames depend on none before: the image of its only view, and the truth."""
 
     @property
     def views(self) -> tuple[str, ...]:
         """For each view the files of its images, with ``{number}`` of the frame from 1 or ``{frame}`` from 0."""
-        ...
+        return (IMAGES,)
 
     def frames(self) -> Iterator[Moment[Truth]]:
         """The clip from the start: an image of each view, ``(H, W, 3)`` uint8 RGB, before JPEG, and their truth."""
-        ...
+        for frame in range(self.settings.frames):
+            image, truth = self.draw_frame(frame)
+            yield (image,), truth
 
+    @abstractmethod
     def write_truth(self, folder: Path, name: str, truths: list[Truth]) -> None:
         """Write the truth of all frames, and whatever else belongs to the sequence ``name``, into ``folder``."""
-        ...
 
 
 def write_clip(

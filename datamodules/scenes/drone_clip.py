@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -14,17 +13,16 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from tsuiseki.datamodules.scenes import clip
-from tsuiseki.datamodules.scenes.people.activities import AHEAD
-from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, PerformerState, gather
+from tsuiseki.datamodules.scenes.people.activities import CRATE_HEIGHT, in_hand, standing_prop
+from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, PerformerState, facing, gather
 from tsuiseki.datamodules.scenes.people.person import person_thing
 from tsuiseki.datamodules.scenes.people.posture import place
-from tsuiseki.datamodules.scenes.people.props import CRATE_HEIGHT, in_hand, standing_prop
+from tsuiseki.datamodules.scenes.render.composing import Thing, draw_things
 from tsuiseki.datamodules.scenes.render.degrade import grains, level_tone, photographed, random_degradation
 from tsuiseki.datamodules.scenes.render.ground import GroundMap, ground_homography, look_down, map_ground, random_ground
-from tsuiseki.datamodules.scenes.render.insertion import draw_things
-from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_light
-from tsuiseki.datamodules.scenes.things.clutter import bush, crate, reach_of
+from tsuiseki.datamodules.scenes.things.street_things import bush, crate, reach_of
+from tsuiseki.datamodules.scenes.things.town import made
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, actions_of, write_okutama
@@ -130,8 +128,8 @@ class DroneSceneSettings(clip.ClipSettings):
 
 
 @dataclass(frozen=True)
-class DroneClip:
-    """A planned clip, of which every frame can be drawn on its own; see `clip.Clip`."""
+class DroneClip(clip.Clip[clip.FrameTruth]):
+    """A planned clip, of which every frame can be drawn on its own."""
 
     settings: DroneSceneSettings
     seed: int
@@ -143,18 +141,12 @@ class DroneClip:
     tone: FloatArray
     grains: list[NDArray[np.int16]]
 
-    quality: ClassVar[int] = 90
+    quality = 90
 
     @property
     def views(self) -> tuple[str, ...]:
         """See `clip.Clip`."""
         return (clip.IMAGES if self.settings.layout == "mot" else OKUTAMA_FRAMES.format(seed=self.seed),)
-
-    def frames(self) -> Iterator[clip.Moment[clip.FrameTruth]]:
-        """See `clip.Clip`."""
-        for frame in range(self.settings.frames):
-            image, truth = self.draw_frame(frame)
-            yield (image,), truth
 
     def draw_frame(self, frame: int) -> tuple[ImageArray, clip.FrameTruth]:
         """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the performers of the plan from 1."""
@@ -164,9 +156,7 @@ class DroneClip:
             person_thing(p.person, m.pose, m.position, m.heading) for p, m in zip(performers, states, strict=True)
         ]
         others = [held for p, m in zip(performers, states, strict=True) for held in _held(p, m)]
-        others += [
-            Thing(standing_prop(t.prop, t.position, t.yaw)) for t in self.gathering.things if t.first <= frame < t.last
-        ]
+        others += [standing_prop(t.prop, t.position, t.yaw) for t in self.gathering.things if t.first <= frame < t.last]
         image = look_down(self.ground, camera)
         sightings = draw_things(image, people + others + self.static, camera, self.light, settings.samples)
         image = _smeared(image, _image_motion(self.cameras, frame) * SHUTTER)
@@ -192,16 +182,26 @@ class DroneClip:
 def plan_drone(settings: DroneSceneSettings, seed: int) -> DroneClip:
     """The way of the camera, the ground and what everybody does, as ``seed`` has it."""
     rng = np.random.default_rng([seed, 7])
-    view = _viewpoint(rng, settings)
-    cameras = fly(rng, view, settings)
-    arena = _arena(settings, view)
+    altitude = float(np.exp(rng.uniform(*np.log(settings.altitude))))
+    tilt = min(float(np.radians(rng.uniform(*settings.tilt))), STEEPEST)
+    away = altitude / math.sin(tilt)
+    # Near the ground a wider lens keeps everybody in view.
+    focal = min(float(rng.uniform(*settings.focal)), max(away / BREADTH, settings.focal[0])) * settings.width
+    cameras = fly(rng, Viewpoint(altitude, tilt, focal), settings)
+    # Centre and half axes of the ellipse that people act in: the middle of the view.
+    across, along = 0.36 * away * settings.width / focal, 0.34 * away * settings.height / focal / math.sin(tilt)
+    room = 1.1 * math.sqrt(settings.people)
+    arena = np.array([[0.0, 0.0], [max(across, room), max(along, 0.75 * room)]])
     static, obstacles = _obstacles(rng, settings.clutter, arena)
     gathering = gather(rng, settings, settings.people, arena, obstacles, settings.look_alikes)
     # A generator of its own: the rest of a clip does not depend on the sun.
     light, of_sun = random_light(rng), np.random.default_rng([seed, 8])
     if of_sun.random() < settings.sun:
         light = hard_sun(of_sun)
-    light = _exposed(light, float(np.exp(rng.normal(0, 0.2))))
+    # As the camera takes it: a middle grey ground comes out as middle grey.
+    up = light.direction[2] * light.sun + light.sky
+    gain = np.float32(0.8 * float(np.exp(rng.normal(0, 0.2))) / up.mean())
+    light = Light(light.direction, light.sun * gain, light.sky * gain, light.ground * gain)
     ground = map_ground(random_ground(rng), cameras, light)
     tone = level_tone(random_degradation(rng, 0.6))
     noises = grains(rng, NOISE, settings.width, settings.height)
@@ -269,41 +269,16 @@ def _jerks(rng: np.random.Generator, motion: FlightMotion, frames: int, frame_ra
     return turns
 
 
-def _viewpoint(rng: np.random.Generator, settings: DroneSceneSettings) -> Viewpoint:
-    altitude = float(np.exp(rng.uniform(*np.log(settings.altitude))))
-    tilt = min(float(np.radians(rng.uniform(*settings.tilt))), STEEPEST)
-    # Near the ground a wider lens keeps everybody in view.
-    widest = altitude / math.sin(tilt) / BREADTH
-    focal = min(float(rng.uniform(*settings.focal)), max(widest, settings.focal[0]))
-    return Viewpoint(altitude, tilt, focal * settings.width)
-
-
-def _arena(settings: DroneSceneSettings, view: Viewpoint) -> FloatArray:
-    """Centre and half axes of the ellipse that people act in: the middle of the view."""
-    distance = view.altitude / math.sin(view.tilt)
-    across = 0.36 * distance * settings.width / view.focal
-    along = 0.34 * distance * settings.height / view.focal / math.sin(view.tilt)
-    room = 1.1 * math.sqrt(settings.people)
-    return np.array([[0.0, 0.0], [max(across, room), max(along, 0.75 * room)]])
-
-
 def _obstacles(rng: np.random.Generator, count: int, arena: FloatArray) -> tuple[list[Thing], FloatArray]:
     """Bushes, trees and boxes about the arena, and ``(M, 3)`` where they stand and how far they reach."""
     things, rows = [], []
     for _ in range(count):
         angle, away = rng.uniform(0, 2 * np.pi), rng.uniform(0.75, 1.5)
         spot = arena[0] + away * arena[1] * np.array([np.cos(angle), np.sin(angle)])
-        solids = (bush if rng.random() < 0.6 else crate)(rng, spot, float(rng.uniform(0, 2 * np.pi)))
-        things.append(Thing(solids))
-        rows.append([*spot, min(reach_of(solids, spot), 0.8)])
+        make = bush if rng.random() < 0.6 else crate
+        things.append(made(rng, make, spot, float(rng.uniform(0, 2 * np.pi))))
+        rows.append([*spot, min(reach_of(things[-1].solids, spot), 0.8)])
     return things, np.array(rows, dtype=np.float64).reshape(-1, 3)
-
-
-def _exposed(light: Light, exposure: float) -> Light:
-    """``light`` as the camera takes it: a middle grey ground comes out as middle grey."""
-    up = light.direction[2] * light.sun + light.sky
-    gain = np.float32(0.8 * exposure / up.mean())
-    return Light(light.direction, light.sun * gain, light.sky * gain, light.ground * gain)
 
 
 def _held(performer: Performer, state: PerformerState) -> list[Thing]:
@@ -311,12 +286,12 @@ def _held(performer: Performer, state: PerformerState) -> list[Thing]:
     prop = state.prop
     if prop is None:
         return []
-    if prop.kind not in AHEAD:
+    if not prop.ahead:
         skeleton = place(performer.person.build, state.pose, state.position, state.heading)
-        return [Thing(in_hand(prop, skeleton, state.hand))]
-    forward = np.array([math.cos(state.heading), math.sin(state.heading)])
+        return [in_hand(prop, skeleton, state.hand)]
+    forward = facing(state.heading)
     lift = CRATE_HEIGHT - 0.1 if prop.kind == "crate" else 0.0
-    return [Thing(standing_prop(prop, state.position + AHEAD[prop.kind] * forward, state.heading, lift))]
+    return [standing_prop(prop, state.position + prop.ahead * forward, state.heading, lift)]
 
 
 def _image_motion(cameras: list[PinholeCamera], frame: int) -> FloatArray:

@@ -104,7 +104,11 @@ def _step(fish: _Fish, clock: float, dt: float, size: FloatArray, rng: np.random
     fish.bending += dt * pull
     fish.bend = float(np.clip(fish.bend + dt * fish.bending, -LARGEST_BEND, LARGEST_BEND))
     _push(fish, dt)
-    _keep_inside(fish, size)
+    # The glass stops what would leave the tank.
+    low, high = NEAREST_WALL, size - NEAREST_WALL
+    out = ((fish.place < low) & (fish.velocity < 0)) | ((fish.place > high) & (fish.velocity > 0))
+    fish.velocity = np.where(out, 0.0, fish.velocity)
+    fish.place = np.clip(fish.place, low, high)
 
 
 def _decide(fish: _Fish, clock: float, dt: float, size: FloatArray, rng: np.random.Generator) -> float:
@@ -168,14 +172,6 @@ def _push(fish: _Fish, dt: float) -> None:
     fish.heading += dt * fish.turning
 
 
-def _keep_inside(fish: _Fish, size: FloatArray) -> None:
-    """The glass stops what would leave the tank."""
-    low, high = NEAREST_WALL, size - NEAREST_WALL
-    out = ((fish.place < low) & (fish.velocity < 0)) | ((fish.place > high) & (fish.velocity > 0))
-    fish.velocity = np.where(out, 0.0, fish.velocity)
-    fish.place = np.clip(fish.place, low, high)
-
-
 def _new_goal(size: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Somewhere in the middle part, so that ways cross."""
     return size * rng.uniform(0.25, 0.75, 2)
@@ -228,7 +224,10 @@ def draw_fish(fish: FishAppearance, state: FloatArray) -> Drawn:
     s, r = _straightened(along, across, fish.length / 2, phi)
     body = half_width(fish, s) - np.abs(r)
     fin = _tail_fin(fish, s, np.abs(r))
-    paddles = _paddles(fish, s, np.abs(r))
+    # Two breast fins, nearly clear.
+    u, v = s - 0.12 * fish.length, np.abs(r) - 0.52 * fish.width
+    ahead, wide = 0.08 * fish.length, 0.26 * fish.width
+    paddles = (1 - np.sqrt(((0.8 * u + 0.6 * v) / ahead) ** 2 + ((-0.6 * u + 0.8 * v) / wide) ** 2)) * ahead
     opaque = np.clip(body + 0.5, 0, 1)
     opacity = np.maximum.reduce([opaque, 0.85 * np.clip(fin + 0.5, 0, 1), 0.22 * np.clip(paddles + 0.5, 0, 1)])
     return Drawn(left, top, _colour(fish, s, r, opaque), np.asarray(opacity, np.float32))
@@ -250,14 +249,6 @@ def _tail_fin(fish: FishAppearance, s: Float32, r: Float32) -> Float32:
     end = fish.tail * (0.93 - back) + 0.55 * r
     inside = np.minimum(spread - r, np.minimum(end, fish.tail * (1.06 - back)))
     return np.asarray(np.where(back > 0.1, inside, -1.0), np.float32)
-
-
-def _paddles(fish: FishAppearance, s: Float32, r: Float32) -> Float32:
-    """Signed distance into the two breast fins, nearly clear."""
-    u, v = s - 0.12 * fish.length, r - 0.52 * fish.width
-    p, q = 0.8 * u + 0.6 * v, -0.6 * u + 0.8 * v
-    ahead, wide = 0.08 * fish.length, 0.26 * fish.width
-    return np.asarray((1 - np.sqrt((p / ahead) ** 2 + (q / wide) ** 2)) * ahead, np.float32)
 
 
 def _colour(fish: FishAppearance, s: Float32, r: Float32, opaque: Float32) -> Float32:

@@ -46,37 +46,32 @@ def random_flow_pair(
         noise: standard deviation of the sensor's, grey levels.
     """
     width, height = size
-    columns, rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
-    ground = _ground(rng, size, motion)
+    grid = np.stack(np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)), -1)
+    margin, cell = int(1.5 * motion) + 8, float(rng.uniform(0.008, 0.03))
+    x, y = ((np.arange(n + 2 * margin, dtype=np.float32) - n / 2) * np.float32(cell) for n in size)
+    xs, ys = np.meshgrid(x, y)
+    colour = ground_colour(random_ground(rng), xs, ys, np.full(xs.shape, cell, dtype=np.float32))
+    ground = np.asarray(255 * np.clip(colour, 0, 1), dtype=np.float32)
     away = _camera_motion(rng, size, motion)
-    moved = np.asarray(cv2.perspectiveTransform(np.stack([columns, rows], -1).reshape(-1, 1, 2), away))
-    flow = np.asarray(moved, dtype=np.float32).reshape(height, width, 2) - np.stack([columns, rows], -1)
-    margin = (ground.shape[1] - width) // 2, (ground.shape[0] - height) // 2
-    first = ground[margin[1] : margin[1] + height, margin[0] : margin[0] + width].copy()
-    shift = np.array([[1, 0, -margin[0]], [0, 1, -margin[1]], [0, 0, 1.0]])
+    flow = np.asarray(cv2.perspectiveTransform(grid.reshape(-1, 1, 2), away)).reshape(grid.shape) - grid
+    first = ground[margin : margin + height, margin : margin + width].copy()
+    shift = np.array([[1, 0, -margin], [0, 1, -margin], [0, 0, 1.0]])
     second = np.asarray(cv2.warpPerspective(ground, away @ shift, size, flags=cv2.INTER_CUBIC), dtype=np.float32)
     for _ in range(people):
         sprite = render_person_sprite(rng, float(rng.uniform(0.12, 0.4) * height), tilt=float(rng.uniform(0.3, 1.3)))
-        place = np.array([[1, 0, rng.uniform(0, width)], [0, 1, rng.uniform(0, height)]]) - [[0, 0, 20], [0, 0, 20]]
-        own = _own_motion(rng, sprite.shape[1::-1], motion / 3)
-        after = (away @ np.vstack([place, [0, 0, 1]]) @ np.vstack([own, [0, 0, 1]])) if motion else None
-        _paste(first, sprite, np.vstack([place, [0, 0, 1]]))
-        if after is not None:
+        place = np.array([[1, 0, rng.uniform(0, width) - 20], [0, 1, rng.uniform(0, height) - 20], [0, 0, 1.0]])
+        # A small turn about the middle, and a step.
+        middle = (sprite.shape[1] / 2, sprite.shape[0] / 2)
+        own = np.asarray(cv2.getRotationMatrix2D(middle, rng.normal(0, 2), rng.normal(1, 0.01)), np.float64)
+        own[:, 2] += rng.uniform(-motion / 3, motion / 3, 2)
+        after = away @ place @ np.vstack([own, [0, 0, 1]])
+        _paste(first, sprite, place)
+        if motion:
             _paste(second, sprite, after)
-            _move(flow, sprite, np.vstack([place, [0, 0, 1]]), after)
-    goal = np.stack([columns, rows], -1) + flow
+            _move(flow, sprite, place, after)
+    goal = grid + flow
     inside = (goal >= 0).all(axis=2) & (goal <= np.array([width - 1, height - 1])).all(axis=2)
     return FlowPair(_seen(rng, first, noise), _seen(rng, second, noise), flow, np.asarray(inside))
-
-
-def _ground(rng: np.random.Generator, size: tuple[int, int], motion: float) -> Float32:
-    margin = int(1.5 * motion) + 8
-    cell = float(rng.uniform(0.008, 0.03))
-    x = (np.arange(size[0] + 2 * margin, dtype=np.float32) - size[0] / 2) * np.float32(cell)
-    y = (np.arange(size[1] + 2 * margin, dtype=np.float32) - size[1] / 2) * np.float32(cell)
-    xs, ys = np.meshgrid(x, y)
-    colour = ground_colour(random_ground(rng), xs, ys, np.full(xs.shape, cell, dtype=np.float32))
-    return np.asarray(255 * np.clip(colour, 0, 1), dtype=np.float32)
 
 
 def _camera_motion(rng: np.random.Generator, size: tuple[int, int], motion: float) -> FloatArray:
@@ -86,14 +81,6 @@ def _camera_motion(rng: np.random.Generator, size: tuple[int, int], motion: floa
     common = motion * rng.uniform(0.3, 0.8) * np.array([math.cos(angle), math.sin(angle)])
     moved = corners + common + rng.uniform(-0.2, 0.2, (4, 2)) * motion
     return np.asarray(cv2.getPerspectiveTransform(corners, moved.astype(np.float32)))
-
-
-def _own_motion(rng: np.random.Generator, size: tuple[int, ...], motion: float) -> FloatArray:
-    """``(2, 3)``: a small turn about the middle, and a step."""
-    middle = (size[0] / 2, size[1] / 2)
-    turn = np.asarray(cv2.getRotationMatrix2D(middle, rng.normal(0, 2), rng.normal(1, 0.01)), dtype=np.float64)
-    turn[:, 2] += rng.uniform(-motion, motion, 2)
-    return turn
 
 
 def _paste(image: Float32, sprite: ImageArray, place: FloatArray) -> None:

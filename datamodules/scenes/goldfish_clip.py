@@ -12,7 +12,8 @@ from scipy.special import ndtri
 from tsuiseki.datamodules.scenes.body_clip import MOST_BODIES, BodyClip, Drawn, camera_grain, paint
 from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.fish import FishAppearance, draw_fish, random_appearance, swim
-from tsuiseki.datamodules.scenes.render.solids import Float32, overlap
+from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.datamodules.scenes.render.tracing import overlap
 from tsuiseki.tracking.types import FloatArray
 
 FIELDS = ("a", "b", "theta", "phi")
@@ -68,7 +69,10 @@ def plan_goldfish(settings: GoldfishSettings, seed: int) -> BodyClip:
         drawn = [draw_fish(fish, state) for fish, state in zip(fishes, states[frame], strict=True)]
         image = floor.copy()
         for shape in drawn:
-            _shade(image, shape)
+            # Its blurred shadow on the floor, to its lower right.
+            soft = cv2.GaussianBlur(shape.opacity, (0, 0), SHADOW_BLUR)
+            part, own = overlap(image.shape, (shape.top + SHADOW[1], shape.left + SHADOW[0]), soft.shape)
+            image[part] *= 1 - SHADOWS * soft[own][..., None]
         for fish, state in zip(fishes, states[frame], strict=True):
             _mirror(image, fish, state)
         for shape in drawn:
@@ -82,22 +86,10 @@ def plan_goldfish(settings: GoldfishSettings, seed: int) -> BodyClip:
     return BodyClip(settings, FIELDS, states, picture, camera_grain(settings, NOISE, stage))
 
 
-def _shade(image: Float32, fish: Drawn) -> None:
-    """The fish's blurred shadow on the floor, to its lower right."""
-    soft = cv2.GaussianBlur(fish.opacity, (0, 0), SHADOW_BLUR)
-    part, own = overlap(image.shape, (fish.top + SHADOW[1], fish.left + SHADOW[0]), soft.shape)
-    image[part] *= 1 - SHADOWS * soft[own][..., None]
-
-
 def _mirror(image: Float32, fish: FishAppearance, state: FloatArray) -> None:
     """Mirror images of a fish in the four panes, seen only in the strip beyond each."""
     height, width = image.shape[:2]
-    for axis, place, extent in (
-        (0, PANE, width),
-        (0, width - PANE, width),
-        (1, PANE, height),
-        (1, height - PANE, height),
-    ):
+    for axis, extent, place in ((a, n, p) for a, n in enumerate((width, height)) for p in (PANE, n - PANE)):
         if abs(state[axis] - place) > fish.length / 2 + fish.tail + 2 * PANE:
             continue
         turned = state.copy()

@@ -1,27 +1,28 @@
-"""People in a room under fisheye cameras on its ceiling, with exact boxes and places."""
+"""People in a room before fisheye cameras on its ceiling, and perhaps others on its walls, with boxes and places."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, Generic, Literal
+from typing import Generic, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.clip import IMAGES, ClipSettings, FrameTruth, Moment, ground_truth, people_in_view
+from tsuiseki.datamodules.scenes import clip
 from tsuiseki.datamodules.scenes.people.walkers import Walker, dressed, wander
 from tsuiseki.datamodules.scenes.render import degrade
-from tsuiseki.datamodules.scenes.render.insertion import draw_clusters, encoded
-from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Picture, Sighting, Thing, both_shadows
+from tsuiseki.datamodules.scenes.render.composing import OCCLUSION, Picture, Thing, both_shadows, draw_clusters, encoded
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import Float32, RayCamera, extents
+from tsuiseki.datamodules.scenes.render.solids import Float32, Surface, as_colour, boxes
+from tsuiseki.datamodules.scenes.render.tracing import RayCamera, extents
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_furniture, random_shell
 from tsuiseki.tracking.cameras.camera_files import AnyCamera, CameraOverFloor, CameraT, write_cameras
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
+from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -37,11 +38,18 @@ SHOWN, INSIDE = 0.12, 0.3
 CEILING, FURNITURE = (2.7, 3.3), 1.2
 # Standard deviations of the sensor's noise, grey levels, and of the lens's blur, pixels; rays along a pixel's side.
 NOISE, BLUR, SAMPLES = 3.0, 0.6, 2
-CAMERAS_FILE, PLACES_FILE = "cameras.yaml", "gt/world.csv"
+CAMERAS_FILE, PLACES_FILE, TRUTH_FILE = "cameras.yaml", "gt/world.csv", "truth.csv"
+# Of cameras of both kinds, which hang from the ceiling, from 0; at which shares of width and length the others stand.
+OVERHEAD = (1, 3)
+STANDS = ((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (0.0, 0.5))
+# Horizontal field of a wall camera, radians, its distance from walls and ceiling, and the height it aims at, metres.
+WALL_FIELD, AWAY, AIM = np.deg2rad(80.0), 0.25, 0.5
+# Pillars, which end below the cameras, and (lowest, highest) of their heights, metres.
+PILLARS, TALL = 3, (1.9, 2.1)
 
 
 @dataclass(frozen=True)
-class RoomSettings(ClipSettings):
+class RoomSettings(clip.ClipSettings):
     """A clip of a room.
 
     Attributes:
@@ -68,6 +76,27 @@ class RoomSettings(ClipSettings):
 
 
 @dataclass(frozen=True)
+class FloorClipSettings(RoomSettings):
+    """A clip of cameras of both kinds over one floor.
+
+    Attributes:
+        cameras: how many, 3 to 7. The second and the fourth are fisheye cameras on the ceiling.
+    """
+
+    size: tuple[float, float] = (9.0, 12.0)
+    cameras: int = 4
+
+    def __post_init__(self) -> None:
+        most = len(OVERHEAD) + len(STANDS)
+        own = (
+            (3 <= self.cameras <= most, f"3 to {most} cameras", self.cameras),
+            (0 <= self.repeated <= 1, "look_alikes in [0, 1]", self.repeated),
+        )
+        self.expect("floor", 64, *own)
+        super().__post_init__()
+
+
+@dataclass(frozen=True)
 class RoomView:
     """One camera and what it sees of the empty room: linear light, and the part of it that shadows take away."""
 
@@ -80,8 +109,8 @@ class RoomView:
 
 
 @dataclass(frozen=True)
-class RoomClip(Generic[CameraT]):
-    """A planned clip, of which every frame of every camera can be drawn on its own."""
+class RoomClip(clip.Clip[list[clip.FrameTruth]], Generic[CameraT]):
+    """A planned clip, of which every frame of every camera can be drawn on its own; its truth is that of each."""
 
     settings: RoomSettings
     seed: int
@@ -96,16 +125,15 @@ class RoomClip(Generic[CameraT]):
         """``(4,)`` x1, y1, x2, y2, metres."""
         return np.array([0.0, 0.0, *self.settings.size])
 
-    quality: ClassVar[int] = 90
-    inside: ClassVar[float] = INSIDE
+    quality = 90
 
     @property
     def views(self) -> tuple[str, ...]:
         """See `clip.Clip`."""
-        return tuple(f"camera{k + 1}/{IMAGES}" for k in range(len(self.cameras)))
+        return tuple(f"camera{k + 1}/{clip.IMAGES}" for k in range(len(self.cameras)))
 
-    def frames(self) -> Iterator[Moment[list[FrameTruth]]]:
-        """See `clip.Clip`; the truth is a list of that of each camera."""
+    def frames(self) -> Iterator[clip.Moment[list[clip.FrameTruth]]]:
+        """See `clip.Clip`."""
         views = [self.view(number) for number in range(len(self.cameras))]
         for frame in range(self.settings.frames):
             images, truths = zip(*(self.draw_frame(view, frame) for view in views), strict=True)
@@ -122,7 +150,7 @@ class RoomClip(Generic[CameraT]):
         exposure = degrade.automatic_exposure(np.broadcast_to(lit[:, None], (len(lit), 1, 3))[::8].repeat(8, axis=0))
         return RoomView(camera, empty, direct, encoded(empty.colour, exposure), exposure, noises)
 
-    def draw_frame(self, view: RoomView, frame: int) -> tuple[ImageArray, FrameTruth]:
+    def draw_frame(self, view: RoomView, frame: int) -> tuple[ImageArray, clip.FrameTruth]:
         """Frame ``frame`` as a camera sees it, ``(H, W, 3)`` uint8 RGB before JPEG, and what it shows.
 
         Ids count the people of the plan from 1, the same for all cameras.
@@ -130,21 +158,36 @@ class RoomClip(Generic[CameraT]):
         there = [i for i, walker in enumerate(self.walkers) if walker.is_there(frame)]
         things = [self.walkers[i].thing(frame) for i in there]
         places = [self.walkers[i].positions[frame - self.walkers[i].first] for i in there]
-        image, sightings = _with_people(view, things, self.light)
+        image, camera = view.photograph.copy(), view.camera
+        sun, under = both_shadows(things, camera, self.light, 2.0)
+
+        def below(rows: slice, columns: slice) -> Picture:
+            n = view.empty.samples
+            fine = slice(rows.start * n, rows.stop * n), slice(columns.start * n, columns.stop * n)
+            part = Picture(view.empty.colour[rows, columns], view.empty.distance[fine], n)
+            darker = view.direct[rows, columns] * sun[rows, columns, None]
+            darker += part.colour * (OCCLUSION * part.open_ground * under[rows, columns])[:, :, None]
+            return replace(part, colour=part.colour - darker)
+
+        rects = np.array([_rectangle(thing, camera) for thing in things]).reshape(-1, 4)
+        sightings = draw_clusters(image, things, rects, camera, self.light, below, view.exposure)
         image = degrade.photographed(image, self.tone, BLUR, view.grains, np.random.default_rng([self.seed, 1, frame]))
-        truth, rows = people_in_view(sightings, (view.camera.width, view.camera.height), SHOWN, self.inside)
+        # Before a wall camera a head alone may be a good part of the picture.
+        inside = 0.0 if isinstance(self.settings, FloorClipSettings) else INSIDE
+        truth, rows = clip.people_in_view(sightings, (camera.width, camera.height), SHOWN, inside)
         ids = np.array(there, dtype=np.int64)[rows] + 1
         return image, replace(truth, ids=ids, places=np.array(places).reshape(-1, 2)[rows])
 
-    def write_truth(self, folder: Path, name: str, truths: list[list[FrameTruth]]) -> None:
+    def write_truth(self, folder: Path, name: str, truths: list[list[clip.FrameTruth]]) -> None:
         """Write ``gt/gt.txt``, ``gt/world.csv`` and ``seqinfo.ini`` of each camera, and ``cameras.yaml``.
 
-        ``gt/world.csv`` has frame (from 1), id, x, y in metres of those in ``gt.txt``.
+        ``gt/world.csv`` has frame (from 1), id, x, y in metres of those in ``gt.txt``. Cameras of both kinds also have
+        ``truth.csv`` with time, id, x, y of everybody, seen or not.
         """
         del name
         for number, of_camera in enumerate(zip(*truths, strict=True)):
             home = folder / f"camera{number + 1}"
-            self.settings.write_info(home, home.name, ground_truth(of_camera))
+            self.settings.write_info(home, home.name, clip.ground_truth(of_camera))
             rows = [
                 f"{frame + 1},{number},{x:.4f},{y:.4f}\n"
                 for frame, truth in enumerate(of_camera)
@@ -155,6 +198,14 @@ class RoomClip(Generic[CameraT]):
         named, rate = enumerate(self.cameras, 1), self.settings.frame_rate
         cameras = [CameraOverFloor(f"camera{k}", camera, rate, floor=self.floor) for k, camera in named]
         write_cameras(folder / CAMERAS_FILE, cameras)
+        if isinstance(self.settings, FloorClipSettings):
+            rows = [
+                f"{frame / rate:.6f},{number},{x:.4f},{y:.4f}\n"
+                for frame in range(self.settings.frames)
+                for number, walker in enumerate(self.walkers, 1)
+                for x, y in [walker.positions[frame - walker.first].tolist()]
+            ]
+            (folder / TRUTH_FILE).write_text("time,id,x,y\n" + "".join(rows), encoding="utf-8")
 
 
 def ceiling_lens(lens: OmnidirectionalLens | None, width: int, height: int) -> OmnidirectionalLens:
@@ -178,18 +229,70 @@ def ceiling_lens(lens: OmnidirectionalLens | None, width: int, height: int) -> O
 def plan_room(
     settings: RoomSettings, seed: int, lens: OmnidirectionalLens | None = None
 ) -> RoomClip[OmnidirectionalCamera]:
-    """The room, its cameras and everybody's way, as ``seed`` has it."""
+    """The room under ceiling cameras and everybody's way, as ``seed`` has it."""
     rng = np.random.default_rng([seed, 4])
-    size = np.array(settings.size)
-    ceiling = float(rng.uniform(*CEILING))
-    pieces = round(FURNITURE * size.prod() / 10)
-    furniture, obstacles = random_furniture(rng, size, pieces)
+    size, ceiling = np.array(settings.size), float(rng.uniform(*CEILING))
+    furniture, obstacles = random_furniture(rng, size, round(FURNITURE * size.prod() / 10))
     fitted = ceiling_lens(lens, settings.width, settings.height)
     cameras = [ceiling_camera(rng, fitted, size, (k + 0.5) / CAMERAS, ceiling - 0.1) for k in range(CAMERAS)]
+    return _peopled(rng, settings, seed, cameras, furniture, obstacles)
+
+
+def plan_floor(settings: FloorClipSettings, seed: int) -> RoomClip[AnyCamera]:
+    """The room with pillars, its cameras of both kinds and everybody's way, as ``seed`` has it."""
+    rng = np.random.default_rng([seed, 7])
+    size, ceiling = np.array(settings.size), float(rng.uniform(*CEILING))
+    furniture, low = random_furniture(rng, size, round(FURNITURE * size.prod() / 10))
+    pillars, high = _pillars(rng, size)
+    cameras = _both_kinds(rng, settings, size, ceiling)
+    return _peopled(rng, settings, seed, cameras, [*furniture, *pillars], np.concatenate([low, high]))
+
+
+def _peopled(
+    rng: np.random.Generator, settings: RoomSettings, seed: int, cameras: Sequence[CameraT], furniture: list[Thing],
+    obstacles: FloatArray,
+) -> RoomClip[CameraT]:  # fmt: skip
     people = dressed(rng, settings.people, settings.repeated)
-    walkers = wander(rng, people, settings, size, obstacles)
+    walkers = wander(rng, people, settings, np.array(settings.size), obstacles)
     tone = degrade.level_tone(degrade.random_degradation(rng, 0.5))
     return RoomClip(settings, seed, cameras, lamps(rng), walkers, furniture, tone)
+
+
+def _both_kinds(
+    rng: np.random.Generator, settings: FloorClipSettings, size: FloatArray, ceiling: float
+) -> list[AnyCamera]:
+    """Cameras on the ceiling share its length; those on walls and in corners look across the middle."""
+    lens = ceiling_lens(None, settings.width, settings.height)
+    focal = settings.width / 2 / np.tan(WALL_FIELD / 2)
+    overhead = [k for k in OVERHEAD if k < settings.cameras]
+    stands = iter(STANDS)
+    cameras: list[AnyCamera] = []
+    for k in range(settings.cameras):
+        if k in overhead:
+            share = (overhead.index(k) + 0.5) / len(overhead)
+            cameras.append(ceiling_camera(rng, lens, size, share, ceiling - 0.1))
+            continue
+        spot = AWAY + np.array(next(stands)) * (size - 2 * AWAY)
+        aim = size / 2 + rng.normal(0, 0.4, 2)
+        place, target = np.array([*spot, ceiling - AWAY]), np.array([*aim, AIM])
+        cameras.append(
+            PinholeCamera.look_at(place, target, focal, settings.width, settings.height, float(rng.normal(0, 0.01)))
+        )
+    return cameras
+
+
+def _pillars(rng: np.random.Generator, size: FloatArray) -> tuple[list[Thing], FloatArray]:
+    """Pillars in the room that hide people, and ``(M, 3)`` where they stand and how far they reach."""
+    half = np.column_stack([rng.uniform(0.12, 0.22, (PILLARS, 2)), rng.uniform(*TALL, PILLARS) / 2])
+    # Along the length, in turns left and right of the middle, where the ceiling cameras hang.
+    along = (np.arange(PILLARS) + rng.uniform(0.3, 0.7, PILLARS)) / PILLARS
+    aside = 0.5 + rng.choice([-1, 1]) * (-1) ** np.arange(PILLARS) * rng.uniform(0.15, 0.3, PILLARS)
+    spots = np.column_stack([aside, along]) * size
+    things = []
+    for spot, sides in zip(spots, half, strict=True):
+        surface = Surface(as_colour(rng.uniform(0.3, 0.8, 3)), None)
+        things.append(Thing(boxes(np.array([[*spot, sides[2]]]), sides[None], np.zeros(1), [surface])))
+    return things, np.column_stack([spots, np.hypot(half[:, 0], half[:, 1])])
 
 
 def ceiling_camera(
@@ -217,22 +320,6 @@ def lamps(rng: np.random.Generator) -> Light:
     warm = np.array([1 + rng.uniform(-0.04, 0.08), 1, 1 + rng.uniform(-0.08, 0.04)])
     sun, sky = rng.uniform(0.15, 0.5) * warm, rng.uniform(0.5, 0.8) * warm
     return Light(*(np.asarray(v, dtype=np.float32) for v in (direction, sun, sky, sky * rng.uniform(0.45, 0.75))))
-
-
-def _with_people(view: RoomView, things: list[Thing], light: Light) -> tuple[ImageArray, list[Sighting | None]]:
-    image, camera = view.photograph.copy(), view.camera
-    sun, under = both_shadows(things, camera, light, 2.0)
-
-    def below(rows: slice, columns: slice) -> Picture:
-        n = view.empty.samples
-        fine = slice(rows.start * n, rows.stop * n), slice(columns.start * n, columns.stop * n)
-        part = Picture(view.empty.colour[rows, columns], view.empty.distance[fine], n)
-        darker = view.direct[rows, columns] * sun[rows, columns, None]
-        darker += part.colour * (OCCLUSION * part.open_ground * under[rows, columns])[:, :, None]
-        return replace(part, colour=part.colour - darker)
-
-    rects = np.array([_rectangle(thing, camera) for thing in things]).reshape(-1, 4)
-    return image, draw_clusters(image, things, rects, camera, light, below, view.exposure)
 
 
 def _rectangle(thing: Thing, camera: RayCamera) -> FloatArray:

@@ -16,12 +16,11 @@ from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dress
 from tsuiseki.datamodules.scenes.people.person import Person, person_thing, random_person, random_pose
 from tsuiseki.datamodules.scenes.people.poses import draw_pose
 from tsuiseki.datamodules.scenes.people.posture import Pose
+from tsuiseki.datamodules.scenes.render.composing import OCCLUSION, Thing, both_shadows, compose, empty_picture
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
-from tsuiseki.datamodules.scenes.render.scene import OCCLUSION, Thing, both_shadows, compose, empty_picture
 from tsuiseki.datamodules.scenes.render.solids import Float32, along
 from tsuiseki.datamodules.scenes.room_clip import lamps
-from tsuiseki.datamodules.scenes.things.interior import cabinet, chair, panels, plant, table
-from tsuiseki.datamodules.scenes.things.room import draw_shell, random_shell
+from tsuiseki.datamodules.scenes.things import room as rooms
 from tsuiseki.datamodules.scenes.training_pictures import LEAST_VISIBLE
 from tsuiseki.tracking.cameras.panorama import CylinderView, DownwardView
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -98,12 +97,15 @@ def panorama_picture(
     """
     size = np.array([*rng.uniform(*FLOOR, 2), rng.uniform(*CEILING)])
     room = _furnished(rng, size, _camera(rng, size, width, height))
-    if sprites is not None:
-        _render(rng, room, sprites)
     camera = room.camera
+    for k, (spot, pose) in enumerate(room.placed if sprites is not None else ()):
+        # Mostly a rendered person is shown in the place of the drawn one.
+        if sprites is not None and rng.random() < RENDERED:
+            sprite = dressed(rng, sprites.near(rng, tilt_of(camera, spot), pose))
+            room.people[k] = replace(room.people[k], cutout=Standing(sprite, spot))
     light = lamps(rng)
     # Walls have few edges: one ray a pixel will do.
-    walls, direct = draw_shell(random_shell(rng, size), camera, light, [], 1)
+    walls, direct = rooms.draw_shell(rooms.random_shell(rng, size), camera, light, [], 1)
     everything = room.people + room.things
     sun, under = both_shadows(everything, camera, light, 2.0)
     darker = direct * sun[:, :, None] + walls.colour * (OCCLUSION * under)[:, :, None]
@@ -120,14 +122,6 @@ def panorama_picture(
     return image, truth.boxes, truth.visibility
 
 
-def _render(rng: np.random.Generator, room: _Room, sprites: SpriteLibrary) -> None:
-    """Mostly a rendered person is shown in the place of the drawn one."""
-    for k, (spot, pose) in enumerate(room.placed):
-        if rng.random() < RENDERED:
-            sprite = dressed(rng, sprites.near(rng, tilt_of(room.camera, spot), pose))
-            room.people[k] = replace(room.people[k], cutout=Standing(sprite, spot))
-
-
 def _camera(rng: np.random.Generator, size: FloatArray, width: int, height: int) -> CylinderView | DownwardView:
     spot = size * [*rng.uniform(0.25, 0.75, 2), 1.0] - [0, 0, rng.uniform(0.03, 0.25)]
     turn = float(rng.uniform(0, 2 * np.pi))
@@ -138,37 +132,31 @@ def _camera(rng: np.random.Generator, size: FloatArray, width: int, height: int)
 
 
 def _furnished(rng: np.random.Generator, size: FloatArray, camera: CylinderView | DownwardView) -> _Room:
-    made = _Room(rng, size, camera, things=panels(rng, size, int(rng.integers(2, 10))))
+    made = _Room(rng, size, camera, things=rooms.panels(rng, size, int(rng.integers(2, 10))))
     count = int(rng.integers(PEOPLE[0], PEOPLE[1] + 1))
     seated = int(rng.binomial(count, SEATED))
     while seated > 0:
         seated -= _group(made, seated)
     for _ in range(count - len(made.people)):
-        _upright(made)
+        spot = made.spot(APART / 2)
+        if spot is not None:
+            person = random_person(rng)
+            made.add(person, random_pose(rng, person), spot, float(rng.uniform(0, 2 * np.pi)))
     for _ in range(int(rng.integers(0, 7))):
         spot = made.spot(0.4)
         if spot is not None:
             heading = float(rng.uniform(0, 2 * np.pi))
-            made.things.append(chair(rng, spot, heading))
+            made.things.append(rooms.chair(rng, spot, heading))
             if rng.random() < 0.4:
-                made.things.append(table(rng, spot + 0.6 * along(heading)[:2], heading, (0.4, 0.6)))
+                made.things.append(rooms.table(rng, spot + 0.6 * along(heading)[:2], heading, (0.4, 0.6)))
     for _ in range(int(rng.integers(0, 9))):
         share, side = rng.uniform(0.05, 0.95), int(rng.integers(4))
-        spot = np.array([[0.3, share * size[1]], [size[0] - 0.3, share * size[1]], [share * size[0], 0.3],
-                         [share * size[0], size[1] - 0.3]][side])  # fmt: skip
+        spot, yaw = rooms.at_wall(size, side, share, 0.3)
         if rng.random() < 0.2:
-            made.things.append(plant(rng, spot))
+            made.things.append(rooms.plant(rng, spot))
         elif made.free(spot, 0.5):
-            made.things.append(cabinet(rng, spot, (-np.pi / 2, np.pi / 2, 0.0, np.pi)[side] + rng.normal(0, 0.05)))
+            made.things.append(rooms.cabinet(rng, spot, yaw + rng.normal(0, 0.05)))
     return made
-
-
-def _upright(made: _Room) -> None:
-    """Somebody who stands or walks."""
-    spot, rng = made.spot(APART / 2), made.rng
-    if spot is not None:
-        person = random_person(rng)
-        made.add(person, random_pose(rng, person), spot, float(rng.uniform(0, 2 * np.pi)))
 
 
 def _group(made: _Room, wanted: int) -> int:
@@ -185,11 +173,11 @@ def _group(made: _Room, wanted: int) -> int:
             continue
         person, facing = random_person(rng), heading + float(rng.normal(0, 0.25))
         pose = draw_pose(int(rng.integers(1 << 31)), person.build, "sitting")
-        made.things.append(chair(rng, seat, facing))
+        made.things.append(rooms.chair(rng, seat, facing))
         made.add(person, pose, seat - 0.05 * along(facing)[:2], facing, "sitting")
     if with_table:
         middle = spot + rng.uniform(0.6, 0.75) * ahead
-        made.things.append(table(rng, middle, heading, (0.38, 0.5 * members * spacing + 0.2)))
+        made.things.append(rooms.table(rng, middle, heading, (0.38, 0.5 * members * spacing + 0.2)))
         made.taken.append((float(middle[0]), float(middle[1]), 0.5))
     return members
 

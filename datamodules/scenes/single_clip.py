@@ -10,16 +10,16 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import ClipSettings
+from tsuiseki.datamodules.scenes.people.gait import walking
 from tsuiseki.datamodules.scenes.people.person import (
-    Person,
     paste,
     random_backdrop,
     random_identities,
     render_person_sprite,
 )
-from tsuiseki.datamodules.scenes.people.posture import walking
-from tsuiseki.datamodules.scenes.render.shading import Light, random_light
-from tsuiseki.datamodules.scenes.render.solids import Float32, overlap
+from tsuiseki.datamodules.scenes.render.shading import random_light
+from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.datamodules.scenes.render.tracing import overlap
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 PHASES = 12
@@ -76,16 +76,6 @@ class _Walker:
     sizes: FloatArray
 
 
-def _walk_cycle(rng: np.random.Generator, person: Person, height: float, light: Light, frames: int) -> list[ImageArray]:
-    heading, tilt = float(rng.uniform(0, 2 * math.pi)), float(rng.uniform(0, 0.3))
-    cycle = []
-    for phase in range(min(2 * PHASES, frames)):
-        heading += float(rng.normal(0, TURNING))
-        pose = walking(person.build, person.manner, phase / PHASES, 1.3)
-        cycle.append(render_person_sprite(rng, height, tilt, person, pose, heading, light))
-    return cycle
-
-
 def _path(rng: np.random.Generator, frames: int, speed: float) -> FloatArray:
     """Positions ``(T, 2)`` of a walk whose direction wanders."""
     directions = rng.uniform(0, 2 * math.pi) + np.cumsum(rng.normal(0, 0.12, frames))
@@ -109,7 +99,13 @@ def _walkers(rng: np.random.Generator, settings: SingleClipSettings) -> list[_Wa
             meeting = int(rng.integers(settings.frames))
             path = path - path[meeting] + own[meeting] + rng.normal(0, 0.15 * height, 2)
             tall = height * float(rng.uniform(0.85, 1.15))
-        walkers.append(_Walker(_walk_cycle(rng, person, tall, light, settings.frames), path, sizes))
+        heading, tilt = float(rng.uniform(0, 2 * math.pi)), float(rng.uniform(0, 0.3))
+        cycle = []
+        for phase in range(min(2 * PHASES, settings.frames)):
+            heading += float(rng.normal(0, TURNING))
+            pose = walking(person.build, person.manner, phase / PHASES, 1.3)
+            cycle.append(render_person_sprite(rng, tall, tilt, person, pose, heading, light))
+        walkers.append(_Walker(cycle, path, sizes))
     return walkers
 
 
@@ -166,7 +162,14 @@ def _draw(
 ) -> tuple[FloatArray, float]:
     """Draws frame ``t``, the lower in front, and returns the followed person's box and visible share."""
     order = sorted(range(len(walkers)), key=lambda k: float(walkers[k].path[t, 1]))
-    box, free, full = np.zeros(4), np.zeros(view.shape[:2], dtype=np.float32), 1.0
+    box, free, full = np.zeros(4), np.zeros(view.shape[:2], dtype=np.bool_), 1.0
+
+    def lay(sprite: ImageArray, left: int, top: int, owner: bool = False) -> None:
+        """Over the view; ``free`` has the owner's pixels that nothing later hides."""
+        paste(view, sprite, left, top)
+        there, own = overlap(free.shape, (top, left), sprite.shape)
+        free[there][sprite[..., 3][own] > 127] = owner
+
     for k in order:
         walker = walkers[k]
         sprite = walker.sprites[t % len(walker.sprites)]
@@ -175,18 +178,10 @@ def _draw(
         sprite = np.asarray(cv2.resize(sprite, None, fx=size, fy=size, interpolation=filtering), dtype=np.uint8)
         place = walker.path[t] - corner
         left, top = round(place[0] - sprite.shape[1] / 2), round(place[1] - sprite.shape[0] / 2)
-        paste(view, sprite, left, top)
+        lay(sprite, left, top, owner=k == 0)
         if k == 0:
             box = np.array([left, top, left + sprite.shape[1], top + sprite.shape[0]], dtype=np.float64)
             full = float((sprite[..., 3] > 127).sum())
-        _cover(free, sprite, left, top, owner=k == 0)
     for x, y, picture in obstacles:
-        paste(view, picture, x - int(corner[0]), y - int(corner[1]))
-        _cover(free, picture, x - int(corner[0]), y - int(corner[1]), owner=False)
+        lay(picture, x - int(corner[0]), y - int(corner[1]))
     return box, float(free.sum()) / max(full, 1.0)
-
-
-def _cover(free: Float32, sprite: ImageArray, left: int, top: int, owner: bool) -> None:
-    """Marks the owner's pixels, and clears those that something else hides, in place."""
-    there, own = overlap(free.shape, (top, left), sprite.shape)
-    free[there][sprite[..., 3][own] > 127] = 1.0 if owner else 0.0

@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
 
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import Moment, expect, write_image
+from tsuiseki.datamodules.scenes.clip import Clip, Moment, expect, write_image
+from tsuiseki.datamodules.scenes.people.gait import stride_length, walking
 from tsuiseki.datamodules.scenes.people.person import Person, person_thing, random_person
-from tsuiseki.datamodules.scenes.people.posture import Pose, place, stride_length, walking
-from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, shadows
+from tsuiseki.datamodules.scenes.people.posture import place
+from tsuiseki.datamodules.scenes.render.composing import Picture, Thing, compose, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Colour, Float32, Parts, Pattern, Surface, as_colour
 from tsuiseki.datamodules.scenes.things.room import draw_hall, hall_furniture
@@ -29,10 +29,15 @@ from tsuiseki.tracking.types.tracks import Path3D
 
 WIDTH, HEIGHT = 800, 600
 FIELD = np.deg2rad(60.0)
-# Directions in which the cameras stand, seen from the room's middle, in the order in which they are used.
-AZIMUTHS = np.deg2rad([-38.0, 38.0, 100.0, -100.0, 0.0, 180.0])
-DISTANCES = (4.0, 4.0, 3.9, 3.85, 3.9, 4.1)
-HEIGHTS = (1.5, 1.7, 2.0, 2.0, 2.3, 2.2)
+# Where the cameras stand, seen from the room's middle, in the order in which they are used: degrees, metres away, high.
+STANDS = (
+    (-38.0, 4.0, 1.5),
+    (38.0, 4.0, 1.7),
+    (100.0, 3.9, 2.0),
+    (-100.0, 3.85, 2.0),
+    (0.0, 3.9, 2.3),
+    (180.0, 4.1, 2.2),
+)
 AIM = (0.0, 0.0, 0.95)
 # Of the person, m/s.
 SPEED = 0.30
@@ -80,7 +85,7 @@ class CarriedBallSettings:
         others = (self.noise, self.exposure, self.defocus)
         expect(
             "ball clip",
-            (2 <= self.cameras <= len(AZIMUTHS), f"2 to {len(AZIMUTHS)} cameras", self.cameras),
+            (2 <= self.cameras <= len(STANDS), f"2 to {len(STANDS)} cameras", self.cameras),
             (min(positive) > 0, "positive frames, frame rate, radius and samples", positive),
             (min(others) >= 0, "noise, exposure and defocus of at least 0", others),
             (len(self.lateness) in (0, self.cameras), "a lateness for each camera", self.lateness),
@@ -88,8 +93,8 @@ class CarriedBallSettings:
 
 
 @dataclass(frozen=True)
-class SphereClip:
-    """A planned clip: everything that a seed fixes before a picture is drawn; see `clip.Clip`.
+class SphereClip(Clip[FloatArray]):
+    """A planned clip: everything that a seed fixes before a picture is drawn; its truth is the ball's centre, m.
 
     Attributes:
         settings: as asked.
@@ -111,7 +116,7 @@ class SphereClip:
     times: FloatArray
     truth: FloatArray
 
-    quality: ClassVar[int] = 95
+    quality = 95
 
     @property
     def views(self) -> tuple[str, ...]:
@@ -119,17 +124,40 @@ class SphereClip:
         return tuple(f"camera{k + 1}/{{number:06d}}.jpg" for k in range(len(self.cameras)))
 
     def frames(self) -> Iterator[Moment[FloatArray]]:
-        """See `clip.Clip`; images are ``(600, 800, 3)``, the truth ``(3,)`` the centre of the ball, m."""
+        """See `clip.Clip`; images are ``(600, 800, 3)``."""
         rng = np.random.default_rng((self.seed, 1))
         late = self.settings.lateness or (0.0,) * len(self.cameras)
         for index, time in enumerate(self.times):
             images = []
             for k in range(len(self.cameras)):
                 if any(c == k and first <= index <= last for c, first, last in self.settings.covers):
-                    images.append(covered_image(self, k, rng))
+                    images.append(self.covered_image(k, rng))
                 else:
-                    images.append(expose(_shot(self, k, float(time) + late[k]), self.settings.noise, rng))
+                    images.append(expose(self._shot(k, float(time) + late[k]), self.settings.noise, rng))
             yield images, self.truth[index]
+
+    def _shot(self, k: int, time: float) -> Float32:
+        """Linear light ``(H, W, 3)`` that camera ``k`` gathers about ``time``: smeared, out of focus."""
+        settings, camera, (room, direct) = self.settings, self.cameras[k], self.rooms[k]
+        blinks = EXPOSURE_BLINKS if settings.exposure else 1
+        colour = np.zeros((HEIGHT, WIDTH, 3), dtype=np.float32)
+        for blink in range(blinks):
+            moment = time + settings.exposure * ((blink + 0.5) / blinks - 0.5)
+            things, _ = _carried(self.person, self.colours, settings, moment)
+            dark = shadows(things, camera, LIGHT.direction, softness=2.5)
+            lit = replace(room, colour=room.colour - direct * dark[:, :, None])
+            colour += compose(lit, things, camera, LIGHT)[0].colour / np.float32(blinks)
+        return np.asarray(cv2.GaussianBlur(colour, (0, 0), settings.defocus)) if settings.defocus else colour
+
+    def covered_image(self, k: int, rng: np.random.Generator) -> ImageArray:
+        """What camera ``k`` shows while a board, half a metre before it, covers its view: nothing of the scene."""
+        camera = self.cameras[k]
+        forward = camera.rotation[2]
+        board = Parts(yaw=float(np.arctan2(forward[1], forward[0])))
+        paint = Surface((0.35, 0.30, 0.28), (0.5, 0.45, 0.4), Pattern.ACROSS, 0.09, 0.1)
+        board.box(camera.position + 0.55 * forward, [0.02, 1.0, 1.0], paint)
+        picture, _ = compose(self.rooms[k][0], [Thing(board.solids())], camera, LIGHT)
+        return expose(picture.colour, self.settings.noise, rng)
 
     def backgrounds(self) -> list[ImageArray]:
         """One image a camera of the empty room, with noise of its own."""
@@ -149,8 +177,9 @@ class SphereClip:
 def ball_cameras(count: int) -> tuple[PinholeCamera, ...]:
     """``count`` cameras, 3 to 5 m from the ball, 800x600, horizontal field 60 degrees."""
     focal = 0.5 * WIDTH / np.tan(0.5 * FIELD)
-    stands = [np.array([d * np.cos(a), d * np.sin(a), h]) for a, d, h in zip(AZIMUTHS, DISTANCES, HEIGHTS, strict=True)]
-    return tuple(PinholeCamera.look_at(s, np.array(AIM), float(focal), WIDTH, HEIGHT) for s in stands[:count])
+    turned = ((np.deg2rad(angle), away, high) for angle, away, high in STANDS[:count])
+    stands = (np.array([away * np.cos(angle), away * np.sin(angle), high]) for angle, away, high in turned)
+    return tuple(PinholeCamera.look_at(s, np.array(AIM), float(focal), WIDTH, HEIGHT) for s in stands)
 
 
 def plan_sphere(settings: CarriedBallSettings, seed: int) -> SphereClip:
@@ -160,39 +189,15 @@ def plan_sphere(settings: CarriedBallSettings, seed: int) -> SphereClip:
     person = random_person(rng)
     # Bags and coats would hide the ball; the paper's scene has a person in plain clothes.
     outfit = replace(person.outfit, bag="none", lower_style="trousers")
-    person = Person(person.build, outfit, replace(person.manner, stride=1.0))
+    person = replace(person, outfit=outfit, manner=replace(person.manner, stride=1.0))
     hue = rng.uniform(0, 2 * np.pi) + np.array([0, 2.1, 4.2])
     ball = 0.5 + 0.38 * np.cos(hue)
     colours = (as_colour(ball), as_colour(np.clip(ball + rng.choice([-0.25, 0.25]), 0.05, 0.95)))
     cameras = ball_cameras(settings.cameras)
     rooms = tuple(draw_hall(camera, LIGHT, furniture, settings.samples) for camera in cameras)
     times = np.arange(settings.frames) / settings.frame_rate
-    truth = np.stack([_bodies(person, settings, float(t))[2] for t in times])
+    truth = np.stack([_carried(person, colours, settings, float(t))[1] for t in times])
     return SphereClip(settings, seed, cameras, rooms, person, colours, times, truth)
-
-
-def _shot(clip: SphereClip, camera: int, time: float) -> Float32:
-    """Linear light ``(H, W, 3)`` that a camera gathers about ``time``: smeared, out of focus."""
-    settings = clip.settings
-    blinks = EXPOSURE_BLINKS if settings.exposure else 1
-    colour = np.zeros((HEIGHT, WIDTH, 3), dtype=np.float32)
-    for blink in range(blinks):
-        colour += _light(clip, camera, time + settings.exposure * ((blink + 0.5) / blinks - 0.5)) / np.float32(blinks)
-    return np.asarray(cv2.GaussianBlur(colour, (0, 0), settings.defocus), np.float32) if settings.defocus else colour
-
-
-def _light(clip: SphereClip, camera: int, time: float) -> Float32:
-    """Linear light ``(H, W, 3)`` in a camera at one instant."""
-    things, (room, direct), pinhole = _things(clip, time), clip.rooms[camera], clip.cameras[camera]
-    dark = shadows(things, pinhole, LIGHT.direction, softness=2.5)
-    lit = replace(room, colour=room.colour - direct * dark[:, :, None])
-    return compose(lit, things, pinhole, LIGHT)[0].colour
-
-
-def covered_image(clip: SphereClip, camera: int, rng: np.random.Generator) -> ImageArray:
-    """What a camera shows while a board covers its view: nothing of the scene."""
-    picture, _ = compose(clip.rooms[camera][0], [_board(clip.cameras[camera])], clip.cameras[camera], LIGHT)
-    return expose(picture.colour, clip.settings.noise, rng)
 
 
 def expose(colour: Float32, noise: float, rng: np.random.Generator) -> ImageArray:
@@ -202,10 +207,10 @@ def expose(colour: Float32, noise: float, rng: np.random.Generator) -> ImageArra
     return np.asarray(np.clip(grey + 0.5, 0, 255), dtype=np.uint8)
 
 
-def _bodies(
-    person: Person, settings: CarriedBallSettings, time: float
-) -> tuple[Pose, tuple[FloatArray, float], FloatArray]:
-    """Pose, place and heading of the person, and the ball's centre."""
+def _carried(
+    person: Person, colours: tuple[Colour, Colour], settings: CarriedBallSettings, time: float
+) -> tuple[list[Thing], FloatArray]:
+    """The person with the ball, and the ball's centre."""
     length = SPEED * settings.frames / settings.frame_rate
     along = SPEED * time - 0.5 * length
     # An S through the middle of the room, walked sideways before the first two cameras.
@@ -215,28 +220,13 @@ def _bodies(
     phase = SPEED * time / stride_length(person.build, person.manner, SPEED)
     pose = walking(person.build, person.manner, phase, SPEED)
     raised = 0.75 + 0.28 * np.sin(2 * np.pi * time / 4.6)
-    pose = replace(pose, shoulder=(pose.shoulder[0], raised), elbow=(pose.elbow[0], 0.55))
-    pose = replace(pose, spread=(pose.spread[0], 0.30), inward=(0.0, 0.0))
+    pose = replace(
+        pose, shoulder=(pose.shoulder[0], raised), elbow=(pose.elbow[0], 0.55), spread=(pose.spread[0], 0.30),
+        inward=(0.0, 0.0),
+    )  # fmt: skip
     skeleton = place(person.build, pose, position, heading)
-    forearm = skeleton.fingers[1] - skeleton.wrist[1]
-    grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * (0.88 * settings.radius)
-    return pose, (position, heading), grip
-
-
-def _things(clip: SphereClip, time: float) -> list[Thing]:
-    pose, (position, heading), grip = _bodies(clip.person, clip.settings, time)
-    body = person_thing(clip.person, pose, position, heading)
-    radius, ball = clip.settings.radius, Parts()
-    paint = Surface(*clip.colours, Pattern.ACROSS, 0.8 * radius, 0.03)
+    forearm, radius, ball = skeleton.fingers[1] - skeleton.wrist[1], settings.radius, Parts()
+    grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * (0.88 * radius)
+    paint = Surface(*colours, Pattern.ACROSS, 0.8 * radius, 0.03)
     ball.cone(grip, grip, (radius, radius), paint, front=np.array([0.0, 1.0, 0.0]))
-    return [body, Thing(ball.solids())]
-
-
-def _board(camera: PinholeCamera) -> Thing:
-    """A board that fills the view, half a metre before the camera."""
-    forward = camera.rotation[2]
-    yaw = float(np.arctan2(forward[1], forward[0]))
-    board = Parts()
-    paint = Surface((0.35, 0.30, 0.28), (0.5, 0.45, 0.4), Pattern.ACROSS, 0.09, 0.1)
-    board.box(camera.position + 0.55 * forward, [0.02, 1.0, 1.0], yaw, paint)
-    return Thing(board.solids())
+    return [person_thing(person, pose, position, heading), Thing(ball.solids())], grip

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, get_args
+from typing import get_args
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from tsuiseki.datamodules.scenes import clip
 from tsuiseki.datamodules.scenes.people.walkers import Motion, Walker, crowd
+from tsuiseki.datamodules.scenes.render.composing import Picture, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, automatic_exposure, degrade
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
-from tsuiseki.datamodules.scenes.render.scene import Picture, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import Light, random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
-from tsuiseki.datamodules.scenes.things import clutter
+from tsuiseki.datamodules.scenes.things import street_things
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -70,8 +69,8 @@ class StreetSettings(clip.ClipSettings):
 
 
 @dataclass(frozen=True)
-class StreetClip:
-    """A planned clip, of which every frame can be drawn on its own; see `clip.Clip`."""
+class StreetClip(clip.Clip[clip.FrameTruth]):
+    """A planned clip, of which every frame can be drawn on its own."""
 
     settings: StreetSettings
     seed: int
@@ -83,14 +82,7 @@ class StreetClip:
     lens: Degradation
     drift: FloatArray
 
-    views: ClassVar[tuple[str, ...]] = (clip.IMAGES,)
-    quality: ClassVar[int] = 90
-
-    def frames(self) -> Iterator[clip.Moment[clip.FrameTruth]]:
-        """See `clip.Clip`."""
-        for frame in range(self.settings.frames):
-            image, truth = self.draw_frame(frame)
-            yield (image,), truth
+    quality = 90
 
     def draw_frame(self, frame: int) -> tuple[ImageArray, clip.FrameTruth]:
         """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the people of the plan from 1."""
@@ -116,10 +108,10 @@ def plan_street(settings: StreetSettings, seed: int) -> StreetClip:
     camera, spots = _camera(rng, settings)
     light = random_light(rng)
     ground, sunlit = draw_ground(random_ground(rng), camera, light)
-    static = clutter.clutter_around(rng, camera, settings.occluders, np.empty((0, 2)), LARGEST)
+    static = street_things.clutter_around(rng, camera, settings.occluders, np.empty((0, 2)), LARGEST)
     middles = [t.solids.start[0, :2].astype(np.float64) for t in static]
-    obstacles = [[*m, clutter.reach_of(t.solids, m)] for m, t in zip(middles, static, strict=True)]
-    static += clutter.buildings_behind(rng, int(rng.integers(1, 4)), float(np.linalg.norm(spots, axis=1).max()))
+    obstacles = [[*m, street_things.reach_of(t.solids, m)] for m, t in zip(middles, static, strict=True)]
+    static += street_things.buildings_behind(rng, int(rng.integers(1, 4)), float(np.linalg.norm(spots, axis=1).max()))
     bare, sunlit = darken(empty_picture(ground, settings.samples), static, camera, light, sunlit, 1.0)
     background, _ = compose(bare, static, camera, light)
     walkers = crowd(
@@ -146,9 +138,9 @@ def _camera(rng: np.random.Generator, settings: StreetSettings) -> tuple[Pinhole
     feet = rng.uniform([0.03, 0.05], [0.97, 1.0], (400, 2)) * [settings.width, settings.height]
     low, high = settings.person_height
     for _ in range(CAMERAS):
-        camera = clutter.random_camera(rng, settings.width, settings.height, CAMERA_HEIGHT)
+        camera = street_things.random_camera(rng, settings.width, settings.height, CAMERA_HEIGHT)
         spots = camera.ground(feet)[:, :2]
-        apparent = clutter.apparent_heights(camera, spots)
+        apparent = street_things.apparent_heights(camera, spots)
         heads, _ = camera.project(np.nan_to_num(np.insert(spots, 2, 1.8, axis=1)))
         good = (apparent > low) & (apparent < high) & (heads[:, 1] > 0)
         if good.mean() >= WALKABLE and ConvexHull(spots[good]).volume >= ROOM * settings.people:

@@ -12,20 +12,14 @@ from tsuiseki.datamodules.scenes.clip import expect, people_in_view
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dressed, pictured_things, tilt_of
 from tsuiseki.datamodules.scenes.people.person import person_thing, random_person, random_pose
+from tsuiseki.datamodules.scenes.render.composing import Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, by_night, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
 from tsuiseki.datamodules.scenes.render.photographs import Photographs, random_facades
-from tsuiseki.datamodules.scenes.render.scene import Sighting, Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import hard_sun, random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.room_clip import ceiling_lens, looking_down
-from tsuiseki.datamodules.scenes.things.clutter import (
-    apparent_heights,
-    buildings_behind,
-    clutter_around,
-    fronts_behind,
-    random_camera,
-)
+from tsuiseki.datamodules.scenes.things import street_things
 from tsuiseki.datamodules.scenes.things.town import random_thing
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
@@ -217,7 +211,11 @@ def random_training_scene(
     how = random_degradation(rng, settings.degradation)
     image = degrade(colour, replace(how, exposure=how.exposure * automatic_exposure(colour)), rng)
     if settings.boxes == "steady":
-        sightings = [_steady(s, thing, camera) for s, thing in zip(sightings, people, strict=True)]
+        for k, thing in enumerate(people):
+            # Those of rendered people have the sides of the whole walk.
+            if (found := sightings[k]) is not None and isinstance(thing.cutout, Standing):
+                left, right = thing.cutout.steady_sides(camera)
+                sightings[k] = replace(found, box=np.array([left, found.box[1], right, found.box[3]]))
     truth, _ = people_in_view(sightings, (settings.width, settings.height), LEAST_VISIBLE, 0.0)
     return image, truth.boxes, truth.visibility
 
@@ -239,13 +237,17 @@ def _scenery(
     if stock.photographs is not None and not in_view and of_photographs.random() < settings.facades:
         facades = random_facades(of_photographs, stock.photographs, int(of_photographs.integers(1, 7)), spots, reach)
     count = _count(rng, settings.clutter) // (4 if in_view else 1)
-    static = clutter_around(rng, camera, count, spots, LARGEST)
+    static = street_things.clutter_around(rng, camera, count, spots, LARGEST)
     if not (in_view or settings.overhead):
-        static += buildings_behind(rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0)))
+        static += street_things.buildings_behind(
+            rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0))
+        )
     static += facades
     if settings.town[1]:
-        static += clutter_around(of_town, camera, _count(of_town, settings.town), spots, LARGEST, random_thing)
-        static += fronts_behind(of_town, 0 if in_view else int(of_town.integers(0, 4)), spots, reach)
+        static += street_things.clutter_around(
+            of_town, camera, _count(of_town, settings.town), spots, LARGEST, random_thing
+        )
+        static += street_things.fronts_behind(of_town, 0 if in_view else int(of_town.integers(0, 4)), spots, reach)
     if settings.things[1]:
         if stock.photographs is None or not stock.photographs.paths["things"]:
             raise RequestError("training scenes: expected photographs of things, got none")
@@ -262,10 +264,10 @@ def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> 
     """A camera and ``(N, 2)`` places on the ground where a person has a wanted size in its image."""
     count = _count(rng, settings.people)
     for _ in range(CAMERAS):
-        camera = random_camera(rng, settings.width, settings.height, settings.camera_height)
+        camera = street_things.random_camera(rng, settings.width, settings.height, settings.camera_height)
         feet = rng.uniform([-0.03, 0.05], [1.03, 1.2], (400, 2)) * [settings.width, settings.height]
         spots = camera.ground(feet)[:, :2]
-        apparent = apparent_heights(camera, spots)
+        apparent = street_things.apparent_heights(camera, spots)
         low, high = settings.person_height
         good = np.flatnonzero((apparent > low) & (apparent < high))
         if len(good) >= 40:
@@ -311,11 +313,3 @@ def _photographed(
         view = photographs.view(rng, camera.width, camera.height)
         return (ground, None) if view is None else (view, view)
     return (photographs.covered(rng, ground, camera) if kind < 1.3 * often else ground), None
-
-
-def _steady(sighting: Sighting | None, thing: Thing, camera: AnyCamera) -> Sighting | None:
-    """The sighting of a rendered person with the sides of the whole walk; of drawn ones the silhouette's."""
-    if sighting is None or not isinstance(thing.cutout, Standing):
-        return sighting
-    left, right = thing.cutout.steady_sides(camera)
-    return replace(sighting, box=np.array([left, sighting.box[1], right, sighting.box[3]]))

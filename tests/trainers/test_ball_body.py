@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, plan_balls
+from tsuiseki.datamodules.scenes.body_clip import BouncingBallSettings, plan_balls
 from tsuiseki.tracking.bodies.body import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.settings import DeformableSettings

@@ -114,10 +114,10 @@ def blobs(
         purity: least and greatest share of an object's pixels that has the colour.
         clutter: patches of the same colour, smaller than objects, in the background.
     """
-    from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, plan_blobs
+    from tsuiseki.datamodules.scenes.blob_clip import BlobClip, BlobSceneSettings
 
     settings = BlobSceneSettings(**asdict(clip), objects=objects, colour=colour, purity=purity, clutter=clutter)
-    return _make(output, clip, partial(plan_blobs, settings, output.seed))
+    return _make(output, clip, partial(BlobClip, settings, output.seed))
 
 
 def drone(
@@ -195,7 +195,7 @@ def floor(
         people: who wander about, at times behind pillars.
         look_alikes: share of people who wear the clothes of another, or nearly.
     """
-    from tsuiseki.datamodules.scenes.floor_clip import FloorClipSettings, plan_floor
+    from tsuiseki.datamodules.scenes.room_clip import FloorClipSettings, plan_floor
 
     settings = FloorClipSettings(**asdict(clip), people=people, repeated=look_alikes, cameras=cameras)
     return _make(output, clip, partial(plan_floor, settings, output.seed), f" of {cameras} cameras")
@@ -220,7 +220,7 @@ def goldfish(
         count: how many, 1 to 5; by default three fish or one ball.
         frame_rate: frames per second; by default 15 for fish and 30 for balls.
     """
-    from tsuiseki.datamodules.scenes.bouncing_clip import BouncingBallSettings, plan_balls
+    from tsuiseki.datamodules.scenes.body_clip import BouncingBallSettings, plan_balls
     from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 
     rate: dict[str, Any] = {} if frame_rate is None else {"frame_rate": frame_rate}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, as_ground_truth, plan_blobs
+from tsuiseki.datamodules.scenes.blob_clip import BlobClip, BlobSceneSettings, as_ground_truth
 from tsuiseki.tracking.evaluation.point_distances import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
 from tsuiseki.tracking.filters.finite_sets import region_likelihoods as likelihoods
@@ -70,7 +70,7 @@ def blobs(bench: Bench, seeds: int = 5, particles: int = 300) -> Outcome:
 def run_blobs(row: tuple[BlobSceneSettings, str, int], seed: int) -> PointScores:
     """A method with so many particles on one clip, an object being there while half of it is in the image."""
     scene, method, particles = row
-    frames = list(plan_blobs(scene, seed).frames())
+    frames = list(BlobClip(scene, seed).frames())
     colour = NAMED_COLOURS[scene.colour]
     if method == METHODS[0]:
         # Each patch of the colour that is large enough for an object in the filter's births.
@@ -146,7 +146,7 @@ def equalisation(bench: Bench, seeds: int = 20, frames: int = 150, particles: in
     )  # fmt: skip
     rows = {update: (update, scene, particles) for update in UPDATES}
     found = Study(rows, range(seeds), run_update, "clips").run(bench)
-    purity = np.sort(plan_blobs(scene, 0).paths.purity)
+    purity = np.sort(BlobClip(scene, 0).purity)
     columns = [
         Column(f"kept of {TARGETS}", lambda one: (one.lost >= frames).sum(), gain=_one_more),
         *(Column(f"frames, purity {p:.2f}", f"lost.{k}", ".0f") for k, p in enumerate(purity)),
@@ -171,7 +171,7 @@ def run_update(row: tuple[str, BlobSceneSettings, int], seed: int) -> Weakened:
     fixed = 0 if name == "calibrated" else density * scene.objects
     nowhere = AnywhereBirths(0.0, 0, size=(32.0, 32.0))
     chosen = RegionPhdFilter(SteppingBox(1.5, 0.5), nowhere, likelihood, update, density, fixed, 1.0)
-    clip = plan_blobs(scene, seed)
+    clip = BlobClip(scene, seed)
     counts, expected = [], []
     state = None
     for (image,), boxes in clip.frames():
@@ -180,7 +180,7 @@ def run_update(row: tuple[str, BlobSceneSettings, int], seed: int) -> Weakened:
         state, info = chosen.step(state, ColourImage.of(image, NAMED_COLOURS[scene.colour]), rng)
         counts.append(_on_targets(state.particles, boxes))
         expected.append(info.expected_count)
-    particles = np.array(counts)[:, np.argsort(clip.paths.purity)]
+    particles = np.array(counts)[:, np.argsort(clip.purity)]
     return Weakened(particles, np.array(expected), _lost(particles, least=LEAST * density))
 
 

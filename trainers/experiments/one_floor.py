@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.floor_clip import FloorClipSettings, plan_floor
+from tsuiseki.datamodules.scenes.room_clip import FloorClipSettings, plan_floor
 from tsuiseki.tracking.cameras.multicamera import (
     FloorFolder,
     PlacedTruth,

@@ -20,7 +20,6 @@ from tsuiseki.datamodules.scenes.sphere_clip import (
     CarriedBallSettings,
     SphereClip,
     ball_cameras,
-    covered_image,
     plan_sphere,
 )
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
@@ -222,7 +221,7 @@ def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[FilmRow]) 
     runs = [_Run(way, scene, empty, seed) for way in ways]
     rng = np.random.default_rng((seed, 3))
     for index, (images, _) in enumerate(progress(scene.frames(), f"film {seed}", settings.frames)):
-        board = covered_image(scene, 0, rng) if any(index in run.hidden for run in runs) else None
+        board = scene.covered_image(0, rng) if any(index in run.hidden for run in runs) else None
         for run in runs:
             run.see(index, images, board)
     return [run.errors() for run in runs]

@@ -22,23 +22,23 @@ from tsuiseki.datamodules.scenes.render.photographs import shrunk
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
+# Of each limb the rig's bone that begins it, the cube there, what it hangs on, and its ends in a `PersonSkeleton`.
+LIMBS = {
+    "upperarm": ("upperarm01", "shoulder", "trunk", ("shoulder", "elbow")),
+    "lowerarm": ("lowerarm01", "elbow", "upperarm", ("elbow", "wrist")),
+    "wrist": ("wrist", "hand", "lowerarm", ("wrist", "fingers")),
+    "upperleg": ("upperleg01", "upper-leg", "pelvis", ("hip", "knee")),
+    "lowerleg": ("lowerleg01", "knee", "upperleg", ("knee", "ankle")),
+    "foot": ("foot", "ankle", "lowerleg", ("ankle", "toe")),
+}
 # Bones that are moved, and which of the rig's bones each of them carries along.
-BONES = (
-    "pelvis", "trunk", "head",
-    "upperarm.L", "lowerarm.L", "wrist.L", "upperleg.L", "lowerleg.L", "foot.L",
-    "upperarm.R", "lowerarm.R", "wrist.R", "upperleg.R", "lowerleg.R", "foot.R",
-)  # fmt: skip
+BONES = ("pelvis", "trunk", "head", *(f"{limb}.{side}" for side in "LR" for limb in LIMBS))
 _ROOTS = {"root": "pelvis", "spine04": "trunk", "neck01": "head"} | {
-    f"{part}01.{side}": f"{part}.{side}" for part in ("upperarm", "lowerarm", "upperleg", "lowerleg") for side in "LR"
-} | {f"{part}.{side}": f"{part}.{side}" for part in ("wrist", "foot") for side in "LR"}  # fmt: skip
+    f"{LIMBS[limb][0]}.{side}": f"{limb}.{side}" for limb in LIMBS for side in "LR"
+}
 _CUBES = {"pelvis": "pelvis", "trunk": "spine-4", "head": "neck"} | {
-    f"{bone}.{side}": f"{side.lower()}-{joint}"
-    for side in "LR"
-    for bone, joint in (
-        ("upperarm", "shoulder"), ("lowerarm", "elbow"), ("wrist", "hand"),
-        ("upperleg", "upper-leg"), ("lowerleg", "knee"), ("foot", "ankle"),
-    )
-}  # fmt: skip
+    f"{limb}.{side}": f"{side.lower()}-{LIMBS[limb][1]}" for limb in LIMBS for side in "LR"
+}
 _TIPS = {f"wrist.{s}": f"{s.lower()}-finger-3-1" for s in "LR"} | {f"foot.{s}": f"{s.lower()}-toe-3-1" for s in "LR"}
 _LARGEST_TEXTURE = 512
 _METRES = 0.1

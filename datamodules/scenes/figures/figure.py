@@ -57,17 +57,25 @@ def random_figure(rng: np.random.Generator, assets: Assets) -> Figure:
     shape, height = _shape(rng, assets, sex, age)
     body = assets.body
     worn = _clothes(rng, assets, shape, sex)
-    names = [*_hair(rng, sex), ("clothes", str(rng.choice(SHOE_PAIRS)))]
-    garments = [(assets.garment(*name), {"hair": Worn.HAIR}.get(name[0], Worn.EXTRA)) for name in names]
-    garments = [(g, Worn.SHOES if g.name in SHOE_PAIRS else label) for g, label in garments]
-    fitted = [_fitted(body, shape, garment, label) for garment, label in garments]
-    hidden = [garment.hidden for garment, _ in garments]
-    for mesh, covered in worn:
-        fitted.append(mesh)
-        hidden.append(covered)
+    names: list[tuple[str, str]] = []
+    if rng.random() < 0.08:
+        names.append(("clothes", str(rng.choice(HATS))))
+    elif sex == "female" or rng.random() >= 0.1:
+        names.append(("hair", str(rng.choice(HAIRS[sex]))))
+    names.append(("clothes", str(rng.choice(SHOE_PAIRS))))
+    others = []
+    for kind, name in names:
+        label = Worn.HAIR if kind == "hair" else Worn.SHOES if name in SHOE_PAIRS else Worn.EXTRA
+        others.append(_fitted(body, shape, assets.garment(kind, name), label))
+    fitted, hidden = zip(*others, *worn, strict=True)
     skins = [n for n, p in enumerate(assets.skins) if f"_{sex}" in p.parent.parent.name]
     skin = assets.skin(int(rng.choice(skins if skins else len(assets.skins))))
-    meshes = [_skin(body, shape, np.unique(np.concatenate(hidden)).astype(np.int64), skin), *fitted]
+    covered = np.zeros(len(shape), dtype=np.bool_)
+    covered[np.concatenate(hidden)] = True
+    bare = ~covered[body.quads].all(axis=1)
+    triangles, uv = triangles_of_quads(body.quads[bare]), body.uv[bare][:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2)
+    labels = np.full(len(triangles), Worn.SKIN, np.uint8)
+    meshes = [Mesh(shape, triangles, uv, body.weights, labels, skin), *fitted]
     joints = np.stack([shape[at].mean(axis=0) for at in body.joints])
     meshes += _carried(rng, joints, height)
     if rng.random() < 0.12:
@@ -102,47 +110,33 @@ def _levels(name: str, value: float) -> list[tuple[str, float]]:
     return [(f"average{name}", 1 - abs(value)), (f"{'max' if value > 0 else 'min'}{name}", abs(value))]
 
 
-def _skin(body: BaseBody, shape: FloatArray, hidden: IntArray, texture: ImageArray) -> Mesh:
-    covered = np.zeros(len(shape), dtype=np.bool_)
-    covered[hidden] = True
-    uncovered = ~covered[body.quads].all(axis=1)
-    triangles = triangles_of_quads(body.quads[uncovered])
-    uv = body.uv[uncovered][:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2)
-    return Mesh(shape, triangles, uv, body.weights, np.full(len(triangles), Worn.SKIN, np.uint8), texture)
+def _fitted(body: BaseBody, shape: FloatArray, garment: Garment, label: int) -> tuple[Mesh, IntArray]:
+    """A garment put on, and the body's vertices that it hides.
 
-
-def _fitted(body: BaseBody, shape: FloatArray, garment: Garment, label: int) -> Mesh:
-    """A garment put on; a suit's label 0 stands for `Worn.UPPER` and `Worn.LOWER`, by the bones that move it."""
+    A suit's label 0 stands for `Worn.UPPER` and `Worn.LOWER`, by the bones that move it.
+    """
     scale = (shape[:, 2].max() - shape[:, 2].min()) / (body.vertices[:, 2].max() - body.vertices[:, 2].min())
     vertices = np.einsum("nk,nkd->nd", garment.shares, shape[garment.anchors]) + scale * garment.offsets
     weights = np.clip(np.einsum("nk,nkb->nb", garment.shares, body.weights[garment.anchors]), 0, None)
     weights /= weights.sum(axis=1, keepdims=True)
     low = weights[garment.triangles][:, :, [0, *_LEGS]].sum(axis=2).mean(axis=1) > 0.5
     labels = np.where(low, Worn.LOWER, Worn.UPPER) if label == 0 else np.full(len(low), label)
-    return Mesh(vertices, garment.triangles, garment.uv, weights, labels.astype(np.uint8), garment.texture, True)
-
-
-def _hair(rng: np.random.Generator, sex: str) -> list[tuple[str, str]]:
-    if rng.random() < 0.08:
-        return [("clothes", str(rng.choice(HATS)))]
-    return [] if sex == "male" and rng.random() < 0.1 else [("hair", str(rng.choice(HAIRS[sex])))]
+    labels = labels.astype(np.uint8)
+    return Mesh(vertices, garment.triangles, garment.uv, weights, labels, garment.texture, True), garment.hidden
 
 
 def _clothes(rng: np.random.Generator, assets: Assets, shape: FloatArray, sex: str) -> list[tuple[Mesh, IntArray]]:
     """Meshes and the body's vertices that each hides."""
-    body = assets.body
-    nothing = np.empty(0, dtype=np.int64)
+
+    def sewn(part: str, least: float, most: float) -> tuple[Mesh, IntArray]:
+        return _sewn(rng, assets.body, shape, part, float(rng.uniform(least, most))), np.empty(0, dtype=np.int64)
+
     if rng.random() < 0.6:
         suit = assets.garment("clothes", str(rng.choice(SUITS[sex])))
-        worn = [(_fitted(body, shape, suit, 0), suit.hidden)]
-        if rng.random() < 0.25:
-            worn.append((_sewn(rng, body, shape, "upper", float(rng.uniform(0.016, 0.032))), nothing))
-        return worn
-    worn = [(_sewn(rng, body, shape, "lower", float(rng.uniform(0.006, 0.022))), nothing)]
-    worn.append((_sewn(rng, body, shape, "upper", float(rng.uniform(0.006, 0.032))), nothing))
-    if rng.random() < (0.45 if sex == "female" else 0.06):
-        worn.append((_sewn(rng, body, shape, "skirt", float(rng.uniform(0.005, 0.03))), nothing))
-    return worn
+        worn = [_fitted(assets.body, shape, suit, 0)]
+        return [*worn, sewn("upper", 0.016, 0.032)] if rng.random() < 0.25 else worn
+    worn = [sewn("lower", 0.006, 0.022), sewn("upper", 0.006, 0.032)]
+    return [*worn, sewn("skirt", 0.005, 0.03)] if rng.random() < (0.45 if sex == "female" else 0.06) else worn
 
 
 def _sewn(rng: np.random.Generator, body: BaseBody, shape: FloatArray, part: str, loose: float) -> Mesh:

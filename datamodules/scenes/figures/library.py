@@ -126,25 +126,23 @@ def write_sprites(
     assets: str | Path,
     settings: SpriteSettings,
     seed: int,
-    overwrite: bool = False,
     watch: Callable[[Iterator[list[list[str]]]], Iterator[list[list[str]]]] = iter,
 ) -> Path:
     """Render a library into ``folder``; person n depends on ``seed``, n and the assets only.
 
     Args:
-        folder: does not exist yet or is empty, unless ``overwrite``.
+        folder: does not exist yet or is empty.
         assets: the unpacked packages, see `assets.Assets`.
         settings: how many and how large.
         seed: of all random numbers.
-        overwrite: a library that the folder holds is replaced.
         watch: passes people on as they are drawn, to show how far it is.
 
     Raises:
-        RequestError: the assets are not there, or ``folder`` is a file or holds files while ``overwrite`` is False.
+        RequestError: the assets are not there, or ``folder`` is a file or holds files.
     """
     folder = Path(folder).resolve()
     Assets(assets)
-    with output_folder(folder, overwrite) as work:
+    with output_folder(folder, overwrite=False) as work:
         draw = partial(_person, work, Path(assets), settings, seed)
         people = watch(on_all_cores(draw, range(settings.people), 4, settings.processes))
         rows = [row for views in people for row in views]
@@ -161,9 +159,7 @@ def _name(person: int, view: int) -> str:
     return f"{person:04d}-{view}"
 
 
-@lru_cache(maxsize=1)
-def _opened(folder: Path) -> Assets:
-    return Assets(folder)
+_opened = lru_cache(maxsize=1)(Assets)
 
 
 def _person(work: Path, assets: Path, settings: SpriteSettings, seed: int, person: int) -> list[list[str]]:

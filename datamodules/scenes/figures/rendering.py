@@ -9,39 +9,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.figures.assets import BONES, Assets
+from tsuiseki.datamodules.scenes.figures.assets import BONES, LIMBS, Assets
 from tsuiseki.datamodules.scenes.figures.equipment import equipment
 from tsuiseki.datamodules.scenes.figures.figure import Figure, random_figure
-from tsuiseki.datamodules.scenes.figures.mesh import Fragments, Mesh, Worn, joined, nearest, rasterise, vertex_normals
+from tsuiseki.datamodules.scenes.figures.mesh import Mesh, Worn, joined, nearest, rasterise, vertex_normals
+from tsuiseki.datamodules.scenes.people.gait import random_manner, standing, walking
 from tsuiseki.datamodules.scenes.people.person import view_from
 from tsuiseki.datamodules.scenes.people.poses import draw_pose, random_name
-from tsuiseki.datamodules.scenes.people.posture import (
-    Build,
-    PersonSkeleton,
-    Pose,
-    place,
-    random_manner,
-    standing,
-    walking,
-)
-from tsuiseki.datamodules.scenes.render.solids import tight
+from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton, Pose, place
+from tsuiseki.datamodules.scenes.render.tracing import tight
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
-
-_PARENTS = {"trunk": "pelvis", "head": "trunk"} | {
-    f"{bone}.{side}": parent if parent in ("trunk", "pelvis") else f"{parent}.{side}"
-    for side in "LR"
-    for bone, parent in (
-        ("upperarm", "trunk"), ("lowerarm", "upperarm"), ("wrist", "lowerarm"),
-        ("upperleg", "pelvis"), ("lowerleg", "upperleg"), ("foot", "lowerleg"),
-    )
-}  # fmt: skip
-# Where each limb begins and ends in a `PersonSkeleton`.
-_JOINTS = {
-    "upperarm": ("shoulder", "elbow"), "lowerarm": ("elbow", "wrist"), "wrist": ("wrist", "fingers"),
-    "upperleg": ("hip", "knee"), "lowerleg": ("knee", "ankle"), "foot": ("ankle", "toe"),
-}  # fmt: skip
-_NEXT = {"upperarm": "lowerarm", "lowerarm": "wrist", "upperleg": "lowerleg", "lowerleg": "foot"}
 
 
 def posed(figure: Figure, skeleton: PersonSkeleton) -> list[FloatArray]:
@@ -67,14 +45,15 @@ def _bones(figure: Figure, skeleton: PersonSkeleton) -> tuple[list[FloatArray], 
     rotation = {"pelvis": skeleton.pelvis_axes, "trunk": skeleton.trunk_axes, "head": skeleton.head_axes}
     origin = {"pelvis": figure.joints[0]}
     for b, bone in enumerate(BONES[1:], start=1):
-        parent = _PARENTS[bone]
+        part, _, side = bone.partition(".")
+        on = LIMBS[part][2] if side else {"trunk": "pelvis", "head": "trunk"}[bone]
+        parent = f"{on}.{side}" if on in LIMBS else on
         before = BONES.index(parent)
         origin[bone] = rotation[parent] @ (figure.joints[b] - figure.joints[before]) + origin[parent]
-        if bone not in rotation:
-            part, side = bone.split(".")
-            end = figure.joints[BONES.index(f"{_NEXT[part]}.{side}")] if part in _NEXT else figure.tips[bone]
-            rest = rotation[parent] @ (end - figure.joints[b])
-            start, stop = (getattr(skeleton, joint)["LR".index(side)] for joint in _JOINTS[part])
+        if side:
+            after = [figure.joints[BONES.index(f"{limb}.{side}")] for limb in LIMBS if LIMBS[limb][2] == part]
+            rest = rotation[parent] @ ((after[0] if after else figure.tips[bone]) - figure.joints[b])
+            start, stop = (getattr(skeleton, joint)["LR".index(side)] for joint in LIMBS[part][3])
             rotation[bone] = shortest_turn(rest, stop - start) @ rotation[parent]
     return [rotation[b] for b in BONES], [origin[b] for b in BONES]
 
@@ -145,13 +124,16 @@ def random_sprites(
     ``tilts`` bound how far down the cameras look, radians; flatter ones are somewhat more common. Of the views,
     ``posed_share`` show one of the poses of `poses`, the others somebody who walks or stands.
     """
-    figure = random_figure(rng, assets)
-    manner = random_manner(rng)
-    sprites = []
+    figure, manner = random_figure(rng, assets), random_manner(rng)
+    sprites, build = list[Sprite](), Build(figure.height)
     for _ in range(views):
-        build = Build(figure.height)
         if posed_share and rng.random() < posed_share:
-            sprites.append(_posed_sprite(rng, figure, height_px, tilts))
+            name, seed = random_name(rng), int(rng.integers(1 << 31))
+            pose, heading = draw_pose(seed, build, name), float(rng.uniform(0, 2 * np.pi))
+            skeleton = place(build, pose, np.zeros(2), heading)
+            beside = equipment(rng, name, skeleton)
+            sprite = _across(rng, figure, skeleton, height_px, float(rng.uniform(*tilts)), beside)
+            sprites.append(replace(sprite, heading=heading, pose=pose, drawn=f"{name} {seed}"))
             continue
         if rng.random() < 0.75:
             phase, speed = float(rng.random()), float(rng.uniform(0.4, 1.45))
@@ -169,16 +151,6 @@ def random_sprites(
         sprite = render_figure(figure, skeleton, camera, tilt)
         sprites.append(replace(sprite, steady=steady_sides(figure, skeleton, others, camera, sprite)))
     return sprites
-
-
-def _posed_sprite(rng: np.random.Generator, figure: Figure, height_px: float, tilts: tuple[float, float]) -> Sprite:
-    """``figure`` in a random pose, seen from anywhere between ``tilts``."""
-    name, seed, build = random_name(rng), int(rng.integers(1 << 31)), Build(figure.height)
-    pose, heading = draw_pose(seed, build, name), float(rng.uniform(0, 2 * np.pi))
-    skeleton = place(build, pose, np.zeros(2), heading)
-    beside = equipment(rng, name, skeleton)
-    sprite = _across(rng, figure, skeleton, height_px, float(rng.uniform(*tilts)), beside)
-    return replace(sprite, heading=heading, pose=pose, drawn=f"{name} {seed}")
 
 
 def _across(
@@ -231,9 +203,14 @@ def render_figure(
         # Who rides or sits is lifted, until the lowest of all stands on the ground.
         lowest = min(0.0, *(float(mesh.vertices[:, 2].min()) for mesh in beside))
         vertices = [points - [0.0, 0.0, lowest] for points in [*vertices, *(mesh.vertices for mesh in beside)]]
-    parts = [_fragments(mesh, points, camera) for mesh, points in zip(meshes, vertices, strict=True)]
-    owned = [np.stack([np.full(len(p.pixel), k), p.triangle], axis=1) for k, p in enumerate(parts)]
-    visible = nearest(joined([replace(part, triangle=of) for part, of in zip(parts, owned, strict=True)]))
+    parts = []
+    for k, (mesh, points) in enumerate(zip(meshes, vertices, strict=True)):
+        pixels, depth = camera.project(points)
+        part = rasterise(pixels[mesh.triangles], depth[mesh.triangles], camera.width, camera.height)
+        if mesh.cutout:
+            part = part.chosen(np.flatnonzero(_texel(mesh, part.triangle, part.where)[:, 3] > 110))
+        parts.append(replace(part, triangle=np.stack([np.full(len(part.pixel), k), part.triangle], axis=1)))
+    visible = nearest(joined(parts))
     size = (camera.height, camera.width)
     albedo, normal = np.zeros((*size, 3), np.uint8), np.zeros((*size, 3), np.int8)
     label = np.zeros(size, np.uint8)
@@ -243,7 +220,12 @@ def render_figure(
         rows, columns = np.divmod(own.pixel, camera.width)
         albedo[rows, columns] = _texel(mesh, triangle, own.where)[:, :3]
         label[rows, columns] = mesh.labels[triangle]
-        normal[rows, columns] = np.round(127 * _normals(mesh, points, triangle, own.where, camera)).astype(np.int8)
+        corners, where = mesh.triangles[triangle], own.where[..., None]
+        outward = (vertex_normals(points, mesh.triangles)[corners] * where).sum(axis=1)
+        towards = camera.position - (points[corners] * where).sum(axis=1)
+        outward *= np.where((outward * towards).sum(axis=1) < 0, -1.0, 1.0)[:, None]
+        outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
+        normal[rows, columns] = np.round(127 * outward).astype(np.int8)
     if beside:
         covered = np.zeros(label.size, np.bool_)
         covered[np.concatenate([part.pixel for part in parts[: len(figure.meshes)]])] = True
@@ -257,31 +239,12 @@ def render_figure(
     return Sprite(albedo[at], normal[at], label[at], feet, head, figure.height, tilt, sides)
 
 
-def _fragments(mesh: Mesh, points: FloatArray, camera: PinholeCamera) -> Fragments:
-    pixels, depth = camera.project(points)
-    corners = pixels[mesh.triangles]
-    fragments = rasterise(corners, depth[mesh.triangles], camera.width, camera.height)
-    if not mesh.cutout:
-        return fragments
-    return fragments.chosen(np.flatnonzero(_texel(mesh, fragments.triangle, fragments.where)[:, 3] > 110))
-
-
 def _texel(mesh: Mesh, triangle: NDArray[np.int64], where: FloatArray) -> ImageArray:
     uv = (mesh.uv[triangle] * where[..., None]).sum(axis=1)
     h, w = mesh.texture.shape[:2]
     column = np.floor(uv[:, 0] % 1.0 * w).astype(np.int64) % w
     row = np.floor((1 - uv[:, 1] % 1.0) * h).astype(np.int64) % h
     return np.asarray(mesh.texture[row, column])
-
-
-def _normals(
-    mesh: Mesh, points: FloatArray, triangle: NDArray[np.int64], where: FloatArray, camera: PinholeCamera
-) -> FloatArray:
-    corners = mesh.triangles[triangle]
-    normal = (vertex_normals(points, mesh.triangles)[corners] * where[..., None]).sum(axis=1)
-    towards = camera.position - (points[corners] * where[..., None]).sum(axis=1)
-    normal *= np.where((normal * towards).sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9))
 
 
 def smaller(sprite: Sprite, factor: float) -> Sprite:

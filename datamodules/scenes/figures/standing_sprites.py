@@ -10,12 +10,13 @@ import numpy as np
 from tsuiseki.datamodules.scenes.figures.mesh import Worn
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite, smaller
 from tsuiseki.datamodules.scenes.people.outfit import MIDDLE, random_outfit
-from tsuiseki.datamodules.scenes.people.poses import mirrored
+from tsuiseki.datamodules.scenes.people.posture import mirrored
+from tsuiseki.datamodules.scenes.render.composing import Thing
 from tsuiseki.datamodules.scenes.render.photographs import OPAQUE, Photographs
-from tsuiseki.datamodules.scenes.render.scene import Thing
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Solids, Surface, boxes
-from tsuiseki.datamodules.scenes.things.clutter import clutter_around
+from tsuiseki.datamodules.scenes.render.solids import Float32, Surface, boxes
+from tsuiseki.datamodules.scenes.render.tracing import Layer, RayCamera
+from tsuiseki.datamodules.scenes.things.street_things import clutter_around
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
@@ -36,8 +37,8 @@ class Standing:
     sprite: Sprite
     spot: FloatArray
 
-    def trace(self, camera: RayCamera, samples: int) -> tuple[Layer, Sprite] | None:
-        """Where the person is on a grid of ``samples`` by ``samples`` rays a pixel, and the sprite on that window.
+    def trace(self, camera: RayCamera, samples: int) -> Layer | None:
+        """Where the person is on a grid of ``samples`` by ``samples`` rays a pixel, with the sprite on that window.
 
         None where the person is not wholly before the camera or does not meet the picture.
         """
@@ -57,13 +58,20 @@ class Standing:
         if right <= 0 or bottom <= 0 or left >= width or top >= height or max(right - left, bottom - top) > 4 * height:
             return None
         affine[:, 2] -= [left, top]
-        shown = _warped(sprite, affine, (right - left, bottom - top))
+        affine[:, 2] += affine[:, :2].sum(axis=1) / 2 - 0.5
+        albedo, normal, label = (
+            cv2.warpAffine(part, affine, (right - left, bottom - top), flags=cv2.INTER_NEAREST)
+            for part in (sprite.albedo, sprite.normal.astype(np.int16), sprite.label)
+        )
+        shown = replace(
+            sprite, albedo=albedo.astype(np.uint8), normal=normal.astype(np.int8), label=label.astype(np.uint8)
+        )
         middle = np.array([*self.spot, self.sprite.middle or 0.5 * self.sprite.height])
         away = np.float32(np.linalg.norm(middle - camera.position))
         distance = np.where(shown.label > 0, away, np.float32(np.inf)).astype(np.float32)
         if not (shown.label > 0).any():
             return None
-        return Layer(int(left), int(top), distance, -(shown.label == Worn.BESIDE).astype(np.int16)), shown
+        return Layer(int(left), int(top), distance, -(shown.label == Worn.BESIDE).astype(np.int16), shown)
 
     def steady_sides(self, camera: RayCamera) -> FloatArray:
         """``(2,)`` pixels: the left and right side of the steady box in the picture, see `Sprite`."""
@@ -88,9 +96,9 @@ class Standing:
         away = self.spot - camera.position[:2]
         return np.asarray(away / max(float(np.linalg.norm(away)), 1e-6))
 
-    def shade(self, shown: Sprite, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
-        """Linear colours ``(n, 3)`` of the subpixels of the window where ``seen`` is True, row by row."""
-        away = self._away(camera)
+    def shade(self, layer: Layer, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
+        """See `composing.StandIn.shade`."""
+        away, shown = self._away(camera), layer.shown
         axes = np.array([[away[0], -away[1], 0], [away[1], away[0], 0], [0, 0, 1]], dtype=np.float32)
         normal = shown.normal[seen].astype(np.float32) / np.float32(127) @ axes.T
         albedo = np.square(shown.albedo[seen].astype(np.float32) / np.float32(255))
@@ -147,16 +155,6 @@ def _similarity(a: FloatArray, b: FloatArray, to_a: FloatArray, to_b: FloatArray
     return np.column_stack([turn, to_a - turn @ a])
 
 
-def _warped(sprite: Sprite, affine: FloatArray, size: tuple[int, int]) -> Sprite:
-    centred = affine.copy()
-    centred[:, 2] += affine[:, :2].sum(axis=1) / 2 - 0.5
-    albedo, normal, label = (
-        cv2.warpAffine(part, centred, size, flags=cv2.INTER_NEAREST)
-        for part in (sprite.albedo, sprite.normal.astype(np.int16), sprite.label)
-    )
-    return replace(sprite, albedo=albedo.astype(np.uint8), normal=normal.astype(np.int8), label=label.astype(np.uint8))
-
-
 # Metres: about a person's height and less, up to that of a sign on its post.
 _LOWEST, _HIGHEST = 0.6, 3.0
 # Pixels of its height that are kept, as of a rendered person.
@@ -173,7 +171,12 @@ def pictured_things(
 
     def upright(rng: np.random.Generator, spot: FloatArray) -> Thing:
         sprite = _as_sprite(rng, photographs.thing(rng))
-        board = _board(sprite, spot, camera)
+        # A thin upright box before the camera throws the shadow.
+        rows, columns = sprite.label.shape
+        away = spot - camera.position[:2]
+        across = float(np.arctan2(away[1], away[0])) - np.pi / 2
+        half = np.array([[0.5 * sprite.height * columns / rows, 0.05, 0.5 * sprite.height]])
+        board = boxes(np.array([[*spot, half[0, 2]]]), half, np.array([across]), [Surface(MIDDLE[0])])
         return Thing(board, cutout=Standing(sprite, board.start[0, :2].astype(np.float64)))
 
     return clutter_around(rng, camera, count, taken, largest, upright)
@@ -194,12 +197,3 @@ def _as_sprite(rng: np.random.Generator, picture: ImageArray) -> Sprite:
     height = float(np.exp(rng.uniform(np.log(_LOWEST), np.log(_HIGHEST))))
     middle, sides = wide / 2, np.array([0.0, wide])
     return Sprite(albedo, normal, label, np.array([middle, tall]), np.array([middle, 0.0]), height, 0.0, sides)
-
-
-def _board(sprite: Sprite, spot: FloatArray, camera: RayCamera) -> Solids:
-    """The thin upright box before the camera that throws the shadow of ``sprite``."""
-    rows, columns = sprite.label.shape
-    away = spot - camera.position[:2]
-    across = float(np.arctan2(away[1], away[0])) - np.pi / 2
-    half = np.array([[0.5 * sprite.height * columns / rows, 0.05, 0.5 * sprite.height]])
-    return boxes(np.array([[*spot, half[0, 2]]]), half, np.array([across]), [Surface(MIDDLE[0])])

@@ -8,22 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import ClipSettings
-from tsuiseki.datamodules.scenes.people.activities import (
-    ACTIVITIES,
-    AHEAD,
-    APART,
-    FETCHED,
-    HELD,
-    STAND,
-    WALK,
-    Activity,
-    pose_of,
-    resting_pose,
-    stride_frequency,
-)
+from tsuiseki.datamodules.scenes.people.activities import ACTIVITIES, STAND, WALK, Activity, Kind, Prop, random_prop
 from tsuiseki.datamodules.scenes.people.person import Person, somebody
 from tsuiseki.datamodules.scenes.people.posture import Pose, blend
-from tsuiseki.datamodules.scenes.people.props import Kind, Prop, random_prop
 from tsuiseki.tracking.formats.acting_tracks import CARRYING, PUSHING, RUNNING, SITTING
 from tsuiseki.tracking.types import FloatArray
 
@@ -45,14 +32,6 @@ class PerformerState:
     activity: Activity
     prop: Prop | None
     hand: int
-
-
-@dataclass(frozen=True)
-class Performer:
-    """A person with its `PerformerState` in every frame."""
-
-    person: Person
-    states: tuple[PerformerState, ...]
 
 
 @dataclass
@@ -79,8 +58,11 @@ class Errand:
 
 
 @dataclass
-class Actor:
-    """A person in the simulation: where it is, what it is doing since and until when, and what it is up to."""
+class Performer:
+    """A person in the simulation: where it is, what it is doing since and until when, and what it is up to.
+
+    ``states`` has what it was like in every frame.
+    """
 
     person: Person
     position: FloatArray
@@ -99,10 +81,16 @@ class Actor:
     before: Pose = field(default_factory=Pose)
     states: list[PerformerState] = field(default_factory=list)
 
-    def facing(self, angle: float | None = None) -> FloatArray:
-        """Unit vector of the heading, or of another angle."""
-        angle = self.heading if angle is None else angle
-        return np.array([math.cos(angle), math.sin(angle)])
+    @property
+    def free(self) -> bool:
+        """Whether it can do something with others."""
+        fetched = self.prop is not None and self.prop.ahead
+        return self.errand is None and self.activity.act is None and self.seat is None and not fetched
+
+
+def facing(angle: float) -> FloatArray:
+    """``(2,)`` unit vector."""
+    return np.array([math.cos(angle), math.sin(angle)])
 
 
 @dataclass(frozen=True)
@@ -123,10 +111,10 @@ class _Stage:
         self.rng, self.rate, self.arena, self.obstacles = rng, rate, arena, obstacles
         self.things = [self._put("bench", 0.9) for _ in range(int(rng.integers(1, 3)))]
         self.spent = dict.fromkeys(ACTIVITIES, 0.0)
-        self.actors: list[Actor] = []
+        self.actors: list[Performer] = []
         for _ in range(people):
             person = somebody(rng, [actor.person for actor in self.actors], look_alikes)
-            self.actors.append(Actor(person, self.somewhere(), float(rng.uniform(0, 2 * np.pi))))
+            self.actors.append(Performer(person, self.somewhere(), float(rng.uniform(0, 2 * np.pi))))
         kinds: tuple[Kind, ...] = ("cart", "crate", "suitcase")
         self.things += [self._put(kind) for kind in kinds if rng.random() < 0.5]
         for index in range(people):
@@ -153,17 +141,21 @@ class _Stage:
         for actor in self.actors:
             if actor.activity.moving:
                 self._move(actor)
-            self._remember(actor, frame)
+            a, seconds = actor, (frame - actor.began) / self.rate
+            pose = a.activity.pose(a.person, a.rest, seconds, a.phase, a.pace, a.hand, a.prop)
+            if a.states and seconds < CHANGE:
+                pose = blend(a.before, pose, 0.5 - 0.5 * math.cos(math.pi * seconds / CHANGE))
+            a.states.append(PerformerState(a.position.copy(), a.heading, pose, a.activity, a.prop, a.hand))
 
     def choose(self, index: int, frame: int, at_once: bool = False) -> None:
         """The next activity of somebody: what has been rare so far is likelier."""
         rng, actor = self.rng, self.actors[index]
         weights = np.array([a.weight / (0.5 + self.spent[a]) for a in ACTIVITIES])
         for activity in rng.choice(np.array(ACTIVITIES, dtype=object), 6, p=weights / weights.sum()):
-            if activity.act in APART:
+            if activity.apart:
                 if self._meet(index, activity, frame, at_once):
                     return
-            elif activity.act in FETCHED and not (at_once or (actor.prop and actor.prop.kind in FETCHED[activity.act])):
+            elif activity.fetching and not (at_once or (actor.prop and actor.prop.kind in activity.kinds)):
                 if self._fetch(index, activity, frame):
                     return
             elif activity.posture == SITTING and rng.random() < 0.6:
@@ -178,38 +170,40 @@ class _Stage:
         """Somebody starts an activity; what it does not need is put down."""
         rng, actor = self.rng, self.actors[index]
         actor.before = actor.states[-1].pose if actor.states else Pose()
-        same = actor.activity.act in FETCHED and actor.activity.act == activity.act
-        if actor.prop and actor.activity.act in FETCHED and not same:
-            place = actor.position + AHEAD[actor.prop.kind] * actor.facing()
+        same = actor.activity.fetching and actor.activity.act == activity.act
+        if actor.prop and actor.activity.fetching and not same:
+            place = actor.position + actor.prop.ahead * facing(actor.heading)
             self.things.append(PlacedProp(actor.prop, place, actor.heading, frame))
         if not same:
             actor.prop = None
-            kinds = {**HELD, **FETCHED}.get(activity.act or "")
-            if errand is not None and errand.thing is not None and errand.thing.prop.kind in AHEAD:
+            if errand is not None and errand.thing is not None and errand.thing.prop.ahead:
                 actor.prop, errand.thing.last = errand.thing.prop, frame
-            elif kinds:
-                actor.prop = random_prop(rng, kinds[int(rng.integers(len(kinds)))])
+            elif activity.kinds:
+                actor.prop = random_prop(rng, activity.kinds[int(rng.integers(len(activity.kinds)))])
         if actor.seat is not None and activity.posture != SITTING:
             actor.seat = None
         actor.activity, actor.errand, actor.began = activity, None, frame
         actor.hand = int(rng.integers(2))
-        actor.rest = resting_pose(rng, activity, actor.person, actor.seat is not None)
+        actor.rest = activity.resting_pose(rng, actor.person, actor.seat is not None)
         actor.until = frame + int(rng.uniform(*activity.seconds) * self.rate)
         actor.pace = float(rng.uniform(2.8, 4.0) if activity.posture == RUNNING else rng.normal(1.25, 0.15))
         if activity.act in (PUSHING, CARRYING):
             actor.pace *= 0.85
         actor.target = self.somewhere()
 
-    @staticmethod
-    def _free(actor: Actor) -> bool:
-        fetched = actor.prop is not None and actor.prop.kind in AHEAD
-        return actor.errand is None and actor.activity.act is None and actor.seat is None and not fetched
+    def _send(
+        self, index: int, frame: int, activity: Activity, spot: FloatArray, heading: float, partner: int | None = None,
+        thing: PlacedProp | None = None,
+    ) -> None:  # fmt: skip
+        """Let somebody walk to an activity."""
+        self.begin(index, WALK, frame)
+        deadline = frame + int(PATIENCE * self.rate)
+        self.actors[index].errand = Errand(activity, spot, heading, deadline, partner, thing)
 
     def _meet(self, index: int, activity: Activity, frame: int, at_once: bool) -> bool:
         """Arrange a meeting with the nearest free person; at once it begins there and then."""
-        assert activity.act is not None
         actor = self.actors[index]
-        others = [i for i, a in enumerate(self.actors) if a is not actor and self._free(a) and activity != a.activity]
+        others = [i for i, a in enumerate(self.actors) if a is not actor and a.free and activity != a.activity]
         if at_once:
             others = [i for i in others if self.actors[i].until == 0]
         if not others:
@@ -218,15 +212,13 @@ class _Stage:
         partner = self.actors[other]
         middle = 0.5 * (actor.position + partner.position) if not at_once else actor.position
         angle = math.atan2(*(partner.position - actor.position)[::-1])
-        half = 0.5 * APART[activity.act] * np.array([math.cos(angle), math.sin(angle)])
-        deadline = frame + int(PATIENCE * self.rate)
+        half = 0.5 * activity.apart * facing(angle)
         places = (index, middle - half, angle, other), (other, middle + half, angle + math.pi, index)
         for i, spot, heading, with_whom in places:
             if at_once:
                 self.actors[i].position, self.actors[i].heading = spot.copy(), heading
             else:
-                self.begin(i, WALK, frame)
-            self.actors[i].errand = Errand(activity, spot, heading, deadline, with_whom)
+                self._send(i, frame, activity, spot, heading, with_whom)
         if at_once:
             self._begin_together((index, other), activity, frame)
         return True
@@ -239,16 +231,14 @@ class _Stage:
 
     def _fetch(self, index: int, activity: Activity, frame: int) -> bool:
         """Send somebody to the nearest thing on the ground that the activity needs."""
-        assert activity.act is not None
         actor = self.actors[index]
         taken = [a.errand.thing for a in self.actors if a.errand is not None]
-        there = [t for t in self.things if t.prop.kind in FETCHED[activity.act] and t.last > frame and t not in taken]
+        there = [t for t in self.things if t.prop.kind in activity.kinds and t.last > frame and t not in taken]
         if not there:
             return False
         thing = min(there, key=lambda t: float(np.linalg.norm(t.position - actor.position)))
-        spot = thing.position - AHEAD[thing.prop.kind] * actor.facing(thing.yaw)
-        self.begin(index, WALK, frame)
-        actor.errand = Errand(activity, spot, thing.yaw, frame + int(PATIENCE * self.rate), thing=thing)
+        spot = thing.position - thing.prop.ahead * facing(thing.yaw)
+        self._send(index, frame, activity, spot, thing.yaw, thing=thing)
         return True
 
     def _take_seat(self, index: int, activity: Activity, frame: int, at_once: bool) -> bool:
@@ -257,7 +247,7 @@ class _Stage:
         for bench in (t for t in self.things if t.prop.kind == "bench"):
             across = np.array([-math.sin(bench.yaw), math.cos(bench.yaw)])
             for side in (-0.42, 0.42):
-                spot = bench.position + side * across + 0.02 * actor.facing(bench.yaw)
+                spot = bench.position + side * across + 0.02 * facing(bench.yaw)
                 claims = [a.errand.spot if a.errand else a.position for a in self.actors if a is not actor]
                 if claims and np.linalg.norm(np.array(claims) - spot, axis=1).min() < 0.5:
                     continue
@@ -265,9 +255,7 @@ class _Stage:
                     actor.position, actor.heading, actor.seat = spot, bench.yaw, bench
                     self.begin(index, activity, frame)
                     return True
-                self.begin(index, WALK, frame)
-                deadline = frame + int(PATIENCE * self.rate)
-                actor.errand = Errand(activity, spot, bench.yaw, deadline, thing=bench)
+                self._send(index, frame, activity, spot, bench.yaw, thing=bench)
                 return True
         return False
 
@@ -297,7 +285,7 @@ class _Stage:
             self.begin(index, STAND, frame)
             actor.errand = errand
 
-    def _move(self, actor: Actor) -> None:
+    def _move(self, actor: Performer) -> None:
         """One frame of walking or running towards the target, around others."""
         away = actor.target - actor.position
         if np.linalg.norm(away) < 0.5 and actor.errand is None:
@@ -320,16 +308,10 @@ class _Stage:
         speed = actor.pace * (0.35 + 0.65 * max(math.cos(turn), 0.0))
         if actor.errand is not None:
             speed = min(speed, 0.25 + 1.5 * distance)
-        actor.position = actor.position + actor.facing() * min(speed / self.rate, distance if actor.errand else 1e6)
-        actor.phase += stride_frequency(actor.activity, actor.person, speed) / self.rate
-
-    def _remember(self, actor: Actor, frame: int) -> None:
-        """Add what ``actor`` is like in ``frame`` to its states."""
-        a, seconds = actor, (frame - actor.began) / self.rate
-        pose = pose_of(a.activity, a.person, a.rest, seconds, a.phase, a.pace, a.hand, a.prop)
-        if a.states and seconds < CHANGE:
-            pose = blend(a.before, pose, 0.5 - 0.5 * math.cos(math.pi * seconds / CHANGE))
-        a.states.append(PerformerState(a.position.copy(), a.heading, pose, a.activity, a.prop, a.hand))
+        actor.position = actor.position + facing(actor.heading) * min(
+            speed / self.rate, distance if actor.errand else 1e6
+        )
+        actor.phase += actor.activity.stride_frequency(actor.person, speed) / self.rate
 
 
 def gather(
@@ -349,4 +331,4 @@ def gather(
     stage = _Stage(rng, people, clip.frame_rate, arena, obstacles, look_alikes)
     for frame in range(clip.frames):
         stage.step(frame)
-    return Gathering([Performer(a.person, tuple(a.states)) for a in stage.actors], stage.things)
+    return Gathering(stage.actors, stage.things)

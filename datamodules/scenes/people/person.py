@@ -10,34 +10,13 @@ from typing import Any
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.people.gait import Manner, random_manner, standing, walking
 from tsuiseki.datamodules.scenes.people.outfit import Outfit, random_build, random_outfit, similar_outfit
-from tsuiseki.datamodules.scenes.people.posture import (
-    Build,
-    Manner,
-    Pair,
-    PersonSkeleton,
-    Pose,
-    place,
-    random_manner,
-    standing,
-    walking,
-)
-from tsuiseki.datamodules.scenes.render.scene import Thing
+from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton, Pose, place
+from tsuiseki.datamodules.scenes.render.composing import Thing
 from tsuiseki.datamodules.scenes.render.shading import NOISE, NOISE_SIZE, Light, random_light, shade
-from tsuiseki.datamodules.scenes.render.solids import (
-    UP,
-    Colour,
-    Detail,
-    Float32,
-    Layer,
-    Parts,
-    Pattern,
-    Solids,
-    Surface,
-    overlap,
-    tight,
-    trace,
-)
+from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Detail, Float32, Pair, Parts, Pattern, Surface
+from tsuiseki.datamodules.scenes.render.tracing import overlap, tight, trace
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -64,25 +43,26 @@ def somebody(rng: np.random.Generator, others: Sequence[Person], look_alikes: fl
     return Person(random_build(rng), similar_outfit(rng, model.outfit), random_manner(rng))
 
 
-class _Flesh:
+class _Flesh(Parts):
     """Cone-spheres while a person is put together; radii are fractions of the height."""
 
-    def __init__(self, height: float, phase: float) -> None:
-        self.height, self.phase, self.parts, self.count = height, phase, Parts(), 0
+    def __init__(self, person: Person) -> None:
+        super().__init__()
+        self.person, self.count = person, 0
 
     def add(
         self, start: FloatArray, end: FloatArray, radius: Pair, front: FloatArray, flat: float, *cloth: Any, **more: Any
     ) -> None:
         """One more with a `Surface` of its own phase."""
         self.count += 1
-        surface = Surface(*cloth, **{"relief": 0.14, "phase": self.phase + 1.7 * self.count, **more})
-        self.parts.cone(start, end, (radius[0] * self.height, radius[1] * self.height), surface, flat, front)
+        height, phase = self.person.build.height, self.person.outfit.phase + 1.7 * self.count
+        surface = Surface(*cloth, **{"relief": 0.14, "phase": phase, **more})
+        self.cone(start, end, (radius[0] * height, radius[1] * height), surface, flat, front)
 
 
-def person_solids(person: Person, pose: Pose, position: FloatArray, heading: float) -> Solids:
-    """The solids of ``person`` in ``pose`` at ``position`` ``(2,)`` on the ground, facing ``heading`` radians."""
-    skeleton = place(person.build, pose, position, heading)
-    flesh = _Flesh(person.build.height, person.outfit.phase)
+def person_thing(person: Person, pose: Pose, position: FloatArray, heading: float) -> Thing:
+    """``person`` in ``pose`` at ``position`` ``(2,)`` on the ground, facing ``heading`` radians."""
+    skeleton, flesh = place(person.build, pose, position, heading), _Flesh(person)
     _trunk(flesh, person, skeleton)
     _head(flesh, person, skeleton)
     for k in (0, 1):
@@ -90,12 +70,15 @@ def person_solids(person: Person, pose: Pose, position: FloatArray, heading: flo
         _leg(flesh, person, skeleton, k)
     _skirt(flesh, person, skeleton)
     _bag(flesh, person, skeleton)
-    return flesh.parts.solids()
+    return Thing(flesh.solids(), person.outfit)
 
 
-def person_thing(person: Person, pose: Pose, position: FloatArray, heading: float) -> Thing:
-    """`person_solids` with what the person wears."""
-    return Thing(person_solids(person, pose, position, heading), person.outfit)
+def _upper(outfit: Outfit) -> tuple[Colour, Colour, int, float]:
+    return outfit.upper, outfit.upper_second, outfit.upper_pattern, outfit.period
+
+
+def _lower(outfit: Outfit) -> tuple[Colour, Colour, int, float]:
+    return outfit.lower, outfit.lower_second, outfit.lower_pattern, outfit.period
 
 
 def _trunk(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
@@ -103,7 +86,7 @@ def _trunk(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
     g = build.girth * outfit.thickness
     up, front = s.trunk_axes[:, 2], s.trunk_axes[:, 0]
     waist = s.pelvis + up * 0.10 * h
-    upper = (outfit.upper, outfit.upper_second, outfit.upper_pattern, outfit.period)
+    upper = _upper(outfit)
     wide = 0.5 * (build.shoulders + g)
     chest = s.chest - up * 0.075 * h
     flesh.add(waist, chest, (0.078 * g, 0.094 * wide), front, 0.68, *upper, relief=0.16, detail=Detail.TRUNK)
@@ -113,15 +96,11 @@ def _trunk(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
     thick = (0.070 if covered else 0.064) * g
     cloth = upper if covered else _lower(outfit)
     flesh.add(hips + half, hips - half, (thick, thick), s.pelvis_axes[:, 0], 0.9, *cloth, detail=Detail.PELVIS)
-    tone = (outfit.shoulders, outfit.upper_second, outfit.upper_pattern, outfit.period)
+    tone = (outfit.shoulders, *upper[1:])
     for k in (0, 1):
         flesh.add(s.chest - up * 0.012 * h, s.shoulder[k] - up * 0.006 * h, (0.05 * g, 0.034 * g), front, 0.9, *tone)
     neck = outfit.hat if outfit.hair_style == "hat" else outfit.skin
     flesh.add(s.chest, s.head - s.head_axes[:, 2] * 0.04 * h, (0.034, 0.03), front, 1.0, neck, relief=0.05)
-
-
-def _lower(outfit: Outfit) -> tuple[Colour, Colour, int, float]:
-    return outfit.lower, outfit.lower_second, outfit.lower_pattern, outfit.period
 
 
 def _head(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
@@ -151,7 +130,7 @@ def _head(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
 
 def _arm(flesh: _Flesh, person: Person, s: PersonSkeleton, k: int) -> None:
     outfit, g, front = person.outfit, person.build.girth, s.trunk_axes[:, 0]
-    sleeve = (outfit.shoulders, outfit.upper_second, outfit.upper_pattern, outfit.period)
+    sleeve = (outfit.shoulders, *_upper(outfit)[1:])
     thick = g * outfit.thickness
     flesh.add(s.shoulder[k], s.elbow[k], (0.034 * thick, 0.027 * thick), front, 1.0, *sleeve)
     if outfit.long_sleeves:
@@ -183,17 +162,10 @@ def _skirt(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
     if style not in ("skirt", "long skirt", "coat"):
         return
     reach = {"skirt": 0.72, "long skirt": 1.25, "coat": 0.8}[style]
-    cloth = (
-        (outfit.upper, outfit.upper_second, outfit.upper_pattern, outfit.period) if style == "coat" else _lower(outfit)
-    )
-    front = s.pelvis_axes[:, 0]
-    hems = []
-    for k in (0, 1):
-        beyond = s.ankle[k] - s.knee[k]
-        thigh = s.knee[k] - s.hip[k]
-        hem = s.hip[k] + thigh * min(reach, 1.0) + beyond * max(reach - 1.0, 0.0)
-        hems.append(hem)
-        flesh.add(s.hip[k], hem, (0.07 * g, 0.062), front, 1.0, *cloth)
+    cloth, front = _upper(outfit) if style == "coat" else _lower(outfit), s.pelvis_axes[:, 0]
+    hems = s.hip + (s.knee - s.hip) * min(reach, 1.0) + (s.ankle - s.knee) * max(reach - 1.0, 0.0)
+    for hip, hem in zip(s.hip, hems, strict=True):
+        flesh.add(hip, hem, (0.07 * g, 0.062), front, 1.0, *cloth)
     middle = (hems[0] + hems[1]) / 2
     flesh.add(s.pelvis - s.pelvis_axes[:, 2] * 0.02 * h, middle, (0.09 * g, 0.078), front, 0.8, *cloth)
     flesh.add(hems[0], hems[1], (0.055, 0.055), front, 1.0, *cloth)
@@ -232,22 +204,6 @@ def view_from(tilt: float, height_px: float, person_height: float, distance: flo
     return PinholeCamera.look_at(position, middle, height_px * distance / apparent, size, size)
 
 
-def draw_alone(
-    layer: Layer, solids: Solids, camera: PinholeCamera, samples: int, light: Light, person: Person
-) -> Float32:
-    """``(h, w, 4)`` linear colour times coverage and coverage of a layer, by pixels, tight about it."""
-    mask = layer.mask
-    box = tight(mask) + np.array([layer.left, layer.top] * 2)
-    (x1, y1), (x2, y2) = box[:2] // samples, (box[2:] - 1) // samples + 1
-    fine = np.zeros(((y2 - y1) * samples, (x2 - x1) * samples, 4), dtype=np.float32)
-    at = np.nonzero(mask)
-    colours = shade(layer, mask, solids, camera, samples, light, person.outfit)
-    y, x = at[0] + layer.top - y1 * samples, at[1] + layer.left - x1 * samples
-    fine[y, x, :3] = colours
-    fine[y, x, 3] = 1
-    return np.asarray(fine.reshape(y2 - y1, samples, x2 - x1, samples, 4).mean(axis=(1, 3)))
-
-
 def render_person_sprite(
     rng: np.random.Generator,
     height_px: float,
@@ -282,10 +238,18 @@ def render_person_sprite(
     light = random_light(rng) if light is None else light
     camera = view_from(tilt, height_px, person.build.height, float(rng.uniform(5, 30)))
     samples = int(np.clip(round(170 / height_px), 2, 5))
-    solids = person_solids(person, pose, np.zeros(2), heading)
-    layer = trace(solids, camera, samples)
+    thing = person_thing(person, pose, np.zeros(2), heading)
+    layer = trace(thing.solids, camera, samples)
     assert layer is not None  # the camera looks at the person
-    drawn = draw_alone(layer, solids, camera, samples, light, person)
+    box = tight(layer.mask) + np.array([layer.left, layer.top] * 2)
+    (x1, y1), (x2, y2) = box[:2] // samples, (box[2:] - 1) // samples + 1
+    fine = np.zeros(((y2 - y1) * samples, (x2 - x1) * samples, 4), dtype=np.float32)
+    rows, columns = np.nonzero(layer.mask)
+    y, x = rows + layer.top - y1 * samples, columns + layer.left - x1 * samples
+    fine[y, x, :3] = shade(layer, layer.mask, thing.solids, camera, samples, light, person.outfit)
+    fine[y, x, 3] = 1
+    # Linear colour times coverage, and coverage, by pixels.
+    drawn = fine.reshape(y2 - y1, samples, x2 - x1, samples, 4).mean(axis=(1, 3))
     alpha = drawn[..., 3:]
     colour = np.sqrt(np.clip(drawn[..., :3] / np.maximum(alpha, 1e-6), 0, 1))
     return np.asarray(np.concatenate([colour, alpha], axis=-1) * 255 + 0.5).astype(np.uint8)

@@ -8,26 +8,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.activities import holding_before, reach, running, sitting
-from tsuiseki.datamodules.scenes.people.posture import (
-    SHOULDER_ABOVE_HIP,
-    SIDES,
-    Build,
-    Pair,
-    PersonSkeleton,
-    Pose,
-    pair,
-    place,
-    random_manner,
-    walking,
-)
+from tsuiseki.datamodules.scenes.people.gait import random_manner, running, walking
+from tsuiseki.datamodules.scenes.people.posture import Build, Pose, balanced, hands_at, holding_before, reach, reach_for
+from tsuiseki.datamodules.scenes.render.solids import Pair, pair
 
-# Share of the body's mass of head with trunk, and of each upper arm, forearm with hand, thigh, shank and foot
-# (Winter, *Biomechanics and Motor Control of Human Movement*, 2009, table 4.1).
-_TRUNK, _MASSES = 0.578, (0.028, 0.022, 0.1, 0.0465, 0.0145)
 # Greatest angle that an ankle bends its toes up, radians; beyond it the heel leaves the ground.
 _ANKLE = 0.6
 _QUARTER = math.pi / 2
+# An arm hangs, rests before the body, holds something or reaches up: up to which number it is drawn, how much it leans
+# with the trunk, and the (least, greatest) angles that it is raised forward besides, and of the elbow.
+_ARMS = (
+    (0.3, 1.0, (-0.2, 0.3), (0.05, 0.5)),
+    (0.7, 1.0, (0.2, 1.2), (0.1, 1.5)),
+    (0.92, 0.0, (-0.1, 0.6), (1.0, 2.2)),
+    (1.0, 0.0, (1.6, 2.8), (0.0, 1.0)),
+)
 
 
 def random_name(rng: np.random.Generator) -> str:
@@ -44,37 +39,6 @@ def draw_pose(seed: int, build: Build, name: str) -> Pose:
     return replace(pose, twist=pose.twist + float(rng.normal(0, 0.15)), look=look, nod=nod)
 
 
-def mirrored(pose: Pose) -> Pose:
-    """The pose with left and right swapped."""
-    paired = ("shoulder", "spread", "elbow", "inward", "hip", "straddle", "knee", "ankle")
-    swapped = {name: getattr(pose, name)[::-1] for name in paired}
-    return replace(pose, sway=-pose.sway, twist=-pose.twist, look=-pose.look, roll=-pose.roll, **swapped)
-
-
-def balanced(build: Build, pose: Pose) -> Pose:
-    """``pose`` with its pelvis moved back or forward over flat feet, until the body's mass is above them."""
-
-    def moved(by: float) -> Pose:
-        hip = (pose.hip[0] + by, pose.hip[1] + by)
-        return replace(pose, hip=hip, ankle=(pose.ankle[0] - by, pose.ankle[1] - by))
-
-    low, high = -0.7, 0.7
-    for _ in range(12):
-        by = 0.5 * (low + high)
-        ahead = _ahead(place(build, moved(by), np.zeros(2), 0.0))
-        low, high = (by, high) if ahead > 0 else (low, by)
-    return moved(by)
-
-
-def _ahead(s: PersonSkeleton) -> float:
-    """Metres by which the centre of mass of somebody who faces +x lies before the middle of the feet."""
-    limbs = ((s.shoulder, s.elbow), (s.elbow, s.fingers), (s.hip, s.knee), (s.knee, s.ankle), (s.ankle, s.toe))
-    mass = _TRUNK * 0.5 * (s.pelvis[0] + s.head[0])
-    for share, (start, end) in zip(_MASSES, limbs, strict=True):
-        mass += share * 0.5 * float(start[:, 0].sum() + end[:, 0].sum())
-    return float(mass - 0.5 * (s.ankle[:, 0].mean() + s.toe[:, 0].mean()))
-
-
 def _between(rng: np.random.Generator, low: float, high: float) -> float:
     return float(rng.uniform(low, high))
 
@@ -87,24 +51,60 @@ def _both(rng: np.random.Generator, low: float, high: float, unlike: float = 0.1
 def _arms(rng: np.random.Generator, pose: Pose, forward: float) -> Pose:
     """``pose`` with arms that hang, rest before the body, hold something or reach up; the trunk leans ``forward``."""
     shoulder, elbow, inward = [], [], []
-    for _ in SIDES:
+    for _ in range(2):
         kind = rng.random()
-        if kind < 0.3:
-            shoulder.append(forward + _between(rng, -0.2, 0.3))
-            elbow.append(_between(rng, 0.05, 0.5))
-        elif kind < 0.7:
-            shoulder.append(forward + _between(rng, 0.2, 1.2))
-            elbow.append(_between(rng, 0.1, 1.5))
-        elif kind < 0.92:
-            shoulder.append(_between(rng, -0.1, 0.6))
-            elbow.append(_between(rng, 1.0, 2.2))
-        else:
-            shoulder.append(_between(rng, 1.6, 2.8))
-            elbow.append(_between(rng, 0.0, 1.0))
+        _, leaning, raised, bent = next(row for row in _ARMS if kind < row[0])
+        shoulder.append(leaning * forward + _between(rng, *raised))
+        elbow.append(_between(rng, *bent))
         inward.append(_between(rng, 0.0, 0.6) * (elbow[-1] > 0.6))
     spread = _both(rng, 0.05, 0.5)
     return replace(pose, shoulder=pair(np.array(shoulder)), elbow=pair(np.array(elbow)), inward=pair(np.array(inward)),
                    spread=spread)  # fmt: skip
+
+
+def sitting(rng: np.random.Generator, on_ground: bool) -> Pose:
+    """Somebody who sits on a bench of 0.45 m, or on the ground with the legs out."""
+    knees = rng.normal(0, 0.12, 2)
+    if on_ground:
+        bent = rng.uniform(0.15, 1.5, 2)
+        # A bent knee stands up: thigh and shank make a triangle over the ground.
+        return Pose(
+            lean=float(rng.uniform(-0.25, 0.25)),
+            nod=float(rng.uniform(0.0, 0.3)),
+            shoulder=pair(rng.uniform(0.1, 0.7, 2)),
+            spread=(0.2, 0.2),
+            elbow=(0.5, 0.5),
+            hip=pair(1.5 + 0.5 * bent),
+            knee=pair(bent),
+            straddle=(0.15, 0.15),
+        )
+    return Pose(
+        lean=float(rng.uniform(-0.15, 0.2)),
+        nod=float(rng.uniform(0.0, 0.3)),
+        shoulder=(0.45, 0.45),
+        spread=(0.08, 0.08),
+        elbow=(0.8, 0.8),
+        inward=(0.3, 0.3),
+        hip=pair(1.5 + knees),
+        knee=(1.45, 1.45),
+        straddle=(0.12, 0.12),
+    )
+
+
+def lying(rng: np.random.Generator, build: Build) -> Pose:
+    """Somebody who lies on the back or on the belly, one leg perhaps drawn up."""
+    spread, apart = pair(rng.uniform(0.1, 1.2, 2)), pair(rng.uniform(0.03, 0.25, 2))
+    if rng.random() < 0.65:
+        drawn = float(rng.uniform(0, 1.6)) if rng.random() < 0.4 else 0.0
+        # The leg that stays stretched is the lower one, so the body rests on it.
+        return Pose(
+            lean=-_QUARTER, nod=-0.6 * _QUARTER, spread=spread, elbow=(0.2, 0.3), straddle=apart,
+            hip=(_QUARTER, _QUARTER + 0.5 * drawn), knee=(0.0, drawn), lift=0.035 * build.height,
+        )  # fmt: skip
+    return Pose(
+        lean=_QUARTER, nod=0.6 * _QUARTER, look=float(rng.choice([-0.9, 0.9])), spread=spread, elbow=(0.4, 0.4),
+        hip=(-_QUARTER, -_QUARTER), straddle=apart, ankle=(-0.9, -0.9), lift=0.01 * build.height,
+    )  # fmt: skip
 
 
 def _flat(hip: Pair, knee: Pair) -> Pair:
@@ -214,12 +214,12 @@ def _cycling(rng: np.random.Generator, build: Build) -> Pose:
     for half in (0.0, math.pi):
         ahead = 0.09 * build.height + crank * math.sin(turned + half)
         down = 0.37 * build.height + crank * math.cos(turned + half)
-        legs.append(_stepping(build, ahead, down))
+        legs.append(reach_for(build, ahead, down))
     hip, knee = (pair(np.array(each)) for each in zip(*legs, strict=True))
     straddle = _both(rng, 0.0, 0.12, 0.03)
     ankle = pair(np.clip(np.array(knee) - hip + rng.normal(0, 0.15, 2), -_ANKLE, _ANKLE))
     pose = Pose(lean=lean, nod=-0.4 * lean, hip=hip, knee=knee, straddle=straddle, ankle=ankle)
-    return _hands_at(build, pose, 0.36 * build.height + 0.12 * lean, _between(rng, 0.4, 0.56), 0.13 * build.height)
+    return hands_at(build, pose, 0.36 * build.height + 0.12 * lean, _between(rng, 0.4, 0.56), 0.13 * build.height)
 
 
 def _in_wheelchair(rng: np.random.Generator, build: Build) -> Pose:
@@ -228,7 +228,7 @@ def _in_wheelchair(rng: np.random.Generator, build: Build) -> Pose:
                 straddle=_both(rng, 0.05, 0.2, 0.03))  # fmt: skip
     if rng.random() < 0.4:
         return _arms(rng, pose, lean + 0.3)
-    return _hands_at(build, pose, _between(rng, -0.05, 0.2), 0.64, _between(rng, 0.0, 0.1))
+    return hands_at(build, pose, _between(rng, -0.05, 0.2), 0.64, _between(rng, 0.0, 0.1))
 
 
 def _pushing(rng: np.random.Generator, build: Build) -> Pose:
@@ -241,29 +241,6 @@ def _under_umbrella(rng: np.random.Generator, build: Build) -> Pose:
     pose = walking(build, random_manner(rng), float(rng.random()), _between(rng, 0.3, 1.4))
     target = (_between(rng, 0.12, 0.25), _between(rng, -0.14, 0.0), _between(rng, -0.18, 0.02))
     return reach(build, pose, int(rng.integers(2)), target)
-
-
-def _stepping(build: Build, ahead: float, down: float) -> tuple[float, float]:
-    """Angles (hip, knee) that put an ankle ``ahead`` and ``down`` metres from its hip."""
-    thigh, shank = build.thigh, build.shank
-    far = float(np.clip(math.hypot(ahead, down), abs(thigh - shank) + 0.01, 0.999 * (thigh + shank)))
-    bend = math.pi - math.acos((thigh**2 + shank**2 - far**2) / (2 * thigh * shank))
-    return math.atan2(ahead, down) + math.acos((thigh**2 + far**2 - shank**2) / (2 * thigh * far)), bend
-
-
-def _hands_at(build: Build, pose: Pose, forward: float, apart: float, above: float) -> Pose:
-    """Both palms ``forward`` and ``above`` metres from the pelvis of who leans, ``apart`` from each other."""
-    trunk = (SHOULDER_ABOVE_HIP - 0.01) * build.height
-    x, z = forward - trunk * math.sin(pose.lean), above - trunk * math.cos(pose.lean)
-    aside = 0.5 * apart - 0.105 * build.height * build.shoulders
-    along = (
-        x * math.cos(pose.lean) - z * math.sin(pose.lean),
-        aside,
-        x * math.sin(pose.lean) + z * math.cos(pose.lean),
-    )
-    for hand in (0, 1):
-        pose = reach(build, pose, hand, along)
-    return pose
 
 
 # How often each is drawn, relatively, and how; `equipment` makes what the last four need.

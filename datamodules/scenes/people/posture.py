@@ -7,11 +7,12 @@ Drillis and Contini, *Body Segment Parameters*, 1966.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes.render.solids import Pair
 from tsuiseki.tracking.types import FloatArray
 
 ANKLE_HEIGHT = 0.039
@@ -23,15 +24,11 @@ SHOULDER_ABOVE_HIP = 0.288
 HEAD_ABOVE_SHOULDER = 0.052
 # From a joint to the skin below it.
 _THICK = 0.05
+# Share of the body's mass of head with trunk, and of each upper arm, forearm with hand, thigh, shank and foot
+# (Winter, *Biomechanics and Motor Control of Human Movement*, 2009, table 4.1).
+_TRUNK, _MASSES = 0.578, (0.028, 0.022, 0.1, 0.0465, 0.0145)
+LEFT, RIGHT = 0, 1
 SIDES = (1.0, -1.0)
-
-Pair = tuple[float, float]
-
-
-def pair(values: FloatArray) -> Pair:
-    """``(2,)`` of the left and right side."""
-    left, right = values.tolist()
-    return left, right
 
 
 @dataclass(frozen=True)
@@ -115,6 +112,13 @@ def blend(a: Pose, b: Pose, part: float) -> Pose:
         return x + part * (y - x)
 
     return Pose(*(between(getattr(a, f.name), getattr(b, f.name)) for f in fields(Pose)))
+
+
+def mirrored(pose: Pose) -> Pose:
+    """The pose with left and right swapped."""
+    paired = ("shoulder", "spread", "elbow", "inward", "hip", "straddle", "knee", "ankle")
+    swapped = {name: getattr(pose, name)[::-1] for name in paired}
+    return replace(pose, sway=-pose.sway, twist=-pose.twist, look=-pose.look, roll=-pose.roll, **swapped)
 
 
 @dataclass(frozen=True)
@@ -206,101 +210,6 @@ def _limbs(
     return shoulder, elbow, wrist, wrist + forearm * HAND * height, hip, knee, ankle, toe
 
 
-# Share of the stride for which a foot is on the ground, and how much of its way then lies before the hip.
-STANCE = 0.6
-AHEAD = 0.42
-# Metres per second under which strides get shorter instead of slower.
-SHUFFLE = 0.5
-
-
-@dataclass(frozen=True)
-class Manner:
-    """How one person walks and stands.
-
-    Attributes:
-        arm_swing: radians at 1.4 m/s.
-        elbow: bend of the hanging arms, radians.
-        lean: of the trunk, forward, radians.
-        spread: of the arms, radians.
-        carry: bend of (left, right) elbow that holds something; zero where the arm swings.
-        stride: length relative to the average.
-    """
-
-    arm_swing: float = 0.4
-    elbow: float = 0.25
-    lean: float = 0.04
-    spread: float = 0.1
-    carry: tuple[float, float] = (0.0, 0.0)
-    stride: float = 1.0
-
-
-def random_manner(rng: np.random.Generator) -> Manner:
-    """One person's manner."""
-    holding = rng.random(2) < 0.15
-    bend = rng.uniform(0.6, 1.9, 2)
-    return Manner(
-        arm_swing=float(rng.uniform(0.1, 0.65)),
-        elbow=float(rng.uniform(0.05, 0.5)),
-        lean=float(rng.normal(0.04, 0.05)),
-        spread=float(rng.uniform(0.03, 0.2)),
-        carry=pair(bend * holding),
-        stride=float(rng.uniform(0.9, 1.1)),
-    )
-
-
-def stride_length(build: Build, manner: Manner, speed: float) -> float:
-    """Metres between two steps of the same foot at ``speed`` m/s: faster people take longer strides."""
-    hurry = min(speed / SHUFFLE, 1.0)
-    return max(manner.stride * build.height * build.legs * (0.36 + 0.27 * min(speed, 2.0)) * hurry, 0.01)
-
-
-def walking(build: Build, manner: Manner, phase: float, speed: float) -> Pose:
-    """The pose at ``phase`` of the walk, in strides: it repeats at every integer, and the feet swap after a half."""
-    feet = [_foot(build, stride_length(build, manner, speed), phase + 0.5 * k) for k in (0, 1)]
-    # The hip rides as high as both legs allow.
-    leg = 0.988 * (build.thigh + build.shank)
-    hip_height = min(up + math.sqrt(max(leg**2 - forward**2, (0.5 * leg) ** 2)) for forward, up, _ in feet)
-    bends = [reach_for(build, forward, hip_height - up) for forward, up, _ in feet]
-    hip, knee = ((left, right) for left, right in zip(*bends, strict=True))
-    ankle = (feet[0][2] - hip[0] + knee[0], feet[1][2] - hip[1] + knee[1])
-    swing = manner.arm_swing * min(speed / 1.4, 1.5)
-    beat = math.cos(2 * math.pi * (phase - 0.05))
-    shoulders = (-swing * beat, swing * beat)
-    elbows = tuple(manner.elbow + 0.5 * max(s, 0.0) for s in shoulders)
-    carried = [c > 0 for c in manner.carry]
-    return Pose(
-        lean=manner.lean + 0.02 * speed,
-        sway=0.025 * math.sin(2 * math.pi * phase),
-        twist=-0.12 * min(speed, 1.5) * beat,
-        look=0.1 * min(speed, 1.5) * beat,
-        shoulder=(0.1 if carried[0] else shoulders[0], 0.1 if carried[1] else shoulders[1]),
-        spread=(manner.spread, manner.spread),
-        elbow=(manner.carry[0] or elbows[0], manner.carry[1] or elbows[1]),
-        inward=(0.5 * manner.carry[0], 0.5 * manner.carry[1]),
-        hip=hip,
-        knee=knee,
-        ankle=ankle,
-    )
-
-
-def _foot(build: Build, stride: float, phase: float) -> tuple[float, float, float]:
-    """Metres of an ankle before the hip and over its place on a flat foot, and the foot's pitch, toes up.
-
-    The heel of this foot strikes at ``phase`` zero.
-    """
-    phase = phase % 1.0
-    reach = STANCE * stride
-    if phase < STANCE:
-        part = phase / STANCE
-        rise = max((part - 0.6) / 0.4, 0.0) ** 2
-        pitch = 0.25 * max(1 - part / 0.2, 0.0) - 0.75 * rise
-        return reach * (AHEAD - part), 0.065 * build.height * rise, pitch
-    part = (phase - STANCE) / (1 - STANCE)
-    eased = part - math.sin(2 * math.pi * part) / (2 * math.pi)
-    up = 0.065 * build.height * ((1 - part) ** 2 + 0.4 * math.sin(math.pi * part) ** 2)
-    return reach * (eased + AHEAD - 1), up, -0.75 * (1 - part) ** 2 + 0.25 * part
-
-
 def reach_for(build: Build, forward: float, down: float) -> tuple[float, float]:
     """Hip and knee angles that put the ankle ``forward`` and ``down`` metres from the hip (law of cosines)."""
     thigh, shank = build.thigh, build.shank
@@ -310,27 +219,86 @@ def reach_for(build: Build, forward: float, down: float) -> tuple[float, float]:
     return math.atan2(forward, down) + lead, knee
 
 
-def standing(rng: np.random.Generator, manner: Manner) -> Pose:
-    """Somebody who stands, with some weight on one leg, and holds the arms in some way."""
-    relaxed = float(rng.uniform(0.0, 0.35))
-    bent, free = (relaxed, 0.02), (0.02, relaxed)
-    knee = bent if rng.random() < 0.5 else free
-    hip = (0.5 * knee[0], 0.5 * knee[1])
-    arms = rng.uniform(0.05, 0.4, 2)
-    raised = rng.random(2) < 0.25
-    elbow = np.where(raised, rng.uniform(0.8, 2.2, 2), arms)
-    return Pose(
-        lean=manner.lean,
-        sway=float(rng.normal(0, 0.04)),
-        twist=float(rng.normal(0, 0.15)),
-        nod=float(rng.uniform(-0.1, 0.45)),
-        look=float(rng.normal(0, 0.35)),
-        shoulder=pair(rng.normal(0.05, 0.12, 2)),
-        spread=(manner.spread, manner.spread),
-        elbow=pair(elbow),
-        inward=pair(0.7 * raised.astype(np.float64)),
-        hip=hip,
-        straddle=pair(rng.uniform(0.02, 0.12, 2)),
-        knee=knee,
-        ankle=(knee[0] - hip[0], knee[1] - hip[1]),
+def reach(
+    build: Build, pose: Pose, hand: int, target: FloatArray | tuple[float, float, float], swivel: float = 0.4
+) -> Pose:
+    """``pose`` with the palm of ``hand`` at ``target``, or as near to it as the arm is long.
+
+    Args:
+        build: proportions.
+        pose: whose arm is replaced.
+        hand: `LEFT` or `RIGHT`.
+        target: metres forward, outward (to the hand's own side) and up from its shoulder, in the trunk's axes.
+        swivel: how far the elbow stands out sideways, radians from straight down.
+    """
+    upper, lower = UPPER_ARM * build.height, (FOREARM + 0.5 * HAND) * build.height
+    aim = np.array(target, dtype=np.float64)
+    distance = float(np.clip(np.linalg.norm(aim), abs(upper - lower) + 0.01, 0.999 * (upper + lower)))
+    forward = _unit(aim)
+    # The elbow lies on a circle about the line to the target; it hangs down and out.
+    down = np.array([-0.15, math.sin(swivel), -math.cos(swivel)])
+    side = _unit(down - (down @ forward) * forward)
+    along = (upper**2 + distance**2 - lower**2) / (2 * distance)
+    elbow = along * forward + math.sqrt(max(upper**2 - along**2, 0.0)) * side
+    # The angles forward and sideways of limbs that hang along these directions; see `hanging`.
+    (raised, spread), (bent, turned) = (
+        (math.atan2(x, -z), math.asin(float(np.clip(y, -1, 1))))
+        for x, y, z in (_unit(elbow), _unit(distance * forward - elbow))
     )
+    # Forward of straight up and back of straight down are half a turn apart: keep the elbow bending forward.
+    bend = (bent - raised + math.pi) % (2 * math.pi) - math.pi
+    arm = {"shoulder": raised, "spread": spread, "elbow": bend, "inward": spread - turned}
+    both: dict[str, Any] = {
+        name: (angle, getattr(pose, name)[1 - hand])[:: 1 - 2 * hand] for name, angle in arm.items()
+    }
+    return replace(pose, **both)
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
+
+
+def holding_before(build: Build, pose: Pose, forward: float, apart: float, height: float) -> Pose:
+    """Both hands ``forward`` metres before the shoulders, ``apart`` from each other, at ``height`` over the ground.
+
+    For what is pushed or carried before the body.
+    """
+    # The shoulders stand at about 0.82 of the height; walking lowers them a little.
+    return replace(_both_reach(build, pose, forward, apart, height - 0.8 * build.height), twist=0.0)
+
+
+def hands_at(build: Build, pose: Pose, forward: float, apart: float, above: float) -> Pose:
+    """Both palms ``forward`` and ``above`` metres from the pelvis of who leans, ``apart`` from each other."""
+    trunk = (SHOULDER_ABOVE_HIP - 0.01) * build.height
+    x, z = forward - trunk * math.sin(pose.lean), above - trunk * math.cos(pose.lean)
+    cos, sin = math.cos(pose.lean), math.sin(pose.lean)
+    return _both_reach(build, pose, x * cos - z * sin, apart, x * sin + z * cos)
+
+
+def _both_reach(build: Build, pose: Pose, forward: float, apart: float, up: float) -> Pose:
+    """Both palms so far from the shoulders, in the trunk's axes, metres."""
+    target = (forward, 0.5 * apart - 0.105 * build.height * build.shoulders, up)
+    return reach(build, reach(build, pose, LEFT, target), RIGHT, target)
+
+
+def balanced(build: Build, pose: Pose) -> Pose:
+    """``pose`` with its pelvis moved back or forward over flat feet, until the body's mass is above them."""
+
+    def moved(by: float) -> Pose:
+        hip = (pose.hip[0] + by, pose.hip[1] + by)
+        return replace(pose, hip=hip, ankle=(pose.ankle[0] - by, pose.ankle[1] - by))
+
+    low, high = -0.7, 0.7
+    for _ in range(12):
+        by = 0.5 * (low + high)
+        low, high = (by, high) if mass_ahead(place(build, moved(by), np.zeros(2), 0.0)) > 0 else (low, by)
+    return moved(by)
+
+
+def mass_ahead(s: PersonSkeleton) -> float:
+    """Metres by which the centre of mass of somebody who faces +x lies before the middle of the feet."""
+    limbs = ((s.shoulder, s.elbow), (s.elbow, s.fingers), (s.hip, s.knee), (s.knee, s.ankle), (s.ankle, s.toe))
+    mass = _TRUNK * 0.5 * (s.pelvis[0] + s.head[0])
+    for share, (start, end) in zip(_MASSES, limbs, strict=True):
+        mass += share * 0.5 * float(start[:, 0].sum() + end[:, 0].sum())
+    return float(mass - 0.5 * (s.ankle[:, 0].mean() + s.toe[:, 0].mean()))

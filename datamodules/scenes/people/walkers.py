@@ -11,10 +11,11 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from tsuiseki.datamodules.scenes.clip import ClipSettings
+from tsuiseki.datamodules.scenes.people.gait import random_manner, standing, stride_length, walking
 from tsuiseki.datamodules.scenes.people.outfit import random_build, random_outfit, similar_outfit
 from tsuiseki.datamodules.scenes.people.person import Person, person_thing, somebody
-from tsuiseki.datamodules.scenes.people.posture import Pose, blend, random_manner, standing, stride_length, walking
-from tsuiseki.datamodules.scenes.render.scene import Thing
+from tsuiseki.datamodules.scenes.people.posture import Pose, blend
+from tsuiseki.datamodules.scenes.render.composing import Thing
 from tsuiseki.tracking.types import FloatArray
 
 # Metres people keep between their middles, and how fast they step aside, 1/s.
@@ -95,10 +96,10 @@ def crowd(
         starts = [0] * people
         ways = _dance(rng, clip, people, inside) if motion == "dance" else _sport(rng, clip, people, inside)
     ways = keep_apart(starts, ways, clip, obstacles)
-    dressed: list[Person] = []
+    persons: list[Person] = []
     for _ in ways:
-        dressed.append(somebody(rng, dressed, look_alikes))
-    return [walker_along(rng, *row, clip.frame_rate) for row in zip(dressed, starts, ways, strict=True)]
+        persons.append(somebody(rng, persons, look_alikes))
+    return [walker_along(rng, *row, clip.frame_rate) for row in zip(persons, starts, ways, strict=True)]
 
 
 def _passing(
@@ -185,13 +186,15 @@ def _abreast(rng: np.random.Generator, way: FloatArray, size: int, frame_rate: f
     """The ways of ``size`` people who walk side by side along ``way``."""
     if size == 1:
         return [way]
-    forward = _directions(np.gradient(way, axis=0) if len(way) > 1 else np.ones((1, 2)), 0.6 * frame_rate)
+    forward = _directions(_steps(way), 0.6 * frame_rate)
     left = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
-    ways = []
-    for k in range(size):
-        aside = ABREAST * (k - (size - 1) / 2) + rng.normal(0, 0.08)
-        ways.append(way + aside * left + rng.normal(0, 0.25) * forward)
-    return ways
+    asides = (ABREAST * (k - (size - 1) / 2) + rng.normal(0, 0.08) for k in range(size))
+    return [way + aside * left + rng.normal(0, 0.25) * forward for aside in asides]
+
+
+def _steps(way: FloatArray) -> FloatArray:
+    """``(T, 2)`` metres a frame along a way ``(T, 2)``."""
+    return np.gradient(way, axis=0) if len(way) > 1 else np.ones((1, 2))
 
 
 def _directions(velocities: FloatArray, smoothing: float) -> FloatArray:
@@ -242,9 +245,8 @@ def _repulsion(a: FloatArray, b: FloatArray, distance: float | FloatArray, other
 
 
 def walker_along(rng: np.random.Generator, person: Person, first: int, way: FloatArray, frame_rate: float) -> Walker:
-    velocities = (np.gradient(way, axis=0) if len(way) > 1 else np.ones((1, 2))) * frame_rate
-    speeds = np.linalg.norm(velocities, axis=1)
-    directions = _directions(velocities, 0.2 * frame_rate)
+    velocities = _steps(way) * frame_rate
+    speeds, directions = np.linalg.norm(velocities, axis=1), _directions(velocities, 0.2 * frame_rate)
     strides = [stride_length(person.build, person.manner, float(s)) for s in speeds]
     steps = np.where(speeds > 0.05, speeds / frame_rate / np.array(strides), 0)
     still = gaussian_filter1d((speeds < STANDING_SPEED).astype(np.float64), 0.2 * frame_rate, mode="nearest")
@@ -284,29 +286,24 @@ def wander(
         size: ``(2,)`` metres of the floor, from the origin.
         obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
     """
-    ways = [_wandering_way(rng, clip, size, obstacles) for _ in people]
-    ways = keep_apart([0] * len(ways), ways, clip, obstacles)
-    inside = [np.clip(way, 0.3, size - 0.3) for way in ways]
-    return [walker_along(rng, person, 0, way, clip.frame_rate) for person, way in zip(people, inside, strict=True)]
 
+    def place() -> FloatArray:
+        for _ in range(50):
+            spot = rng.uniform(MARGIN, size - MARGIN)
+            if (np.linalg.norm(obstacles[:, :2] - spot, axis=1) > obstacles[:, 2] + 0.3).all():
+                break
+        return np.asarray(spot)
 
-def _place(rng: np.random.Generator, size: FloatArray, obstacles: FloatArray) -> FloatArray:
-    for _ in range(50):
-        spot = rng.uniform(MARGIN, size - MARGIN)
-        if not len(obstacles) or (np.linalg.norm(obstacles[:, :2] - spot, axis=1) > obstacles[:, 2] + 0.3).all():
-            break
-    return np.asarray(spot)
-
-
-def _wandering_way(rng: np.random.Generator, clip: ClipSettings, size: FloatArray, obstacles: FloatArray) -> FloatArray:
-    """``(frames, 2)`` positions."""
-    here, rate = _place(rng, size, obstacles), clip.frame_rate
-    pieces: list[FloatArray] = []
-    while sum(map(len, pieces)) < clip.frames + rate:
-        away = _place(rng, size, obstacles) - here
-        there = here + away * min(1.0, FARTHEST / max(float(np.linalg.norm(away)), 1e-6))
-        pieces.append(_leg(here, there, _pace(rng, INDOORS, 1.6), rate))
-        if rng.random() < HALTS:
-            pieces.append(np.repeat(there[None], int(rng.uniform(0.8, 4) * rate), axis=0))
-        here = there
-    return _rounded(pieces, 0.4 * rate)[: clip.frames]
+    ways, rate = [], clip.frame_rate
+    for _ in people:
+        here, pieces = place(), list[FloatArray]()
+        while sum(map(len, pieces)) < clip.frames + rate:
+            away = place() - here
+            there = here + away * min(1.0, FARTHEST / max(float(np.linalg.norm(away)), 1e-6))
+            pieces.append(_leg(here, there, _pace(rng, INDOORS, 1.6), rate))
+            if rng.random() < HALTS:
+                pieces.append(np.repeat(there[None], int(rng.uniform(0.8, 4) * rate), axis=0))
+            here = there
+        ways.append(_rounded(pieces, 0.4 * rate)[: clip.frames])
+    ways = [np.clip(way, 0.3, size - 0.3) for way in keep_apart([0] * len(ways), ways, clip, obstacles)]
+    return [walker_along(rng, person, 0, way, rate) for person, way in zip(people, ways, strict=True)]

@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.render.shading import Light, noise_at
-from tsuiseki.datamodules.scenes.render.solids import Colour, Float32, RayCamera, as_colour, ray_grid
+from tsuiseki.datamodules.scenes.render.solids import Colour, Float32, as_colour
+from tsuiseki.datamodules.scenes.render.tracing import RayCamera, ray_grid
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -157,7 +158,10 @@ def ground_colour(ground: Ground, x: Float32, y: Float32, footprint: Float32) ->
         if strip.line is not None and not strip.wobble:
             lines.append((strip.line, np.abs(away - strip.half_width + np.float32(0.25))))
     if (kind == PAVING).any():
-        grout = _grout(x, y, footprint, ground.tile)
+        # Dark joints between slabs, faded where they are narrower than a pixel.
+        tile = ground.tile
+        a, b = (np.abs((v / np.float32(tile)) % 1 - np.float32(0.5)) > 0.5 - 0.015 / tile for v in (x, y))
+        grout = (a | b) * np.clip(np.float32(1.4) - footprint / np.float32(0.1 * tile), 0, 1)
         colour *= (1 - np.float32(0.3) * grout * (kind == PAVING))[:, :, None]
     colour *= (1 + stains + ROUGHNESS[kind] * np.float32(2.0) * texture)[:, :, None]
     for paint, away in lines:
@@ -165,13 +169,6 @@ def ground_colour(ground: Ground, x: Float32, y: Float32, footprint: Float32) ->
         cover *= np.clip(np.float32(0.12) / np.maximum(footprint, 1e-3), 0, 1) * np.float32(0.85)
         colour += cover[:, :, None] * (np.array(paint, dtype=np.float32) - colour)
     return colour
-
-
-def _grout(x: Float32, y: Float32, footprint: Float32, tile: float) -> Float32:
-    """Dark joints between slabs, faded where they are narrower than a pixel."""
-    a = np.abs((x / np.float32(tile)) % 1 - np.float32(0.5)) > 0.5 - 0.015 / tile
-    b = np.abs((y / np.float32(tile)) % 1 - np.float32(0.5)) > 0.5 - 0.015 / tile
-    return np.asarray((a | b) * np.clip(np.float32(1.4) - footprint / np.float32(0.1 * tile), 0, 1))
 
 
 # Largest side of the map in widths of a frame, and pixels of a frame between two points of the grid of distances.

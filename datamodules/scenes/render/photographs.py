@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.datamodules.scenes.render.scene import Thing
+from tsuiseki.datamodules.scenes.render.composing import Thing
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import Float32, Layer, RayCamera, Surface, boxes, ray_grid, tight
+from tsuiseki.datamodules.scenes.render.solids import Float32, Surface, across, along, boxes
+from tsuiseki.datamodules.scenes.render.tracing import Layer, RayCamera, ray_grid, tight
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
@@ -154,12 +155,10 @@ class Facade:
     size: tuple[float, float]
     picture: ImageArray
 
-    def trace(self, camera: RayCamera, samples: int) -> tuple[Layer, ImageArray] | None:
-        """See `scene.Cutout.trace`."""
-        along = np.array([np.cos(self.angle), np.sin(self.angle), 0.0])
-        foot = np.array([*self.place, 0.0])
-        left, right = (foot + side * self.size[0] / 2 * along for side in (-1, 1))
-        up = np.array([0.0, 0.0, self.size[1]])
+    def trace(self, camera: RayCamera, samples: int) -> Layer | None:
+        """See `composing.StandIn.trace`."""
+        foot, aside, up = np.array([*self.place, 0.0]), along(self.angle), np.array([0.0, 0.0, self.size[1]])
+        left, right = (foot + side * self.size[0] / 2 * aside for side in (-1, 1))
         corners, depth = camera.project(np.stack([left + up, right + up, right, left]))
         if (depth < 0.5).any() or np.abs(corners).max() > 40 * camera.width:
             return None
@@ -175,22 +174,22 @@ class Facade:
         turn = cv2.getPerspectiveTransform(source, (corners - [x1, y1]).astype(np.float32))
         shown = cv2.warpPerspective(picture, turn, (x2 - x1, y2 - y1), borderMode=cv2.BORDER_REPLICATE)
         there = cv2.warpPerspective(np.ones((h, w), np.uint8), turn, (x2 - x1, y2 - y1), flags=cv2.INTER_NEAREST)
-        normal = np.array([-np.sin(self.angle), np.cos(self.angle), 0.0])
+        normal = across(self.angle)
         rays = ray_grid(camera, samples, x1, y1, x2, y2)
         towards = np.tensordot(normal.astype(np.float32), rays, axes=1)
         away = np.float32(normal @ (foot - camera.position)) / np.where(np.abs(towards) < 1e-6, np.inf, towards)
         distance = np.where((there > 0) & (away > 0), away, np.float32(np.inf)).astype(np.float32)
         if not np.isfinite(distance).any():
             return None
-        return Layer(x1, y1, distance, np.zeros(distance.shape, np.int16)), np.asarray(shown, np.uint8)
+        return Layer(x1, y1, distance, np.zeros(distance.shape, np.int16), shown)
 
-    def shade(self, shown: ImageArray, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
-        """See `scene.Cutout.shade`."""
-        normal = np.array([-np.sin(self.angle), np.cos(self.angle)])
+    def shade(self, layer: Layer, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
+        """See `composing.StandIn.shade`."""
+        normal = across(self.angle)[:2]
         if normal @ (camera.position[:2] - self.place) < 0:
             normal = -normal
         facing = max(float(normal @ light.direction[:2]), 0.0)
-        albedo = np.square(shown[seen].astype(np.float32) / np.float32(255))
+        albedo = np.square(layer.shown[seen].astype(np.float32) / np.float32(255))
         return np.asarray(albedo * (facing * light.sun + (light.sky + light.ground) / 2), dtype=np.float32)
 
 

@@ -8,17 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.outfit import Outfit
-from tsuiseki.datamodules.scenes.render.solids import (
-    Colour,
-    Detail,
-    Float32,
-    Int32,
-    Layer,
-    Pattern,
-    RayCamera,
-    Solids,
-    inner_normals,
-)
+from tsuiseki.datamodules.scenes.render.solids import Colour, Detail, Float32, Int32, Pattern, Solids
+from tsuiseki.datamodules.scenes.render.tracing import Layer, RayCamera, inner_normals
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 NOISE_SIZE = 256

@@ -12,8 +12,8 @@ from typing import TypeAlias
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.outfit import BRIGHT, DARK, LIGHT, MIDDLE, any_colour, colour_of
-from tsuiseki.datamodules.scenes.render.scene import Thing
-from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Parts, Pattern, Solids, Surface, above, across, along
+from tsuiseki.datamodules.scenes.render.composing import Thing
+from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Parts, Pattern, Surface, across, along, pattern_of
 from tsuiseki.tracking.types import FloatArray
 
 _LAMPS: tuple[Colour, ...] = ((0.98, 0.15, 0.10), (0.98, 0.65, 0.10), (0.15, 0.95, 0.45))
@@ -22,118 +22,106 @@ _LEAF: tuple[Colour, ...] = ((0.16, 0.28, 0.12), (0.26, 0.38, 0.16), (0.34, 0.34
 _WALL = 0.1
 
 
-def _tube(
-    parts: Parts, position: FloatArray, low: float, high: float, radius: float, colour: Colour, flat: float = 1.0
-) -> None:
-    parts.cone(above(position, low), above(position, high), (radius, radius), Surface(colour, relief=0.05), flat)
+def _tube(parts: Parts, low: float, high: float, radius: float, colour: Colour, flat: float = 1.0) -> None:
+    parts.cone(parts.at(up=low), parts.at(up=high), (radius, radius), Surface(colour, relief=0.05), flat)
 
 
-def traffic_light(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
+def traffic_light(rng: np.random.Generator, parts: Parts) -> None:
     """A post with one or two heads of lamps, one lamp lit in each, perhaps before a plate."""
     height, thick = float(rng.uniform(2.2, 5.5)), float(rng.uniform(0.04, 0.08))
-    parts, aside = Parts(), 0.11 * across(yaw)
-    _tube(parts, position, 0.0, height, thick, colour_of(rng, DARK + MIDDLE[:1]))
+    _tube(parts, 0.0, height, thick, colour_of(rng, DARK + MIDDLE[:1]))
     tops = [height] + ([float(rng.uniform(1.8, height - 0.6))] if height > 3 and rng.random() < 0.5 else [])
     for top in tops:
         lamps = int(rng.integers(2, 4))
         size = float(rng.uniform(0.08, 0.15))
-        middle = above(position, top - size * lamps)
+        middle = parts.at(up=top - size * lamps)
         casing = colour_of(rng, DARK[:2]) if rng.random() < 0.7 else colour_of(rng, BRIGHT)
         if rng.random() < 0.35:
             rim = (1.9 * size, 0.01, (lamps + 0.7) * size)
-            parts.box(middle, rim, yaw, Surface(colour_of(rng, LIGHT[:1] + DARK[:1]), relief=0.05))
-        parts.box(middle, (1.25 * size, 0.1, (lamps + 0.2) * size), yaw, Surface(casing, relief=0.05))
-        lit = int(rng.integers(lamps))
+            parts.box(middle, rim, Surface(colour_of(rng, LIGHT[:1] + DARK[:1]), relief=0.05))
+        parts.box(middle, (1.25 * size, 0.1, (lamps + 0.2) * size), Surface(casing, relief=0.05))
+        lit, aside = int(rng.integers(lamps)), 0.11 * across(parts.yaw)
         for lamp in range(lamps):
             red, green, blue = _LAMPS[lamp if lamps == 3 else 2 * lamp]
             share = 1.0 if lamp == lit else 0.25
             hub = middle + (lamps - 1 - 2 * lamp) * size * UP
             glass = Surface((share * red, share * green, share * blue), relief=0.02)
             parts.cone(hub - aside, hub + aside, (0.8 * size, 0.8 * size), glass)
-    return parts.solids()
 
 
-def road_sign(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
+def road_sign(rng: np.random.Generator, parts: Parts) -> None:
     """A post with one to three discs or plates, each with a field of another colour."""
-    height, parts = float(rng.uniform(1.6, 3.4)), Parts()
-    _tube(parts, position, 0.0, height, float(rng.uniform(0.025, 0.05)), colour_of(rng, MIDDLE[:1] + LIGHT[:2]))
+    height = float(rng.uniform(1.6, 3.4))
+    _tube(parts, 0.0, height, float(rng.uniform(0.025, 0.05)), colour_of(rng, MIDDLE[:1] + LIGHT[:2]))
     top = height
     for _ in range(int(rng.integers(1, 4))):
         size = float(rng.uniform(0.18, 0.42))
         outer, inner = colour_of(rng, BRIGHT + LIGHT[:1]), colour_of(rng, LIGHT[:2] + BRIGHT + DARK[:1])
-        middle = above(position, top - size)
         if rng.random() < 0.5:
-            face = 0.02 * across(yaw)
+            middle, face = parts.at(up=top - size), 0.02 * across(parts.yaw)
             for colour, k, r in ((outer, 1, 1), (inner, 1.5, 0.7)):
                 disc = Surface(colour, relief=0.02)
                 parts.cone(middle - k * face, middle + k * face, (r * size, r * size), disc)
         else:
             high = size * float(rng.uniform(0.5, 1.5))
-            middle = above(position, top - high)
-            pattern = int(rng.choice([Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.SPECKLE]))
+            pattern = pattern_of(rng, Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.SPECKLE)
             plate = Surface(outer, inner, pattern, float(rng.uniform(0.1, 0.5)), 0.05)
-            parts.box(middle, (size, 0.015, high), yaw, plate)
+            parts.box(parts.at(up=top - high), (size, 0.015, high), plate)
             size = high
         top -= 2.1 * size
         if top < 0.9:
             break
-    return parts.solids()
 
 
-def bollards(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
+def bollards(rng: np.random.Generator, parts: Parts) -> None:
     """One to six posts in a row, as high as children, some with a band or a ball on top."""
     height, radius = float(rng.uniform(0.5, 1.25)), float(rng.uniform(0.05, 0.16))
     colour, band = any_colour(rng), colour_of(rng, LIGHT + BRIGHT)
-    step, parts = float(rng.uniform(0.9, 2.0)) * along(yaw)[:2], Parts()
+    step = float(rng.uniform(0.9, 2.0))
     for k in range(int(rng.integers(1, 7))):
-        place = position + k * step
-        _tube(parts, place, 0.0, height, radius, colour)
+        post = parts.beside(k * step)
+        _tube(post, 0.0, height, radius, colour)
         if height > 0.8 or colour[0] < 0.2:
-            _tube(parts, place, 0.8 * height, 0.86 * height, 1.1 * radius, band)
-    return parts.solids()
+            _tube(post, 0.8 * height, 0.86 * height, 1.1 * radius, band)
 
 
-def meter(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
+def meter(rng: np.random.Generator, parts: Parts) -> None:
     """A thing with a head on a body: a parking meter, a ticket machine, a letter box, a hydrant."""
-    low, parts = float(rng.uniform(0.5, 1.1)), Parts()
-    body = float(rng.uniform(0.04, 0.25))
-    colour = any_colour(rng)
-    _tube(parts, position, 0.0, low, body, colour, float(rng.uniform(0.5, 1.0)))
+    low, body = float(rng.uniform(0.5, 1.1)), float(rng.uniform(0.04, 0.25))
+    _tube(parts, 0.0, low, body, any_colour(rng), float(rng.uniform(0.5, 1.0)))
     high = float(rng.uniform(0.1, 0.35))
     if rng.random() < 0.5:
         half = (float(rng.uniform(0.08, 0.3)), float(rng.uniform(0.08, 0.2)), high)
         head = Surface(any_colour(rng), any_colour(rng), Pattern.ACROSS, 0.2, 0.05)
-        parts.box(above(position, low + high), half, yaw, head)
+        parts.box(parts.at(up=low + high), half, head)
     else:
         size = float(rng.uniform(0.08, 0.16))
-        _tube(parts, position, low + size, low + 1.5 * size, size, any_colour(rng))
-    return parts.solids()
+        _tube(parts, low + size, low + 1.5 * size, size, any_colour(rng))
 
 
-def bin_(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
+def bin_(rng: np.random.Generator, parts: Parts) -> None:
     """One to three bins on wheels or round ones, lids in another colour."""
-    step, parts = float(rng.uniform(0.7, 0.9)) * along(yaw)[:2], Parts()
+    step = float(rng.uniform(0.7, 0.9))
     body, lid, round_ = any_colour(rng), any_colour(rng), rng.random() < 0.4
     half = rng.uniform([0.2, 0.2, 0.4], [0.38, 0.4, 0.65])
     for k in range(int(rng.integers(1, 4))):
-        place = position + k * step
+        one = parts.beside(k * step)
         if round_:
-            _tube(parts, place, 0.0, 2 * half[2], half[0], body)
-            _tube(parts, place, 2 * half[2], 2 * half[2] + 0.1, 1.08 * half[0], lid)
+            _tube(one, 0.0, 2 * half[2], half[0], body)
+            _tube(one, 2 * half[2], 2 * half[2] + 0.1, 1.08 * half[0], lid)
         else:
-            parts.box(above(place, 0.1 + half[2]), half, yaw, Surface(body, relief=0.05))
+            one.box(one.at(up=0.1 + half[2]), half, Surface(body, relief=0.05))
             size = (1.06 * half[0], 1.06 * half[1], 0.05)
-            parts.box(above(place, 0.15 + 2 * half[2]), size, yaw, Surface(lid, relief=0.05))
-    return parts.solids()
+            one.box(one.at(up=0.15 + 2 * half[2]), size, Surface(lid, relief=0.05))
 
 
-def bicycle(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
+def bicycle(rng: np.random.Generator, parts: Parts) -> None:
     """One to four bicycles beside one another: rings, a frame, a saddle, handlebars."""
-    parts, black, bar = Parts(), Surface((0.08, 0.08, 0.08), relief=0.03), 0.28 * across(yaw)
+    black, bar = Surface((0.08, 0.08, 0.08), relief=0.03), 0.28 * across(parts.yaw)
     angles = np.linspace(0, 2 * np.pi, 9)
     for k in range(int(rng.integers(1, 5))):
-        base = above(position) + k * float(rng.uniform(0.35, 0.7)) * across(yaw)
-        ahead, paint = along(yaw + float(rng.normal(0, 0.1))), Surface(any_colour(rng), relief=0.03)
+        base = parts.at(left=k * float(rng.uniform(0.35, 0.7)))
+        ahead, paint = along(parts.yaw + float(rng.normal(0, 0.1))), Surface(any_colour(rng), relief=0.03)
         back, front = base - 0.52 * ahead + 0.34 * UP, base + 0.52 * ahead + 0.34 * UP
         for hub in (back, front):
             ring = hub + 0.32 * (np.cos(angles)[:, None] * ahead + np.sin(angles)[:, None] * UP)
@@ -144,103 +132,98 @@ def bicycle(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solid
             parts.cone(a, b, (0.02, 0.02), paint)
         parts.cone(seat - 0.1 * ahead, seat + 0.12 * ahead, (0.06, 0.03), black)
         parts.cone(neck - bar, neck + bar, (0.02, 0.02), black)
-    return parts.solids()
 
 
-def parasol(rng: np.random.Generator, position: FloatArray, _: float) -> Solids:
+def parasol(rng: np.random.Generator, parts: Parts) -> None:
     """Closed it is as a person in a long coat, open a roof on a post."""
-    height, parts = float(rng.uniform(1.6, 3.0)), Parts()
-    post = Surface(colour_of(rng, LIGHT[:2] + DARK[:2]), relief=0.05)
-    parts.cone(above(position), above(position, height), (0.03, 0.03), post)
-    first, second = any_colour(rng), any_colour(rng)
-    cloth = Surface(first, second, int(rng.choice([Pattern.PLAIN, Pattern.ALONG])), 0.2, 0.1)
+    height = float(rng.uniform(1.6, 3.0))
+    _tube(parts, 0.0, height, 0.03, colour_of(rng, LIGHT[:2] + DARK[:2]))
+    cloth = Surface(any_colour(rng), any_colour(rng), pattern_of(rng, Pattern.PLAIN, Pattern.ALONG), 0.2, 0.1)
     if rng.random() < 0.7:
-        low = height * float(rng.uniform(0.2, 0.5))
-        row = (above(position, low), above(position, height), (float(rng.uniform(0.1, 0.25)), 0.05))
+        low, high = height * float(rng.uniform(0.2, 0.5)), height
+        radii = (float(rng.uniform(0.1, 0.25)), 0.05)
     else:
-        reach = float(rng.uniform(0.9, 1.6))
-        row = (above(position, height - 0.3), above(position, height - 0.15), (reach, 0.7 * reach))
-    parts.cone(*row, cloth, 1.0 if rng.random() < 0.5 else 0.8)
-    return parts.solids()
+        low, high, reach = height - 0.3, height - 0.15, float(rng.uniform(0.9, 1.6))
+        radii = (reach, 0.7 * reach)
+    parts.cone(parts.at(up=low), parts.at(up=high), radii, cloth, 1.0 if rng.random() < 0.5 else 0.8)
 
 
-def torso(rng: np.random.Generator, position: FloatArray, _: float = 0.0) -> Solids:
+def torso(rng: np.random.Generator, parts: Parts) -> None:
     """Clothes on a stand without head, arms and legs."""
-    low, parts = float(rng.uniform(0.6, 1.0)), Parts()
+    low = float(rng.uniform(0.6, 1.0))
     cloth, second = any_colour(rng), any_colour(rng)
-    pattern = int(rng.choice([Pattern.PLAIN, Pattern.PLAIN, Pattern.ACROSS, Pattern.CHECKS]))
+    pattern = pattern_of(rng, Pattern.PLAIN, Pattern.PLAIN, Pattern.ACROSS, Pattern.CHECKS)
     surfaces = [Surface(cloth, second, pattern, float(rng.uniform(0.05, 0.15)), 0.15) for _ in range(2)]
-    waist, neck = above(position, low + 0.25), above(position, low + 0.62)
-    upper = (0.13, float(rng.uniform(0.1, 0.16)))
+    waist, upper = parts.at(up=low + 0.25), (0.13, float(rng.uniform(0.1, 0.16)))
     legs, feet = colour_of(rng, DARK + LIGHT), colour_of(rng, DARK)
     flat = float(rng.uniform(0.6, 0.9))
-    parts.cone(above(position, low), waist, (0.17, 0.13), surfaces[0], flat)
-    parts.cone(waist, neck, upper, surfaces[1], flat)
-    _tube(parts, position, 0.0, low, 0.02, legs)
-    _tube(parts, position, 0.0, 0.03, 0.2, feet)
-    return parts.solids()
+    parts.cone(parts.at(up=low), waist, (0.17, 0.13), surfaces[0], flat)
+    parts.cone(waist, parts.at(up=low + 0.62), upper, surfaces[1], flat)
+    _tube(parts, 0.0, low, 0.02, legs)
+    _tube(parts, 0.0, 0.03, 0.2, feet)
 
 
-def board(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
+def board(rng: np.random.Generator, parts: Parts) -> None:
     """A poster in a frame, a banner, a board on the pavement, a pillar for notices."""
-    colour, second, parts = any_colour(rng), any_colour(rng), Parts()
-    pattern = int(
-        rng.choice([Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.SPECKLE, Pattern.CLOUDS, Pattern.CHECKS])
-    )
-    notices = Surface(colour, second, pattern, float(rng.uniform(0.2, 1.2)), 0.05)
+    colour, second = any_colour(rng), any_colour(rng)
+    patterns = (Pattern.ACROSS, Pattern.ALONG, Pattern.SPECKLE, Pattern.CLOUDS, Pattern.CHECKS)
+    notices = Surface(colour, second, pattern_of(rng, Pattern.PLAIN, *patterns), float(rng.uniform(0.2, 1.2)), 0.05)
     if rng.random() < 0.2:
         radius, height = float(rng.uniform(0.3, 0.7)), float(rng.uniform(1.8, 3.2))
-        parts.cone(above(position), above(position, height), (radius, radius), notices)
-        return parts.solids()
+        parts.cone(parts.at(), parts.at(up=height), (radius, radius), notices)
+        return
     half = rng.uniform([0.2, 0.02, 0.4], [0.7, 0.1, 1.1])
     low = float(rng.uniform(0.0, 0.9))
     frame = (half[0] + 0.05, 0.6 * half[1], half[2] + 0.05)
-    middle = above(position, low + half[2] + 0.05)
-    parts.box(middle, frame, yaw, Surface(colour_of(rng, DARK + LIGHT[:2]), relief=0.05))
-    parts.box(middle, half, yaw, notices)
+    middle = parts.at(up=low + half[2] + 0.05)
+    parts.box(middle, frame, Surface(colour_of(rng, DARK + LIGHT[:2]), relief=0.05))
+    parts.box(middle, half, notices)
     if low > 0.1:
         for side in (-1, 1):
-            _tube(parts, position + side * half[0] * along(yaw)[:2], 0.0, low, 0.03, (0.2, 0.2, 0.2))
-    return parts.solids()
+            _tube(parts.beside(side * half[0]), 0.0, low, 0.03, (0.2, 0.2, 0.2))
 
 
-def planter(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
+def planter(rng: np.random.Generator, parts: Parts) -> None:
     """A narrow shrub or a clipped tree in a tub, as tall as people."""
-    tub, parts = float(rng.uniform(0.2, 0.45)), Parts()
-    parts.box(above(position, tub), (tub, tub, tub), yaw, Surface(any_colour(rng), relief=0.05))
-    green = colour_of(rng, _LEAF)
-    dark = (0.4 * green[0], 0.4 * green[1], 0.4 * green[2])
+    tub = float(rng.uniform(0.2, 0.45))
+    parts.box(parts.at(up=tub), (tub, tub, tub), Surface(any_colour(rng), relief=0.05))
+    red, green, blue = leaf = colour_of(rng, _LEAF)
     low, height = 2 * tub, float(rng.uniform(0.6, 1.8))
     for k in range(3):
-        leaves = Surface(green, dark, Pattern.LEAVES, float(rng.uniform(0.4, 1.5)), 0.05)
+        dark = (0.4 * red, 0.4 * green, 0.4 * blue)
+        leaves = Surface(leaf, dark, Pattern.LEAVES, float(rng.uniform(0.4, 1.5)), 0.05)
         radius = float(rng.uniform(0.15, 0.4)) * (1 - 0.25 * k)
-        start, end = above(position, low + k * height / 3), above(position, low + (k + 1) * height / 3)
+        start, end = parts.at(up=low + k * height / 3), parts.at(up=low + (k + 1) * height / 3)
         parts.cone(start, end, (radius, 0.8 * radius), leaves)
-    return parts.solids()
 
 
-Maker: TypeAlias = Callable[[np.random.Generator, FloatArray, float], Solids]
+Maker: TypeAlias = Callable[[np.random.Generator, Parts], None]
 THINGS: Mapping[Maker, float] = {
     traffic_light: 0.18, road_sign: 0.18, bollards: 0.08, meter: 0.1, bin_: 0.08, bicycle: 0.09, parasol: 0.07,
     torso: 0.05, board: 0.1, planter: 0.07,
 }  # fmt: skip
 
 
+def made(rng: np.random.Generator, make: Maker, position: FloatArray, yaw: float) -> Thing:
+    """What ``make`` draws, standing at ``position`` ``(2,)`` and turned by ``yaw`` radians."""
+    parts = Parts(position, yaw)
+    make(rng, parts)
+    return Thing(parts.solids())
+
+
 def random_thing(rng: np.random.Generator, position: FloatArray, kinds: Mapping[Maker, float] = THINGS) -> Thing:
     """One thing, standing at ``position`` ``(2,)``; ``kinds`` says how often each is drawn."""
     make = list(kinds)[int(rng.choice(len(kinds), p=list(kinds.values())))]
-    return Thing(make(rng, position, float(rng.uniform(0, 2 * np.pi))))
+    return made(rng, make, position, float(rng.uniform(0, 2 * np.pi)))
 
 
-def front(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
+def front(rng: np.random.Generator, parts: Parts) -> None:
     """A wall with doors and windows in rows, shop windows below with clothes on stands, a sign above them."""
     wide, storeys = float(rng.uniform(3.0, 14.0)), int(rng.integers(1, 4))
-    storey, parts = float(rng.uniform(2.6, 3.6)), Parts()
-    red, green, blue = wall = colour_of(rng, MIDDLE + LIGHT + ((0.55, 0.38, 0.28),))
-    high = storey * storeys / 2
+    storey = float(rng.uniform(2.6, 3.6))
+    wall, high = colour_of(rng, MIDDLE + LIGHT + ((0.55, 0.38, 0.28),)), storey * storeys / 2
     pattern = Pattern.BRICKS if rng.random() < 0.4 else Pattern.PLAIN
-    grout = (0.8 * red + 0.1, 0.8 * green + 0.1, 0.8 * blue + 0.1)
-    parts.box(above(position, high), (wide / 2, _WALL / 2, high), yaw, Surface(wall, grout, pattern, 0.2, 0.05))
+    parts.box(parts.at(up=high), (wide / 2, _WALL / 2, high), Surface(wall, grout_of(wall), pattern, 0.2, 0.05))
     lit = rng.random() < 0.35
     glass = colour_of(rng, LIGHT if lit else DARK)
     for level in range(storeys):
@@ -251,24 +234,27 @@ def front(rng: np.random.Generator, position: FloatArray, yaw: float) -> Solids:
         if shops:
             half_h, low = float(rng.uniform(0.9, 1.15)), 0.3
         for x in np.arange(-wide / 2 + step / 2, wide / 2 - step / 3, step):
-            place = position + x * along(yaw)[:2]
-            door = level == 0 and rng.random() < 0.3
-            size = (
-                (float(rng.uniform(0.4, 0.6)), float(rng.uniform(0.95, 1.15)), 0.0) if door else (half_w, half_h, low)
-            )
-            _opening(rng, parts, above(place, level * storey + size[2] + size[1]), yaw, size, glass, door)
+            door, size = level == 0 and rng.random() < 0.3, (half_w, half_h, low)
+            if door:
+                size = (float(rng.uniform(0.4, 0.6)), float(rng.uniform(0.95, 1.15)), 0.0)
+            _opening(rng, parts, parts.at(x, up=level * storey + size[2] + size[1]), size, glass, door)
             if shops and not door and rng.random() < 0.5:
-                parts.add(torso(rng, place - 0.12 * across(yaw)[:2]))
-                parts.add(torso(rng, place + 0.12 * across(yaw)[:2]))
+                torso(rng, parts.beside(x, -0.12))
+                torso(rng, parts.beside(x, 0.12))
         if shops:
             sign = Surface(any_colour(rng), any_colour(rng), Pattern.ALONG, 0.4, 0.05)
-            parts.box(above(position, 0.85 * storey), (0.95 * wide / 2, _WALL, 0.2), yaw, sign)
-    return parts.solids()
+            parts.box(parts.at(up=0.85 * storey), (0.95 * wide / 2, _WALL, 0.2), sign)
+
+
+def grout_of(wall: Colour) -> Colour:
+    """The colour between the bricks of a ``wall``."""
+    red, green, blue = wall
+    return 0.8 * red + 0.1, 0.8 * green + 0.1, 0.8 * blue + 0.1
 
 
 def _opening(
-    rng: np.random.Generator, parts: Parts, middle: FloatArray, yaw: float, size: tuple[float, float, float],
-    glass: Colour, door: bool,
+    rng: np.random.Generator, parts: Parts, middle: FloatArray, size: tuple[float, float, float], glass: Colour,
+    door: bool,
 ) -> None:  # fmt: skip
     """A door with a pane, or a window with a frame and perhaps a blind, about ``middle`` ``(3,)``.
 
@@ -276,13 +262,13 @@ def _opening(
     """
     wide, high, _ = size
     pane_of = Surface(glass, relief=0.05)
-    parts.box(middle, (wide, 0.55 * _WALL, high), yaw, Surface(any_colour(rng), relief=0.05))
+    parts.box(middle, (wide, 0.55 * _WALL, high), Surface(any_colour(rng), relief=0.05))
     if door:
         pane = high * float(rng.uniform(0.15, 0.8))
-        parts.box(middle + (0.85 * high - pane) * UP, (0.7 * wide, 0.6 * _WALL, pane), yaw, pane_of)
+        parts.box(middle + (0.85 * high - pane) * UP, (0.7 * wide, 0.6 * _WALL, pane), pane_of)
         return
-    parts.box(middle, (0.88 * wide, 0.6 * _WALL, 0.92 * high), yaw, pane_of)
+    parts.box(middle, (0.88 * wide, 0.6 * _WALL, 0.92 * high), pane_of)
     if rng.random() < 0.4:
         drop = high * float(rng.uniform(0.1, 0.6))
         blind = Surface(any_colour(rng), relief=0.05)
-        parts.box(middle + (0.92 * high - drop) * UP, (0.86 * wide, 0.65 * _WALL, drop), yaw, blind)
+        parts.box(middle + (0.92 * high - drop) * UP, (0.86 * wide, 0.65 * _WALL, drop), blind)

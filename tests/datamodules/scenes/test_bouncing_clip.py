@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.bouncing_clip import DIAMETER, GRAVITY, WALL, BouncingBallSettings, plan_balls
+from tsuiseki.datamodules.scenes.body_clip import DIAMETER, GRAVITY, WALL, BouncingBallSettings, plan_balls
 from tsuiseki.tracking.bodies.body import Ball
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_states import silhouette_of

@@ -12,11 +12,13 @@ import pytest
 from tsuiseki.datamodules.action_crops import action_sequences
 from tsuiseki.datamodules.scenes.clip import ClipSettings, write_clip
 from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, Viewpoint, fly, plan_drone
-from tsuiseki.datamodules.scenes.people.activities import LEFT, RIGHT, drinking, lying, reach, running, sip, sitting
+from tsuiseki.datamodules.scenes.people.activities import drinking, sip
+from tsuiseki.datamodules.scenes.people.gait import Manner, running
 from tsuiseki.datamodules.scenes.people.gathering import gather
-from tsuiseki.datamodules.scenes.people.posture import Build, Manner, Pose, place
+from tsuiseki.datamodules.scenes.people.poses import lying, sitting
+from tsuiseki.datamodules.scenes.people.posture import LEFT, RIGHT, Build, Pose, place, reach
+from tsuiseki.datamodules.scenes.render.composing import clusters
 from tsuiseki.datamodules.scenes.render.ground import ground_homography, look_down
-from tsuiseki.datamodules.scenes.render.insertion import clusters
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS, POSTURES

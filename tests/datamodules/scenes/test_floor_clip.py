@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.floor_clip import FloorClipSettings
+from tsuiseki.datamodules.scenes.room_clip import FloorClipSettings
 from tsuiseki.tracking.cameras.camera_files import read_cameras
 from tsuiseki.tracking.cameras.multicamera import read_placed_truth
 from tsuiseki.tracking.cameras.projective import PinholeCamera

@@ -9,8 +9,8 @@ import pytest
 from tsuiseki.datamodules.scenes.clip import people_in_view
 from tsuiseki.datamodules.scenes.people.outfit import random_outfit, similar_outfit
 from tsuiseki.datamodules.scenes.people.person import paste, render_person_sprite
+from tsuiseki.datamodules.scenes.render.composing import Sighting
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, by_night, degrade
-from tsuiseki.datamodules.scenes.render.scene import Sighting
 from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_light
 from tsuiseki.datamodules.scenes.training_pictures import (
     TrainingSettings,

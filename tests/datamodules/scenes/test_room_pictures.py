@@ -7,7 +7,7 @@ import pytest
 
 from tsuiseki.datamodules.scenes import room_pictures
 from tsuiseki.datamodules.scenes.room_pictures import panorama_picture
-from tsuiseki.datamodules.scenes.things.interior import chair, table
+from tsuiseki.datamodules.scenes.things.room import chair, table
 
 SMALL = 160, 120
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, plan_blobs
+from tsuiseki.datamodules.scenes.blob_clip import BlobClip, BlobSceneSettings
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
@@ -21,7 +21,7 @@ from tsuiseki.tracking.types import Detections
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = BlobSceneSettings(frames=8, width=240, height=180, objects=2, clutter=0, enter=0.0)
-    return write_clip(tmp_path_factory.mktemp("blobs") / "clip", plan_blobs(settings, 1))
+    return write_clip(tmp_path_factory.mktemp("blobs") / "clip", BlobClip(settings, 1))
 
 
 def points(length: int = 25) -> list[np.ndarray]:

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.figures.standing_sprites import pictured_things
+from tsuiseki.datamodules.scenes.render.composing import compose, empty_picture
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
-from tsuiseki.datamodules.scenes.render.scene import compose, empty_picture
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.datamodules.scenes.training_pictures import (
     Stock,

@@ -16,11 +16,12 @@ from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary, SpriteSet
 from tsuiseki.datamodules.scenes.figures.mesh import Worn
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite, random_sprites, render_figure, smaller, steady_sides
 from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dressed, tilt_of
+from tsuiseki.datamodules.scenes.people.gait import random_manner, walking
 from tsuiseki.datamodules.scenes.people.person import view_from
 from tsuiseki.datamodules.scenes.people.poses import draw_pose
-from tsuiseki.datamodules.scenes.people.posture import Build, place, random_manner, walking
+from tsuiseki.datamodules.scenes.people.posture import Build, place
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import silhouette_box, tight
+from tsuiseki.datamodules.scenes.render.tracing import silhouette_box, tight
 from tsuiseki.datamodules.scenes.training_pictures import (
     Stock,
     TrainingSettings,
@@ -147,7 +148,7 @@ def test_a_sprite_stands_where_a_person_of_its_height_is_seen() -> None:
     ends, _ = CAMERA.project(np.array([[*spot, 0.0], [*spot, 1.75]]))
     traced = Standing(block(), spot).trace(CAMERA, 2)
     assert traced is not None
-    x1, y1, x2, y2 = silhouette_box(traced[0], 2)
+    x1, y1, x2, y2 = silhouette_box(traced, 2)
     assert (y1, y2) == pytest.approx((ends[1, 1], ends[0, 1]), abs=1)
     assert (x1 + x2) / 2 == pytest.approx(ends[:, 0].mean(), abs=1)
     assert (x2 - x1) / (y2 - y1) == pytest.approx(16 / 40, abs=0.05)
@@ -161,11 +162,11 @@ def test_light_falls_on_the_side_it_comes_from() -> None:
     standing = Standing(block(), np.array([0.0, 14.0]))
     traced = standing.trace(CAMERA, 1)
     assert traced is not None
-    layer, shown = traced
+    layer = traced
     nothing, sun = np.zeros(3, np.float32), np.ones(3, np.float32)
     for direction, brightness in (([0, -1, 0], 1.0), ([0, 1, 0], 0.0), ([1, 0, 0], 0.0)):
         light = Light(np.array(direction, np.float32), sun, nothing, nothing)
-        colours = standing.shade(shown, layer.mask, CAMERA, light)
+        colours = standing.shade(layer, layer.mask, CAMERA, light)
         np.testing.assert_allclose(colours, brightness * (128 / 255) ** 2, atol=0.01)
 
 
@@ -319,7 +320,7 @@ def test_boxes_go_round_people_and_not_what_they_ride_or_push(
         (sprite,) = random_sprites(np.random.default_rng(seed), assets, 1, 96, (0.1, 0.2), 1.0)
         traced = Standing(dressed(np.random.default_rng(seed), sprite), np.array([0.0, 14.0])).trace(CAMERA, 2)
         assert traced is not None
-        layer, _ = traced
+        layer = traced
         whole, box = tight(layer.mask), silhouette_box(layer, 2) * 2 - [layer.left, layer.top] * 2
         assert (box[:2] >= whole[:2]).all()
         assert (box[2:] <= whole[2:]).all()
@@ -336,7 +337,7 @@ def test_who_is_seen_from_above_is_placed_by_the_middle(posed: SpriteLibrary, sp
         for shown in (sprite, *(dressed(np.random.default_rng(n), sprite) for n in range(3))):
             traced = Standing(shown, place).trace(camera, 1)
             assert traced is not None
-            box = silhouette_box(traced[0], 1)
+            box = silhouette_box(traced, 1)
             middle = camera.project(np.array([[*place, sprite.middle]]))[0][0]
             assert np.linalg.norm((box[:2] + box[2:]) / 2 - middle) < 0.6 * scale * 64
             assert sorted(box[2:] - box[:2])[1] < 1.5 * scale * max(sprite.label.shape)

@@ -3,19 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tsuiseki.datamodules.scenes.people.gait import STANCE, Manner, standing, stride_length, walking
 from tsuiseki.datamodules.scenes.people.outfit import random_build
-from tsuiseki.datamodules.scenes.people.posture import (
-    STANCE,
-    Build,
-    Manner,
-    Pose,
-    blend,
-    place,
-    reach_for,
-    standing,
-    stride_length,
-    walking,
-)
+from tsuiseki.datamodules.scenes.people.posture import Build, Pose, blend, place, reach_for
 
 BUILD, MANNER = Build(height=1.8), Manner()
 

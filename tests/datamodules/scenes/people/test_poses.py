@@ -5,8 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.people.poses import _DRAWN, _ahead, balanced, draw_pose, mirrored, random_name
-from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton, Pose, place
+from tsuiseki.datamodules.scenes.people.poses import _DRAWN, draw_pose, random_name
+from tsuiseki.datamodules.scenes.people.posture import (
+    Build,
+    PersonSkeleton,
+    Pose,
+    balanced,
+    mass_ahead,
+    mirrored,
+    place,
+)
 
 BUILD = Build(1.7)
 
@@ -30,11 +38,11 @@ def test_every_pose_is_drawn() -> None:
 
 @pytest.mark.parametrize("name", ["crouching", "bending"])
 def test_feet_carry_who_crouches_or_bends(name: str) -> None:
-    ahead = [abs(_ahead(placed(name, seed))) for seed in range(20)]
+    ahead = [abs(mass_ahead(placed(name, seed))) for seed in range(20)]
     assert np.median(ahead) < 0.01
     assert max(ahead) < 0.25
     leaning = Pose(lean=1.2, hip=(0.2, 0.2), knee=(0.2, 0.2))
-    before, after = (_ahead(place(BUILD, pose, np.zeros(2), 0.0)) for pose in (leaning, balanced(BUILD, leaning)))
+    before, after = (mass_ahead(place(BUILD, pose, np.zeros(2), 0.0)) for pose in (leaning, balanced(BUILD, leaning)))
     assert abs(after) < 0.01 < before
 
 

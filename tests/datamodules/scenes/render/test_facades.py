@@ -23,7 +23,7 @@ def halves() -> np.ndarray:
 def test_a_wall_is_where_its_corners_are_seen() -> None:
     traced = Facade(np.array([0.0, 10.0]), 0.0, (4.0, 3.0), halves()).trace(CAMERA, 2)
     assert traced is not None
-    layer, shown = traced
+    layer, shown = traced, traced.shown
     # 4 m at 10 m and a focal length of 200 pixels are 80 pixels, 3 m are 60; the camera looks at its middle.
     mask = np.zeros((240, 320), dtype=np.bool_)
     h, w = layer.mask.shape
@@ -43,7 +43,7 @@ def test_light_from_behind_a_wall_does_not_reach_its_front() -> None:
     sun, nothing = np.ones(3, np.float32), np.zeros(3, np.float32)
     for y, brightness in ((-1, 1.0), (1, 0.0)):
         light = Light(np.array([0, y, 0], np.float32), sun, nothing, nothing)
-        np.testing.assert_allclose(facade.shade(traced[1], traced[0].mask, CAMERA, light), brightness)
+        np.testing.assert_allclose(facade.shade(traced, traced.mask, CAMERA, light), brightness)
 
 
 def test_a_wall_that_reaches_behind_the_camera_is_left_out() -> None:

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.people.outfit import random_outfit
-from tsuiseki.datamodules.scenes.render.scene import Picture, Thing, compose, empty_picture, shadows
+from tsuiseki.datamodules.scenes.render.composing import Picture, Thing, compose, empty_picture, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import Surface, boxes, cone_spheres, join, silhouette_box, trace
+from tsuiseki.datamodules.scenes.render.solids import Surface, boxes, cone_spheres, join
+from tsuiseki.datamodules.scenes.render.tracing import silhouette_box, trace
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 
 CAMERA = PinholeCamera.look_at(np.array([0, -10, 1.0]), np.array([0, 0, 1.0]), 300, 160, 120)

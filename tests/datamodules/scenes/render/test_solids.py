@@ -3,17 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.render.solids import (
-    Solids,
-    Surface,
-    boxes,
-    cone_spheres,
-    extents,
-    inner_normals,
-    intersect,
-    silhouette_box,
-    trace,
-)
+from tsuiseki.datamodules.scenes.render.solids import Solids, Surface, boxes, cone_spheres
+from tsuiseki.datamodules.scenes.render.tracing import extents, inner_normals, intersect, silhouette_box, trace
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 
 CAMERA = PinholeCamera.look_at(np.array([0, -10, 1.0]), np.array([0, 0, 1.0]), 300, 160, 120)

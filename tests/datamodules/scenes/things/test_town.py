@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.things.clutter import fronts_behind, reach_of
-from tsuiseki.datamodules.scenes.things.town import THINGS, front, random_thing
+from tsuiseki.datamodules.scenes.things.street_things import fronts_behind, reach_of
+from tsuiseki.datamodules.scenes.things.town import THINGS, front, made, random_thing
 from tsuiseki.datamodules.scenes.training_pictures import TrainingSettings, random_training_scene
 from tsuiseki.tracking.errors import RequestError
 
@@ -19,7 +19,7 @@ SMALL = TrainingSettings(width=160, height=120, people=(2, 5), person_height=(12
 @pytest.mark.parametrize("make", THINGS)
 def test_things_stand_on_their_place_and_are_of_a_sensible_size(make):
     for seed in range(12):
-        solids = make(np.random.default_rng(seed), PLACE, 0.7)
+        solids = made(np.random.default_rng(seed), make, PLACE, 0.7).solids
         top = solids.start[:, 2] + np.where(solids.box, solids.scale[:, 2], solids.length + solids.radius[:, 1])
         assert 0.4 < top.max() < 7.0
         assert reach_of(solids, PLACE) < 12.0
@@ -37,7 +37,7 @@ def test_the_same_seed_gives_the_same_thing_and_another_one_another():
 
 def test_a_front_has_openings_within_its_wall():
     for seed in range(8):
-        solids = front(np.random.default_rng(seed), PLACE, 0.0)
+        solids = made(np.random.default_rng(seed), front, PLACE, 0.0).solids
         wall, parts = solids.scale[0], solids.select(solids.box).start[1:] - [*PLACE, 0]
         assert solids.box[0]
         assert len(parts) >= 2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings, plan_blobs
+from tsuiseki.datamodules.scenes.blob_clip import BlobClip, BlobSceneSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS
 from tsuiseki.tracking.filters.finite_sets.region_phd import Confirmation, at_patches
@@ -60,7 +60,7 @@ def test_flashes_make_no_targets() -> None:
     lengths = {}
     for confirm in ((1, 1), (3, 3)):
         tracker = BlobTracker(NAMED_COLOURS[scene.colour], BlobSettings(particles=150, confirm=confirm))
-        for index, ((image,), _) in enumerate(plan_blobs(scene, 3).frames()):
+        for index, ((image,), _) in enumerate(BlobClip(scene, 3).frames()):
             tracker.update(Frame(index, index / scene.frame_rate, image))
         lengths[confirm] = sorted(len(track) for track in tracker.tracks())
     # Both objects throughout; resting patches of an object's size are objects to both.

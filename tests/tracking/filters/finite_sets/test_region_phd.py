@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.blob_clip import HUES, as_ground_truth, plan_blobs
+from tsuiseki.datamodules.scenes.blob_clip import HUES, BlobClip, as_ground_truth
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings as SceneSettings
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.tracking.errors import RequestError
@@ -71,7 +71,7 @@ def test_equalisation_gives_every_target_the_same_top_and_leaves_clutter_alone()
 
 def follow(tracker, scene, seed):
     truth = []
-    for index, ((image,), boxes) in enumerate(plan_blobs(scene, seed).frames()):
+    for index, ((image,), boxes) in enumerate(BlobClip(scene, seed).frames()):
         tracker.update(Frame(index, index / 25, image))
         truth.append(boxes)
     return np.stack(truth)
@@ -213,7 +213,7 @@ def test_filter_refuses_what_is_no_probability():
 @pytest.mark.parametrize("colour", HUES)
 def test_natural_clutter_has_little_of_a_named_colour_and_the_object_much(colour):
     scene = SceneSettings(frames=1, objects=1, clutter=0, enter=0.0, colour=colour)
-    (image,), boxes = next(plan_blobs(scene, 0).frames())
+    (image,), boxes = next(BlobClip(scene, 0).frames())
     mask = colour_mask(image, NAMED_COLOURS[colour])
     x1, y1, x2, y2 = np.round(boxes[0]).astype(int)
     assert mask[y1:y2, x1:x2].mean() > 0.8
@@ -223,15 +223,15 @@ def test_natural_clutter_has_little_of_a_named_colour_and_the_object_much(colour
 
 def test_clips_are_written_read_and_repeatable(tmp_path):
     scene = SceneSettings(**{**vars(SCENE), "frames": 3})
-    folder = write_clip(tmp_path / "clip", plan_blobs(scene, 4))
+    folder = write_clip(tmp_path / "clip", BlobClip(scene, 4))
     sequence = read_sequence(folder)
     assert (sequence.length, sequence.width, sequence.height) == (3, 320, 240)
     truth = read_ground_truth(sequence.ground_truth_path)
-    first, second = (list(plan_blobs(scene, 4).frames()) for _ in range(2))
+    first, second = (list(BlobClip(scene, 4).frames()) for _ in range(2))
     np.testing.assert_array_equal(first[2][0], second[2][0])
     np.testing.assert_allclose(truth.boxes[truth.frames == 2], first[2][1][np.isfinite(first[2][1][:, 0])], atol=1e-3)
     with pytest.raises(RequestError, match="overwrite"):
-        write_clip(folder, plan_blobs(scene, 4))
+        write_clip(folder, BlobClip(scene, 4))
 
 
 @pytest.mark.parametrize(

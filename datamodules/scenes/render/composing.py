@@ -1,40 +1,41 @@
-"""Puts things into a picture: who hides whom, what is seen of each, and the shadows on the ground."""
+"""Puts things into a picture: who hides whom, what is seen of each, and the shadows on the ground.
+
+Small things in a large picture are put into it cluster by cluster: those that overlap, in a window of their own.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.people.outfit import Outfit
+from tsuiseki.datamodules.scenes.render import tracing
 from tsuiseki.datamodules.scenes.render.shading import Light, shade
-from tsuiseki.datamodules.scenes.render.solids import (
-    CORNERS,
-    Float32,
-    Int32,
-    Layer,
-    RayCamera,
-    Solids,
-    silhouette_box,
-    trace,
-)
-from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.datamodules.scenes.render.solids import CORNERS, Float32, Int32, Solids
+from tsuiseki.datamodules.scenes.render.tracing import Layer, RayCamera
+from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 
 # Share of all light that reaches the ground under a thing less than beside it.
 OCCLUSION = 0.3
+# Standard deviation of the blur of shadows of small things, pixels.
+SOFTNESS = 1.0
 
 
 class StandIn(Protocol):
     """A picture of a thing that stands in for its solids wherever the camera looks at it."""
 
-    def trace(self, camera: RayCamera, samples: int) -> tuple[Layer, Any] | None:
-        """The thing as the camera sees it alone, and what `shade` needs of it; None where it is not seen."""
+    def trace(self, camera: RayCamera, samples: int) -> Layer | None:
+        """The thing as the camera sees it alone; None where it is not seen."""
         ...
 
-    def shade(self, shown: Any, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
-        """Linear colours ``(n, 3)`` of the subpixels of the layer where ``seen`` is True, row by row."""
+    def shade(self, layer: Layer, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
+        """Linear colours ``(n, 3)`` of the subpixels of its layer where ``seen`` is True, row by row."""
         ...
 
 
@@ -46,13 +47,12 @@ class Thing:
     outfit: Outfit | None = None
     cutout: StandIn | None = None
 
-    def trace(self, camera: RayCamera, samples: int) -> tuple[Layer, Any] | None:
+    def trace(self, camera: RayCamera, samples: int) -> Layer | None:
         """See `StandIn.trace`."""
         if self.cutout:
             return self.cutout.trace(camera, samples)
         # Only of people it matters how much lies outside the image.
-        layer = trace(self.solids, camera, samples, 0.0 if self.outfit is None else 1.0)
-        return None if layer is None else (layer, None)
+        return tracing.trace(self.solids, camera, samples, 0.0 if self.outfit is None else 1.0)
 
 
 @dataclass(frozen=True)
@@ -105,34 +105,32 @@ def compose(
     samples = picture.samples
     distance = picture.distance.copy()
     owner = np.full(distance.shape, -1, dtype=np.int16)
-    traced = [thing.trace(camera, samples) for thing in things]
-    for index, found in enumerate(traced):
-        if found:
-            there, own = found[0].inside(distance.shape)
-            closer = found[0].distance[own] < distance[there]
-            np.copyto(distance[there], found[0].distance[own], where=closer)
+    layers = [thing.trace(camera, samples) for thing in things]
+    for index, layer in enumerate(layers):
+        if layer is not None:
+            there, own = layer.inside(distance.shape)
+            closer = layer.distance[own] < distance[there]
+            np.copyto(distance[there], layer.distance[own], where=closer)
             np.copyto(owner[there], np.int16(index), where=closer)
     added = picture.colour * by_pixel((owner < 0).astype(np.float32), samples)[:, :, None]
     sightings: list[Sighting | None] = []
-    for index, (thing, found) in enumerate(zip(things, traced, strict=True)):
-        if found is None:
+    for index, (thing, layer) in enumerate(zip(things, layers, strict=True)):
+        if layer is None:
             sightings.append(None)
             continue
-        there, own = found[0].inside(owner.shape)
-        seen = np.zeros(found[0].distance.shape, dtype=np.bool_)
+        there, own = layer.inside(owner.shape)
+        seen = np.zeros(layer.distance.shape, dtype=np.bool_)
         seen[own] = owner[there] == index
         if seen.any():
-            _draw(added, thing, *found, seen, camera, samples, light)
-        whole = found[0].own
-        share = int((seen & whole).sum()) / max(int(whole.sum()), 1)
-        sightings.append(Sighting(silhouette_box(found[0], samples), share))
+            _draw(added, thing, layer, seen, camera, samples, light)
+        share = int((seen & layer.own).sum()) / max(int(layer.own.sum()), 1)
+        sightings.append(Sighting(tracing.silhouette_box(layer, samples), share))
     return Picture(added, distance, samples), sightings
 
 
 def _draw(
-    colour: Float32, thing: Thing, layer: Layer, shown: Any, seen: BoolArray, camera: RayCamera, samples: int,
-    light: Light,
-) -> None:  # fmt: skip
+    colour: Float32, thing: Thing, layer: Layer, seen: BoolArray, camera: RayCamera, samples: int, light: Light
+) -> None:
     """Adds the ``seen`` part of the layer of a thing to ``colour``."""
     weight = np.full(seen.shape, 1 / samples**2, dtype=np.float32)
     if thing.outfit is None:
@@ -141,7 +139,7 @@ def _draw(
     if thing.cutout is None:
         values = shade(layer, seen, thing.solids, camera, samples, light, thing.outfit)
     else:
-        values = thing.cutout.shade(shown, seen, camera, light)
+        values = thing.cutout.shade(layer, seen, camera, light)
     values = values * weight[rows, columns][:, None]
     rows, columns = (rows + layer.top) // samples, (columns + layer.left) // samples
     top, left = rows[0], columns.min()
@@ -244,3 +242,120 @@ def _shadow_polygons(solids: Solids, camera: RayCamera, direction: Float32) -> l
     # fillConvexPoly reads fixed-point numbers and puts a pixel's centre at a whole one.
     fixed = np.round((pixels[seen] - 0.5) * 16).astype(np.int32)
     return [cv2.convexHull(p).reshape(-1, 1, 2) for p in fixed]
+
+
+@dataclass(frozen=True)
+class _Window:
+    """A part of a camera's image as a camera of its own."""
+
+    camera: RayCamera
+    left: int
+    top: int
+    width: int
+    height: int
+
+    @property
+    def position(self) -> FloatArray:
+        return self.camera.position
+
+    def project(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        pixels, depth = self.camera.project(points)
+        return pixels - [self.left, self.top], depth
+
+    def rays(self, pixels: NDArray[Any]) -> NDArray[Any]:
+        return self.camera.rays(pixels + np.array([self.left, self.top], dtype=pixels.dtype))
+
+
+def draw_things(
+    image: ImageArray, things: list[Thing], camera: PinholeCamera, light: Light, samples: int
+) -> list[Sighting | None]:
+    """Draw ``things`` and their shadows into ``image``, and return what is seen of each (None: nothing).
+
+    Args:
+        image: ``(H, W, 3)`` uint8, light after gamma 2; changed in place.
+        things: to be drawn.
+        camera: of the picture.
+        light: of the
+        samples: rays along each side of a pixel.
+    """
+    up = light.direction[2] * light.sun
+    share = np.float32((up / np.maximum(up + light.sky, 1e-6)).mean())
+    sun, under = both_shadows(things, camera, light, SOFTNESS)
+    kept = np.sqrt((1 - share * sun) * (1 - np.float32(OCCLUSION) * under))
+    rows = np.flatnonzero(kept.min(axis=1) < 0.999)
+    if len(rows):
+        part = slice(int(rows[0]), int(rows[-1]) + 1)
+        image[part] = cv2.multiply(image[part], cv2.merge([kept[part]] * 3), dtype=cv2.CV_8U)
+    rects = [tracing.extents(thing.solids, camera) for thing in things]
+    rects = [np.concatenate([r[:, :2].min(axis=0), r[:, 2:].max(axis=0)]) for r in rects]
+
+    def below(rows: slice, columns: slice) -> Picture:
+        return empty_picture(np.square(image[rows, columns].astype(np.float32) * np.float32(1 / 255)), samples)
+
+    return draw_clusters(image, things, np.array(rects).reshape(-1, 4), camera, light, below)
+
+
+def draw_clusters(
+    image: ImageArray,
+    things: list[Thing],
+    rects: FloatArray,
+    camera: RayCamera,
+    light: Light,
+    below: Callable[[slice, slice], Picture],
+    exposure: float = 1.0,
+) -> list[Sighting | None]:
+    """Draw ``things`` into ``image``, cluster by cluster, and return what is seen of each (None: nothing).
+
+    Args:
+        image: ``(H, W, 3)`` uint8, light after gamma 2; changed in place.
+        things: to be drawn.
+        rects: ``(N, 4)`` pixels that hold each of them; NaN for what is not drawn.
+        camera: of the picture.
+        light: of the
+        below: gives what is behind the things in rows and columns of the picture.
+        exposure: factor from the scene's light to that of the image.
+    """
+    sightings: list[Sighting | None] = [None] * len(things)
+    for (x1, y1, x2, y2), members in clusters(rects, camera.width, camera.height):
+        rows, columns = slice(y1, y2), slice(x1, x2)
+        window = _Window(camera, x1, y1, x2 - x1, y2 - y1)
+        picture, visible = compose(below(rows, columns), [things[i] for i in members], window, light)
+        image[rows, columns] = encoded(picture.colour, exposure)
+        for i, sighting in zip(members, visible, strict=True):
+            if sighting is not None:
+                sightings[i] = Sighting(sighting.box + np.array([x1, y1, x1, y1]), sighting.visibility)
+    return sightings
+
+
+def encoded(colour: Float32, exposure: float = 1.0) -> ImageArray:
+    """Linear light ``(H, W, 3)`` times ``exposure`` as an image with gamma 2."""
+    return np.asarray(255 * np.sqrt(np.clip(colour * np.float32(exposure), 0, 1)) + 0.5).astype(np.uint8)
+
+
+def clusters(rects: FloatArray, width: int, height: int) -> list[tuple[tuple[int, int, int, int], IntArray]]:
+    """Windows x1, y1, x2, y2 within the image, none touching another, and the rectangles ``(N, 4)`` each holds.
+
+    A window is as large as what it holds, also where that leaves the image. Rectangles outside the image or with a
+    NaN are in none.
+    """
+    limit = np.array([width, height])
+    with np.errstate(invalid="ignore"):
+        visible = np.flatnonzero((rects[:, :2] < limit).all(axis=1) & (rects[:, 2:] > 0).all(axis=1))
+    # Whole pixels about each rectangle, moved inward where it leaves the image.
+    low, high = np.floor(rects[visible, :2]) - 1, np.ceil(rects[visible, 2:]) + 1
+    size = np.minimum(high - low, limit)
+    low = np.clip(low, 0, limit - size)
+    groups = [(window, [int(i)]) for window, i in zip(np.concatenate([low, low + size], axis=1), visible, strict=True)]
+    before = 0
+    while len(groups) != before:
+        before, apart = len(groups), list[tuple[FloatArray, list[int]]]()
+        for window, members in groups:
+            for k, (other, theirs) in enumerate(apart):
+                if (window[:2] < other[2:]).all() and (other[:2] < window[2:]).all():
+                    both = np.concatenate([np.minimum(window[:2], other[:2]), np.maximum(window[2:], other[2:])])
+                    apart[k] = (both, theirs + members)
+                    break
+            else:
+                apart.append((window, members))
+        groups = apart
+    return [((int(w[0]), int(w[1]), int(w[2]), int(w[3])), np.array(m)) for w, m in groups]
