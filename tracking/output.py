@@ -71,7 +71,8 @@ def check_output_folder(folder: Path, overwrite: bool) -> None:
         raise RequestError(f"`out`: expected the name of a folder, but {folder} is a file; choose another name")
     found = sorted(p.name for p in folder.iterdir() if not p.name.startswith(".")) if folder.is_dir() else []
     if found and not overwrite:
-        raise RequestError(f"{folder} already holds {_some(found)}; choose another folder or add `overwrite`")
+        some = ", ".join(found[:3]) + (f" and {len(found) - 3} more" if len(found) > 3 else "")
+        raise RequestError(f"{folder} already holds {some}; choose another folder or add `overwrite`")
 
 
 @contextmanager
@@ -305,7 +306,3 @@ def _listed_files(folder: Path) -> set[str]:
         return set()
     inside = {path for path in paths if not path.is_absolute() and ".." not in path.parts}
     return {p.as_posix() for p in inside if (folder / p).resolve().is_relative_to(folder.resolve())}
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

@@ -71,7 +71,8 @@ def outlines_of(source: Path, extraction: Extraction | None) -> list[Outline]:
     if (source / FOLDER).is_dir():
         found = _from_silhouettes(read_silhouettes(source))
     elif extraction is not None:
-        found = _from_regions(source, extraction)
+        frames = open_source(source).frames()
+        found = [one for frame in frames for one in _outlines(frame.index, 0, extraction.pixels(frame.image))]
     else:
         raise RequestError(f"{source}: expected a folder {FOLDER} in it, found none; or give the bodies' `colour`")
     if not found:
@@ -89,13 +90,6 @@ def _from_silhouettes(silhouettes: ImageArray) -> list[Outline]:
         for identity in range(1, MOST_BODIES + 1):
             found += _outlines(frame, identity, silhouette_of(picture, identity).astype(np.uint8))[:1]
     return found
-
-
-def _from_regions(source: Path, extraction: Extraction) -> list[Outline]:
-    opened = open_source(source)
-    return [
-        outline for frame in opened.frames() for outline in _outlines(frame.index, 0, extraction.pixels(frame.image))
-    ]
 
 
 def _outlines(frame: int, identity: int, mask: ImageArray) -> list[Outline]:

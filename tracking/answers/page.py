@@ -137,7 +137,7 @@ class TrackedPage:
         """What writes each file, as for `Result.files`."""
         names = self._given.tables if self._given else ("people", "counts", "sides")
         tables: dict[str, Callable[[], Table]] = {
-            **{self._file(name): partial(self._counted, name) for name in names},
+            **{self._file(name): partial(self.answers.tables.__getitem__, name) for name in names},
             "paths": lambda: path_table(self.answers, self._pixels),
             "places": lambda: heat_table(self.answers, self._pixels),
         }
@@ -153,9 +153,6 @@ class TrackedPage:
 
     def _file(self, table: str) -> str:
         return self.nouns[1] if table == "people" and self._given is None else table
-
-    def _counted(self, name: str) -> Table:
-        return self.answers.tables[name]
 
     def _plot(self, name: str, path: Path) -> None:
         FIGURES[name](self.answers, "black").savefig(path, facecolor="white")

@@ -58,7 +58,7 @@ class Marginals:
             _, before = scipy.sparse.csgraph.dijkstra(
                 inside, indices=place[first], return_predecessors=True, limit=self.limit * SCALE
             )
-            nodes = [self._nodes[n] for n in _up(before, int(place[last]), int(place[first]))[::-1]]
+            nodes = [self._part[1][n] for n in _up(before, int(place[last]), int(place[first]))[::-1]]
         arcs = [flow.arc_between(a, b) for a, b in itertools.pairwise(nodes)]
         return np.unique([arc, *arcs])
 
@@ -72,10 +72,6 @@ class Marginals:
         place = np.full(2 * self.flow.count + 1, -1)
         place[nodes] = np.arange(len(nodes))
         return matrix, place
-
-    @property
-    def _nodes(self) -> IntArray:
-        return self._part[1]
 
 
 def _up(before: IntArray, node: int, root: int) -> list[int]:

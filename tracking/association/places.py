@@ -108,7 +108,8 @@ def place_costs(
     if len(counts.boxes) == 0 or len(boxes) == 0:
         return nothing, nothing
     height = float(sizes(counts.boxes)[:, 1].mean())
-    low, high = (np.zeros(2), np.array(size)) if size is not None else _extent(counts.boxes)
+    middle = centres(counts.boxes)
+    low, high = (middle.min(axis=0), middle.max(axis=0)) if size is None else (np.zeros(2), np.array(size))
     cell = max(float((high - low).max()), height) / CELLS
     shape = np.maximum(np.ceil((high - low) / cell), 1).astype(np.int64)
     sigma = settings.width * height / cell
@@ -129,11 +130,6 @@ def place_costs(
         ratio = (found / mean + settings.prior) / (around + settings.prior)
         changes.append(np.clip(-settings.weight * np.log(ratio), -settings.most, settings.most))
     return changes[0], changes[1]
-
-
-def _extent(boxes: FloatArray) -> tuple[FloatArray, FloatArray]:
-    centre = centres(boxes)
-    return centre.min(axis=0), centre.max(axis=0)
 
 
 def _cells(boxes: FloatArray, low: FloatArray, cell: float, shape: IntArray) -> IntArray:

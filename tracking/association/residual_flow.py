@@ -192,7 +192,8 @@ class ResidualFlow:
         self.potential = self.potential + np.minimum(distance, min(distance[target], most))
         node = target
         while mended and node != source:
-            self._flip(int(before[node]), node)
+            arc = self.arc_between(int(before[node]), node)
+            self.used[arc] = not self.used[arc]
             node = int(before[node])
         return mended
 
@@ -205,10 +206,6 @@ class ResidualFlow:
     def link(self, i: int, j: int) -> int:
         """The number of the arc of the transition from one detection to another; -1 where there is none."""
         return self.arc_between(2 * i + 1, 2 * j)
-
-    def _flip(self, tail: int, head: int) -> None:
-        arc = self.arc_between(tail, head)
-        self.used[arc] = not self.used[arc]
 
 
 def _used_arcs(graph: FlowGraph, solution: FlowSolution) -> BoolArray:

@@ -144,10 +144,13 @@ def digits(width: float) -> int:
     return int(np.clip(1 - np.floor(np.log10(max(width, 1e-9))), 0, 3))
 
 
+# Standard deviation of the heights of people, metres.
+PERSON_SPREAD = 0.1
+
+
 def calibrate_people(
     sources: Sequence[Source],
     person_height: float = 1.7,
-    person_spread: float = 0.1,
     reach: float = 30.0,
     frame_rates: Sequence[float] | None = None,
     image_size: tuple[int, int] | None = None,
@@ -157,7 +160,6 @@ def calibrate_people(
     Args:
         sources: one a camera, see `people.tracked.tracked`.
         person_height: of people on average, metres.
-        person_spread: standard deviation of their heights, metres.
         reach: largest difference of two clocks, seconds.
         frame_rates: frames a second, of all sources or of each, where a source does not say.
         image_size: width and height of the pictures, where a source does not say.
@@ -166,7 +168,7 @@ def calibrate_people(
         RequestError: a source cannot be read, two are the same, too few people or only at one distance, or a
             camera sees too few together with the others.
     """
-    people = BodyHeights(person_height, person_spread)
+    people = BodyHeights(person_height, PERSON_SPREAD)
     if not sources:
         raise RequestError("expected a source or more, got none")
     rates = rates_of(frame_rates, len(sources))

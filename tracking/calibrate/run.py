@@ -365,7 +365,6 @@ def people(
     size: ImageSize,
     output: PeopleFiles = PEOPLE_FILES,
     person_height: float = 1.7,
-    person_spread: float = 0.1,
     reach: float = 30.0,
     fps: list[float] | None = None,
 ) -> None:
@@ -375,13 +374,12 @@ def people(
         sources: for each camera a result folder of track people, a file of tracks, or a video, which is tracked first.
         image_size: WIDTH,HEIGHT of the pictures, where a source does not say.
         person_height: of people on average, metres.
-        person_spread: standard deviation of their heights, metres.
         reach: largest difference of two cameras' clocks, seconds.
         fps: frames a second, where a source does not say; one number, or one a source, separated by commas.
     """
     from tsuiseki.tracking.calibrate.people import calibrate_people, check_cameras
 
-    found = calibrate_people(sources, person_height, person_spread, reach, fps, size.image_size)
+    found = calibrate_people(sources, person_height, reach, fps, size.image_size)
     lines = found.described()
     if output.cameras is not None:
         lines += [str(one) for one in check_cameras(output.cameras, found)]

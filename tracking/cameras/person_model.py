@@ -35,6 +35,8 @@ AROUND = 16
 # A box along the body is taken for the box of least area where it is at most this much larger. Near the point below
 # the camera the least box is almost square, and its direction would jump from one side to the next.
 NEARLY_LEAST = 1.15
+# The upper part of the height that is the head, and its radius, metres.
+HEAD_HEIGHT, HEAD_RADIUS = 0.3, 0.12
 
 
 class FloorCamera(Camera, Protocol):
@@ -52,29 +54,25 @@ class PersonModel:
     Attributes:
         height: of the whole person.
         body_radius: of trunk and legs.
-        head_height: the upper part of the height that is the head.
-        head_radius: of the head.
     """
 
     height: float = 1.7
     body_radius: float = 0.25
-    head_height: float = 0.3
-    head_radius: float = 0.12
 
     def __post_init__(self) -> None:
-        if not (0 < self.head_height < self.height and self.body_radius > 0 and self.head_radius > 0):
+        if not (self.height > HEAD_HEIGHT and self.body_radius > 0):
             raise RequestError(
                 "person model: expected positive radii and a head within the height, got "
-                f"height {self.height:g}, head {self.head_height:g}, radii {self.body_radius:g}, {self.head_radius:g}"
+                f"height {self.height:g}, head {HEAD_HEIGHT:g}, radii {self.body_radius:g}, {HEAD_RADIUS:g}"
             )
 
     def outline(self) -> FloatArray:
         """``(4 * AROUND, 3)`` points of the four rims about a person who stands at the origin."""
         turn = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
         ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        neck = self.height - self.head_height
-        levels = ((0.0, self.body_radius), (neck, self.body_radius), (neck, self.head_radius),
-                  (self.height, self.head_radius))  # fmt: skip
+        neck = self.height - HEAD_HEIGHT
+        levels = ((0.0, self.body_radius), (neck, self.body_radius), (neck, HEAD_RADIUS),
+                  (self.height, HEAD_RADIUS))  # fmt: skip
         return np.concatenate([np.column_stack([radius * ring, np.full(AROUND, z)]) for z, radius in levels])
 
 

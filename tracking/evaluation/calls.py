@@ -124,12 +124,10 @@ def _truth(truth: TruthLike, frames: str | None, kind: int | str | None) -> Trut
         if not truth:
             raise RequestError(f"`classes`: expected tracks of {kind} in the truth, got none")
     labels = truth if isinstance(truth, GroundTruth) else ground_truth_of(truth)
-    labels = labels if wanted == EVERY_FRAME else labels.between(wanted.first, _last(labels, wanted.last))
+    if wanted != EVERY_FRAME:
+        last = int(labels.frames.max(initial=0)) if wanted.last is None else wanted.last
+        labels = labels.between(wanted.first, last)
     return Truth("sequence", labels, None, wanted, None, kind, names)
-
-
-def _last(labels: GroundTruth, last: int | None) -> int:
-    return int(labels.frames.max(initial=0)) if last is None else last
 
 
 def ground_truth_of(tracks: Sequence[Track]) -> GroundTruth:

@@ -181,7 +181,7 @@ def action_values(results: Mapping[str, ActionScores]) -> dict[str, Any]:
             "mean_average_precision": scores.mean_average_precision,
             "rows": scores.rows,
             "actions": {
-                action: {kind: _or_none(getattr(scores, kind)[a]) for kind in kinds}
+                action: {kind: None if np.isnan(value := getattr(scores, kind)[a]) else float(value) for kind in kinds}
                 | {"rows": int(scores.positives[a])}
                 for a, action in enumerate(scores.names)
             },
@@ -192,7 +192,3 @@ def action_values(results: Mapping[str, ActionScores]) -> dict[str, Any]:
 
 def _percent(value: float) -> str:
     return _number(100 * value, ".2f")
-
-
-def _or_none(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)

@@ -96,7 +96,8 @@ class ForeignDetector:
         self._tensorflow = names.keys() >= set(TENSORFLOW) and not (len(first) == 4 and first[1] == 3)
         # Newer files of TensorFlow give more beside them.
         self._outputs = [names[name] for name in TENSORFLOW] if self._tensorflow else list(names.values())
-        self._check_task()
+        if (task := self.metadata.get("task", "detect")) not in ("detect", "obb"):
+            raise RequestError(f"{self.path}: expected a detector, got a network for {task!r}; export one for 'detect'")
         self.size = self._input_size(options)
         self.names = options.classes or class_names(self.metadata)
         trial = self._try()
@@ -237,11 +238,6 @@ class ForeignDetector:
             f"{self.path}: expected a picture as input, and beside it at most {', '.join(_SIDE_INPUTS)}, got "
             f"{other.name} {tuple(other.shape)}; export it without"
         )
-
-    def _check_task(self) -> None:
-        task = self.metadata.get("task", "detect")
-        if task not in ("detect", "obb"):
-            raise RequestError(f"{self.path}: expected a detector, got a network for {task!r}; export one for 'detect'")
 
     def _input_size(self, options: DetectorOptions) -> Size | None:
         """Height and width, or None for a network of torchvision's or TensorFlow's kind, which takes any."""

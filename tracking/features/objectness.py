@@ -26,6 +26,8 @@ from tsuiseki.tracking.weights import shipped
 SIDE = 8
 KEPT_BITS = 0xF0
 FORMAT = "tsuiseki-objectness-1"
+# Greatest number of boxes of one size.
+PER_SIZE = 64
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ def normed_gradients(image: ImageArray) -> NDArray[np.uint8]:
 
 
 def propose(
-    image: ImageArray, model: ObjectnessModel, count: int, region: FloatArray | None = None, per_size: int = 64
+    image: ImageArray, model: ObjectnessModel, count: int, region: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """The boxes most like an object.
 
@@ -128,7 +130,6 @@ def propose(
         model: learnt.
         count: greatest number of boxes.
         region: ``(4,)`` pixels; only this part of the image is searched, which makes a frame cheap.
-        per_size: greatest number of boxes of one size.
 
     Returns:
         Boxes ``(K, 4)`` pixels and scores ``(K,)``, best first.
@@ -138,7 +139,7 @@ def propose(
     part, factor = _reduced(image[y1:y2, x1:x2], float(model.sizes.min()))
     boxes, scores = [np.empty((0, 4))], [np.empty(0)]
     for (w, h), gain, offset in zip(model.sizes / factor, model.gains, model.offsets, strict=True):
-        found, values = _score_size(part, model.weights, float(w), float(h), per_size)
+        found, values = _score_size(part, model.weights, float(w), float(h))
         boxes.append(found * np.tile(factor, 2) + np.array([x1, y1, x1, y1]))
         scores.append(gain * values + offset)
     all_boxes, all_scores = np.concatenate(boxes), np.concatenate(scores)
@@ -165,9 +166,7 @@ def _whole(region: FloatArray, width: int, height: int) -> tuple[int, int, int, 
     return max(int(x1), 0), max(int(y1), 0), min(int(x2), width), min(int(y2), height)
 
 
-def _score_size(
-    part: ImageArray, weights: FloatArray, width: float, height: float, per_size: int
-) -> tuple[FloatArray, FloatArray]:
+def _score_size(part: ImageArray, weights: FloatArray, width: float, height: float) -> tuple[FloatArray, FloatArray]:
     """The best windows of one size, no two of them next to each other."""
     columns, rows = round(part.shape[1] * SIDE / width), round(part.shape[0] * SIDE / height)
     if columns < SIDE or rows < SIDE:
@@ -177,7 +176,7 @@ def _score_size(
     # A window gives way to a better one whose corner is within two of its 8 x 8 cells, as in the paper.
     greatest = cv2.dilate(scores, np.ones((5, 5), dtype=np.uint8))
     kept = np.flatnonzero(scores >= greatest)
-    kept = kept[np.argsort(-scores.ravel()[kept], kind="stable")[:per_size]]
+    kept = kept[np.argsort(-scores.ravel()[kept], kind="stable")[:PER_SIZE]]
     row, column = np.divmod(kept, scores.shape[1])
     step_x, step_y = part.shape[1] / columns, part.shape[0] / rows
     x, y = column * step_x, row * step_y

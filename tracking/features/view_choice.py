@@ -103,7 +103,7 @@ def choose_view(
             break
         view = view_of(size, columns, detector.input_size[1] / detector.input_size[0])
         found, taken = _timed(TiledDetector(detector, view, batch_size=batch_size, workers=workers), tried)
-        people[columns] = sum(_expected(d) for d in found) / len(tried)
+        people[columns] = sum(float(d.scores[d.scores >= _CERTAIN].sum()) for d in found) / len(tried)
         if columns == 1 or worth_more(people[chosen.columns], people[columns], enlarged=columns > usual):
             chosen, cost = view, taken
         elif people[chosen.columns] >= _SOMEBODY:
@@ -327,10 +327,6 @@ def most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None, largest:
             break
         most = columns
     return most
-
-
-def _expected(found: Detections) -> float:
-    return float(found.scores[found.scores >= _CERTAIN].sum())
 
 
 def report_models(detect: object, *others: object) -> dict[str, Any]:

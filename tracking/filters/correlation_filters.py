@@ -71,11 +71,6 @@ def transform(features: Float32Array) -> Samples:
     return Samples(scipy.fft.rfft2(features), energies, (features.shape[2], features.shape[3]))
 
 
-def _cross_spectrum(windows: Samples, templates: Samples) -> ComplexArray:
-    products = windows.spectra * templates.spectra.conj()
-    return np.asarray(products.sum(axis=1))
-
-
 @dataclass(frozen=True)
 class GaussianKernel:
     """``exp(-|a - b|^2 / (sigma^2 n))`` with ``n`` features in a window, KCF equation 30.
@@ -90,7 +85,7 @@ class GaussianKernel:
 
     def __call__(self, windows: Samples, templates: Samples) -> ComplexArray:
         rows, columns = windows.shape
-        cross = scipy.fft.irfft2(_cross_spectrum(windows, templates), s=(rows, columns))
+        cross = scipy.fft.irfft2((windows.spectra * templates.spectra.conj()).sum(axis=1), s=(rows, columns))
         distance = (windows.energies + templates.energies)[:, None, None] - 2 * cross
         scale = np.float32(-1 / (self.sigma**2 * windows.size))
         return np.asarray(scipy.fft.rfft2(np.exp(np.maximum(distance, 0) * scale)))

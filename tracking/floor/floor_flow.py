@@ -36,6 +36,8 @@ LEAST_CHANCE, CERTAIN = 0.05, 50.0
 CHUNK, MOMENTS = 20_000, 200
 FASTEST, FARTHEST = 4.0, 4.0
 """Speed of a link, m/s, and its length beside the noise, metres."""
+# Mean time for which a person is there, seconds.
+LIVES = 20.0
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,6 @@ class FloorFlow:
         rounds: number of rounds of grouping and linking.
         density: expected people per square metre where no track is expected.
         births: new people per square metre and second.
-        lives: mean time for which a person is there, seconds.
         hidden: log probability of being hidden from all sensors for one moment, and for each further one.
         beyond: moments for which a track is expected beyond its ends.
         short: tracks of fewer moments are left out.
@@ -61,7 +62,6 @@ class FloorFlow:
     rounds: int = 3
     density: float = 0.015
     births: float = 0.004
-    lives: float = 20.0
     hidden: tuple[float, float] = (-5.0, -1.0)
     beyond: int = 1
     short: int = 2
@@ -217,7 +217,7 @@ def _linked(
     gap = nodes.moment[head] - nodes.moment[tail] - 1
     start, further = settings.hidden
     missed = np.maximum(gap * (nodes.missed[tail] + nodes.missed[head]) / 2, start + further * (gap - 1))
-    cost += np.where(gap > 0, -missed, 0.0) + seconds / settings.lives
+    cost += np.where(gap > 0, -missed, 0.0) + seconds / LIVES
     features, names = _mean_features(points, nodes), nodes.highest(points.names)
     if features is not None:
         both = features[tail].any(axis=1) & features[head].any(axis=1)
@@ -228,7 +228,7 @@ def _linked(
     cost = np.where(same & (names[tail] == names[head]), np.minimum(cost, 0.0) - CERTAIN, cost)
     cost = np.where(same & (names[tail] != names[head]), np.inf, cost)
     step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-    entry, leave = -np.log(settings.births * step), -np.log(step / settings.lives)
+    entry, leave = -np.log(settings.births * step), -np.log(step / LIVES)
     graph = build_graph(-nodes.weight - CERTAIN * named, [(tail, head, cost)], entry, leave)
     return _by_name(track_labels(solve(graph)), nodes.moment, names)
 

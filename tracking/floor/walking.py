@@ -21,6 +21,8 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 PLACE = np.eye(2, 4)
 SURPRISE = 16.0
+# Strength q of the acceleration, m/s over the root of a second.
+RESTLESS = 0.4
 
 
 @dataclass(frozen=True)
@@ -29,13 +31,11 @@ class Walking:
 
     Attributes:
         speed: deviation of a velocity along each axis, m/s.
-        restless: strength q of the acceleration, m/s over the root of a second.
         turns: share of links with a sudden turn or a measurement that is far off, in [0, 1].
         turning: deviation of the mean velocity on such a link, along each axis, m/s.
     """
 
     speed: float = 0.9
-    restless: float = 0.4
     turns: float = 0.03
     turning: float = 2.0
 
@@ -53,7 +53,7 @@ class Walking:
         mean, covariance, tau = states.mean.copy(), states.covariance.copy(), seconds[:, None, None]
         mean[:, :2] += seconds[:, None] * mean[:, 2:]
         across, velocity = states.covariance[:, :2, 2:], states.covariance[:, 2:, 2:]
-        length, noise = np.abs(tau), self.restless**2 * np.eye(2)
+        length, noise = np.abs(tau), RESTLESS**2 * np.eye(2)
         covariance[:, :2, :2] += tau * (across + across.swapaxes(1, 2)) + tau**2 * velocity + length**3 / 3 * noise
         covariance[:, :2, 2:] += tau * velocity + tau * length / 2 * noise
         covariance[:, 2:, :2] = covariance[:, :2, 2:].swapaxes(1, 2)

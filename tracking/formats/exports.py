@@ -53,7 +53,9 @@ def write_geff(folder: Path, video: TrackedVideo) -> None:
     order = np.lexsort([frames, ids])
     joined = ids[order][1:] == ids[order][:-1]
     edges = np.column_stack([order[:-1][joined], order[1:][joined]])
-    axes = [{"name": name, "type": kind, "unit": unit, **_reach(nodes[name])} for name, kind, unit in AXES]
+    axes: list[dict[str, Any]] = [{"name": name, "type": kind, "unit": unit} for name, kind, unit in AXES]
+    for axis in axes if len(ids) else ():
+        axis |= {"min": float(nodes[axis["name"]].min()), "max": float(nodes[axis["name"]].max())}
     about = {
         "geff_version": GEFF_VERSION,
         "directed": True,
@@ -84,10 +86,6 @@ def _nodes(video: TrackedVideo) -> dict[str, NDArray[Any]]:
         raise RequestError(f"expected tracks with frame, id and a place, got {', '.join(list(table)[:8])}")
     known = {"t": table["frame"], "y": table[places[1]], "x": table[places[0]], "track_id": table["id"]}
     return known | {n: v for n, v in table.items() if v.dtype.kind in "fi" and n not in (*places, "frame", "id")}
-
-
-def _reach(values: NDArray[Any]) -> dict[str, float]:
-    return {"min": float(values.min()), "max": float(values.max())} if len(values) else {}
 
 
 def _write_array(folder: Path, values: NDArray[Any]) -> None:

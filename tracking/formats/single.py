@@ -16,7 +16,7 @@ import json
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +101,7 @@ def find_single_sequences(folder: str | Path, attributes: Path | None = None) ->
         ]
         found = found or _label_files(folder, listed)
     if listed is not None:
-        found = [_with_attributes(s, listed) for s in found if same_name(s.name) in listed]
+        found = [replace(s, attributes=listed[same_name(s.name)]) for s in found if same_name(s.name) in listed]
     if not found:
         raise RequestError(f"{folder}: expected groundtruth_rect.txt, groundtruth.txt or NAME.txt files, found none")
     return sorted(found, key=lambda sequence: sequence.name.lower())
@@ -174,12 +174,6 @@ def _attribute_set(text: str, where: str) -> frozenset[str]:
     if unknown := sorted(names - ATTRIBUTES.keys()):
         raise RequestError(f"{where}: expected attributes of {', '.join(ATTRIBUTES)}, got {unknown[0]!r}")
     return names
-
-
-def _with_attributes(sequence: SingleSequence, listed: dict[str, frozenset[str]]) -> SingleSequence:
-    return SingleSequence(
-        sequence.name, sequence.images, sequence.boxes, listed[same_name(sequence.name)], sequence.unused_images
-    )
 
 
 def _in_folder(folder: Path) -> list[SingleSequence]:

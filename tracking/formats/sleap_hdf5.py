@@ -202,7 +202,7 @@ def _analysis(file: Any) -> PointTable:
     scores = np.full(points[:, :, 0].shape, np.nan)
     if "point_scores" in file:
         scores = _by_axes(file["point_scores"], ("frame", "node", "track"), sizes)
-    names = names if len(names) == points.shape[3] else _numbered(points.shape[3])
+    names = names if len(names) == points.shape[3] else [f"track_{number}" for number in range(points.shape[3])]
     frames, tracks = np.nonzero(np.isfinite(points).any(axis=(1, 2)))
     return PointTable(
         nodes, frames.astype(np.int64), tuple(names[track] for track in tracks), points[frames, :, :, tracks],
@@ -221,10 +221,6 @@ def _by_axes(data: Any, wanted: tuple[str, ...], sizes: dict[str, int]) -> Float
     if sorted(axes) != sorted(wanted) or any(sizes.get(a, n) != n for a, n in zip(axes, data.shape, strict=True)):
         raise ValueError(f"an array of shape {data.shape} with axes {', '.join(map(str, axes))}, expected {sizes}")
     return np.asarray(np.transpose(data[()], [axes.index(one) for one in wanted]), dtype=np.float64)
-
-
-def _numbered(count: int) -> list[str]:
-    return [f"track_{number}" for number in range(count)]
 
 
 def _text(value: Any) -> str:

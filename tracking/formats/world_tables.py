@@ -72,12 +72,8 @@ def _read(path: Path, columns: Sequence[str]) -> list[Correspondences]:
         found.setdefault(row.get("camera") or "camera1", []).append((line, values))
     if not found:
         raise RequestError(f"{path}: expected rows of points, found none")
-    return [_group(name, lines) for name, lines in found.items()]
-
-
-def _group(name: str, rows: list[tuple[int, list[float]]]) -> Correspondences:
-    values = np.array([v for _, v in rows])
-    return Correspondences(name, values[:, :3], values[:, 3:], [line for line, _ in rows])
+    arrays = {name: np.array([row for _, row in rows]) for name, rows in found.items()}
+    return [Correspondences(n, v[:, :3], v[:, 3:], [line for line, _ in found[n]]) for n, v in arrays.items()]
 
 
 VISIBLE = ("visibility", "visible", "vis")

@@ -87,13 +87,10 @@ def link(
 def _refuse_twice(names: Sequence[str], results: Sequence[Result[Track]]) -> None:
     for (first, one), (second, other) in combinations(zip(names, results, strict=True), 2):
         a, b = boxes_of(one), boxes_of(other)
-        same = len(a) == len(b) and all(map(_equal, a, b))
-        if same:
+        if len(a) == len(b) and all(
+            np.array_equal(x.frames, y.frames) and np.array_equal(x.boxes, y.boxes) for x, y in zip(a, b, strict=True)
+        ):
             raise RequestError(f"expected different results, got the same tracks in {first} and {second}")
-
-
-def _equal(one: Track, other: Track) -> bool:
-    return np.array_equal(one.frames, other.frames) and np.array_equal(one.boxes, other.boxes)
 
 
 def _describer(appearance: AppearanceLike | None) -> Describe | None:

@@ -69,13 +69,11 @@ def _answers(network: SolvedNetwork, given: Sequence[Correction]) -> tuple[IntAr
     return place[known], right[known].astype(np.bool_), answer[known]
 
 
-def _loss(logit: FloatArray, right: BoolArray) -> float:
-    return float(np.logaddexp(0, np.where(right, -logit, logit)).sum())
-
-
 def _fit(evidence: FloatArray, usual: FloatArray, right: BoolArray) -> FloatArray:
     """Weights of the evidence by which answers are most likely, near 0."""
-    found = scipy.optimize.minimize(
-        lambda w: _loss(usual + evidence @ w, right) + PRIOR * (w**2).sum() / 2, np.zeros(evidence.shape[1])
-    )
-    return np.asarray(found.x)
+
+    def loss(weights: FloatArray) -> float:
+        logit = usual + evidence @ weights
+        return float(np.logaddexp(0, np.where(right, -logit, logit)).sum()) + PRIOR * (weights**2).sum() / 2
+
+    return np.asarray(scipy.optimize.minimize(loss, np.zeros(evidence.shape[1])).x)

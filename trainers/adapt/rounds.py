@@ -36,7 +36,7 @@ from tsuiseki.trainers.adapt.round import (
     labelled,
     round_scores,
 )
-from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, TAKEN, Verdict
+from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, TAKEN
 from tsuiseki.trainers.adapt.watch import KEPT_BACK, CameraVideos, Watched
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 
@@ -181,7 +181,8 @@ def _learn(adaptation: Adaptation, number: int, taught_by: Round) -> Path:
     layout = layout_of(adaptation.start)
     before = adaptation.work / f"round-{number - 1}" / CHECKPOINT
     start = before if before.is_file() else adaptation.start
-    adaptation.tell(f"round {number}: learning from {sum(map(_taken, taught_by.verdicts))} people")
+    taken = sum(one.verdict == TAKEN for verdicts in taught_by.verdicts for one in verdicts)
+    adaptation.tell(f"round {number}: learning from {taken} people")
     checkpoint = fine_tune(start, layout, videos, taught_by.columns, number, folder, adaptation.settings)
     view = (taught_by.columns, None)
     export_calibrated(checkpoint, layout.size, videos, view, detector)
@@ -249,10 +250,6 @@ def _before_learning(adaptation: Adaptation, videos: Sequence[RoundVideo]) -> fl
         found = find(end, adaptation.start, adaptation.settings, adaptation.camera.view)
         detections.append(found.detections[each.held_out - found.first :])
     return agreement_held_out(videos, detections, adaptation.settings.score_threshold)
-
-
-def _taken(verdicts: Sequence[Verdict]) -> int:
-    return sum(v.verdict == TAKEN for v in verdicts)
 
 
 def _check_people(first: Round, camera: CameraVideos) -> None:

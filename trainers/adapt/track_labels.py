@@ -145,7 +145,9 @@ def label(
         given = None if certain is None else certain.at(frame)
         rows.append(_rows(number, people, rejected[number], picture, given))
     moved = tuple(_moved(track, offset, watched.size) for track in tracks)
-    return TrackLabels(_joined(rows), tuple(verdicts), moved, offset)
+    columns = ("frames", "ids", "boxes", "evaluated", "ignored", "visibility")
+    joined = GroundTruth(*(np.concatenate([getattr(part, name) for part in rows]) for name in columns))
+    return TrackLabels(joined, tuple(verdicts), moved, offset)
 
 
 def _moving(tracks: Sequence[Track], foreground: Foreground | None, number_of: dict[int, int]) -> list[float]:
@@ -307,11 +309,6 @@ def _on(boxes: FloatArray, known: FloatArray) -> BoolArray:
     shared = intersections(boxes[:, None], known[None])
     on_one = (shared > _COVERED * areas(boxes)[:, None]).any(axis=1)
     return np.asarray(on_one | (shared_with_all(boxes, known) >= EXPLAINED))
-
-
-def _joined(parts: Sequence[GroundTruth]) -> GroundTruth:
-    columns = ("frames", "ids", "boxes", "evaluated", "ignored", "visibility")
-    return GroundTruth(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
 
 
 def _rejected(kept: Sequence[int], found: Sequence[Detections], tracks: Sequence[Track]) -> list[Detections]:

@@ -102,16 +102,13 @@ class Foreground:
         file = Path(self.watched.folder) / "foreground" / f"{number + 1:06d}.png"
         levels = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) if file.is_file() else None
         if levels is None:
-            levels = self._levels(number)
+            different, bright = difference(self.watched.picture(number), self.empty)
+            levels = np.where(bright, _BRIGHT, np.where(different, _SHADOW, _SAME)).astype(np.uint8)
             _, content = cv2.imencode(".png", levels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
             # Whole or not at all: a run that is stopped must not leave half a picture.
             with whole_file(file) as picture:
                 picture.write(content.tobytes())
         return Difference(np.asarray(levels != _SAME), np.asarray(levels == _BRIGHT))
-
-    def _levels(self, number: int) -> np.ndarray:
-        different, bright = difference(self.watched.picture(number), self.empty)
-        return np.where(bright, _BRIGHT, np.where(different, _SHADOW, _SAME)).astype(np.uint8)
 
 
 @dataclass(frozen=True)

@@ -114,8 +114,8 @@ def check_trained_elsewhere(uses: Sequence[NetworkUse]) -> None:
             raise RequestError(
                 f"{use.path}: expected a {use.card.kind} that was not trained on frames {use.first}-{use.last} of "
                 f"{use.sequence}, got one trained on {use.card.training_data!r}; costs fitted there trust it too "
-                "much. Give other `frames`, or networks that each leave a part out (`cross_fit`, "
-                "`cross_fit_detectors`), or take it all the same with `seen`"
+                "much. Give other `frames`, or networks that each leave a part out (`cross_fit`), or take it all the "
+                "same with `seen`"
             )
     for path in dict.fromkeys(use.path for use in uses if not use.card.training_data):
         warnings.warn(
@@ -146,7 +146,6 @@ class AffinityVideo(Shared):
         detector: exported detector, or the name of a shipped one, to use in place of both.
         appearance: exported appearance network, likewise; without one the appearance counts as unknown.
         cross_fit: exported appearance networks, one for each of as many equal parts, in place of ``appearance``.
-        cross_fit_detectors: exported detectors, likewise, in place of ``detector``.
         actions: exported action streams, for features with actions; by default the shipped ones.
         seen: take networks also where they were trained.
         skips: also learn from every n-th frame only, for other frame rates; 1 is the video itself.
@@ -159,7 +158,6 @@ class AffinityVideo(Shared):
     detector: Path | None = None
     appearance: Path | None = None
     cross_fit: list[Path] | None = None
-    cross_fit_detectors: list[Path] | None = None
     actions: list[Path] | None = None
     seen: bool = False
     skips: list[int] | None = None
@@ -175,25 +173,19 @@ class AffinityVideo(Shared):
         Raises:
             RequestError: unusable folders or models, or a network that was trained on the frames it runs on.
         """
-        if self.cross_fit and self.cross_fit_detectors and len(self.cross_fit) != len(self.cross_fit_detectors):
-            raise RequestError(
-                f"expected as many `cross_fit_detectors` as `cross_fit`, got {len(self.cross_fit_detectors)} and "
-                f"{len(self.cross_fit)}"
-            )
-        models = {path: Appearance(path) for path in _files("appearance", self.cross_fit, self.appearance)}
-        detectors = {path: Detector(path) for path in _files("detector", self.cross_fit_detectors, self.detector)}
+        models = {path: Appearance(path) for path in _files("appearance", self.cross_fit or [self.appearance])}
+        detectors = {path: Detector(path) for path in _files("detector", [self.detector])}
         videos = list(labelled_sequences(self.folders))
         if not self.seen:
-            count = max(len(models), len(detectors))
             uses = list[NetworkUse]()
             kinds: tuple[list[tuple[Path, Appearance | Detector]], ...] = ([*models.items()], [*detectors.items()])
             for video, few in itertools.product(videos, kinds):
-                # Of each kind one network runs on all frames, or each on its own.
-                for k, (start, stop) in enumerate(spans(video, self.frames, count) if few else []):
+                # One network runs on all frames, or each on its own.
+                for k, (start, stop) in enumerate(spans(video, self.frames, len(models)) if few else []):
                     path, network = few[k % len(few)]
                     uses.append(NetworkUse(path, network.model.card, video.name, start + 1, stop))
             check_trained_elsewhere(uses)
-        find, faults = [*detectors.values()] or self.detections, self.faults or DetectorFaults()
+        find, faults = next(iter(detectors.values()), self.detections), self.faults or DetectorFaults()
         streams = self.actions or [shipped(f"action_drone_{name}") for name in STREAMS]
         recognise = ActionRecogniser(streams) if acting else None
         return [
@@ -203,8 +195,8 @@ class AffinityVideo(Shared):
         ]
 
 
-def _files(kind: str, several: list[Path] | None, one: Path | None) -> list[Path]:
-    return [shipped_or_file(kind, path) for path in several or ([] if one is None else [one])]
+def _files(kind: str, given: Sequence[Path | None]) -> list[Path]:
+    return [shipped_or_file(kind, path) for path in given if path is not None]
 
 
 @dataclass(frozen=True)
@@ -251,9 +243,8 @@ def fit_affinity(
     """Fit the transition and observation costs of the flow to labelled video, and export them to one ONNX file.
 
     A network that was trained on the same frames does better there than in other video, and the costs would
-    learn to trust it too much. One that says so of itself is refused. With ``cross_fit`` or ``cross_fit_detectors`` the
-    frames are cut into as many equal parts as there are networks, and network k, which must not be trained on part k,
-    runs on it.
+    learn to trust it too much. One that says so of itself is refused. With ``cross_fit`` the frames are cut into as
+    many equal parts as there are networks, and network k, which must not be trained on part k, runs on it.
 
     Args:
         out: ONNX file to write.

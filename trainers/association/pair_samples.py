@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Literal
 
 import numpy as np
 
@@ -17,12 +16,12 @@ from tsuiseki.tracking.association.pairwise_flow import GateSettings, candidate_
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import UNMATCHED
 from tsuiseki.tracking.features.action import ActionRecogniser
-from tsuiseki.tracking.features.exported import Describe, Detector
+from tsuiseki.tracking.features.exported import Describe
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.graphs import DetectedVideo, picked
-from tsuiseki.trainers.association.videos import acting, described, detected
+from tsuiseki.trainers.association.videos import Find, acting, described, detected
 
 RIGHT_OVERLAP = 0.5
 # A badly placed box still shows its person: links through it are right, though the box itself counts as wrong.
@@ -73,29 +72,27 @@ class PairSamples:
 def labelled_parts(
     video: DetectedVideo,
     frames: tuple[int, int] | None,
-    find: Sequence[Detector] | Literal["given", "simulated"],
+    find: Find,
     networks: Sequence[Describe],
     faults: DetectorFaults,
     rng: np.random.Generator,
     recognise: ActionRecogniser | None = None,
 ) -> Iterator[LabelledDetections]:
-    """The labelled detections of a sequence, in as many equal spans as there are networks of a kind.
+    """The labelled detections of a sequence, in as many equal spans as there are networks.
 
     Args:
         video: labelled, without detections.
         frames: first and last one, counted from 1; None takes all.
-        find: where detections come from; of several detectors each has its span.
-        networks: of appearance, likewise; one describes all spans, none describes nothing.
+        find: where detections come from.
+        networks: of appearance, each for its span; one describes all spans, none describes nothing.
         faults: of simulated detections.
         rng: of those.
         recognise: tells what people do; None leaves it unknown.
     """
-    detectors: Sequence[Detector] = () if isinstance(find, str) else find
-    found = detected(video, find, rng, faults) if isinstance(find, str) else video
-    for k, (start, stop) in enumerate(spans(video, frames, max(len(networks), len(detectors)))):
-        if detectors:
-            found = detected(video, detectors[k % len(detectors)], rng, frames=(start + 1, stop))
-        here = described(found, networks[k % len(networks)] if networks else None, (start, stop))
+    every = spans(video, frames, len(networks))
+    found = detected(video, find, rng, faults, frames)
+    for k, (start, stop) in enumerate(every):
+        here = described(found, networks[k] if networks else None, (start, stop))
         here = acting(here, recognise)
         yield label_detections(here.detections[start:stop], video.truth, start)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from tsuiseki.datamodules.labelled_images import LabelledFrame, Part, labelled_images, read_image
+from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images, read_image
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import evaluate_classes
 from tsuiseki.tracking.features.exported import Detector
@@ -60,7 +60,7 @@ def fine_tune(arguments: Sequence[str], folder: Path, fit: Callable[[Sequence[st
         f"--model.classes={json.dumps(classes)}",
         f"--model.anchors={json.dumps(anchors)}",
         *(
-            f"--data.{name}={json.dumps([_source(folder, part)])}"
+            f"--data.{name}={json.dumps([{'folder': str(folder), 'part': part}])}"
             for name, part in (("train", LEARNT), ("val", HELD_OUT))
         ),
     ]
@@ -94,10 +94,6 @@ def classes_of(folder: Path, arguments: Sequence[str] = ()) -> list[str]:
             return given
     named = {number: name for video in open_labelled(folder) if video.every for number, name in video.classes.items()}
     return list(dict.fromkeys(named[number] for number in sorted(named))) or [PEOPLE]
-
-
-def _source(folder: Path, part: Part) -> dict[str, object]:
-    return {"folder": str(folder), "part": part}
 
 
 def _compared(files: dict[str, Path], held_out: Sequence[LabelledFrame], classes: Sequence[str]) -> str:
