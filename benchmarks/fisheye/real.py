@@ -42,9 +42,9 @@ from tsuiseki.tracking.fisheye.view import CeilingView
 from tsuiseki.tracking.formats.rotated import (
     RotatedBoxes,
     about_bodies,
-    as_detections,
     half_turned,
     read_rotated_labels,
+    turned_detections,
 )
 from tsuiseki.tracking.geometry import rotated_iou
 from tsuiseki.tracking.stages import StageTimes
@@ -283,7 +283,7 @@ def ten_frames(folder: Path, detector: Callable[[int, int], Detect]) -> None:
         for name, each in labels.items():
             image = _picture(folder, name)
             if source == "given":
-                found = as_detections(each)
+                found = turned_detections(each)
             else:
                 found = detector(image.shape[1], image.shape[0]).detect([image])[0]
                 found = found.select(found.scores >= LEAST_SCORE)

@@ -69,7 +69,7 @@ class DroneModels:
             raise RequestError("expected one of `detections`, `detector` and `tracks`, got several")
         paths: dict[str, Path | None] = {"detections": _file(finding.detections), "tracks": tracks}
         given = None if tracks is None else read_given_tracks(tracks, source)
-        detect = people_detect(source, finding, DRONE_DETECTOR) if given is None else as_detections(given)[0]
+        detect = people_detect(source, finding, DRONE_DETECTOR) if given is None else tracks_as_detections(given)[0]
         if isinstance(detect, ViewedDetector):
             # Who is seen from a drone is small to begin with: enlarged tiles find people in every bush.
             detect.enlarge = False
@@ -154,7 +154,7 @@ def _check_length(path: Path, tracks: Sequence[Track], source: Source) -> None:
         )
 
 
-def as_detections(tracks: Sequence[Track], length: int | None = None) -> tuple[list[Detections], IntArray]:
+def tracks_as_detections(tracks: Sequence[Track], length: int | None = None) -> tuple[list[Detections], IntArray]:
     """The boxes of ``tracks`` as detections, one entry a frame, and ``(N,)`` index of the track of each.
 
     Args:

@@ -18,7 +18,7 @@ from tsuiseki.tracking.association.learnt_costs import Affinity, CostChanges, Co
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE
 from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.devices import Device
-from tsuiseki.tracking.drone.drone_models import DroneMethod, DroneModels, as_detections
+from tsuiseki.tracking.drone.drone_models import DroneMethod, DroneModels, tracks_as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
@@ -245,7 +245,7 @@ def _named(
     """Given tracks with what the observations of their boxes say that people do."""
     unknown = np.empty((0, len(models.names)))
     parts = [unknown if one.actions is None else averaged(one.actions) for one in observations]
-    boxes, labels = as_detections(given)
+    boxes, labels = tracks_as_detections(given)
     first = sum(len(found) for found in boxes[: log.frames[0]])
     labels = labels[first : first + sum(log.detections)]
     rows = rows_of(boxes[log.frames[0] : log.frames[-1] + 1] or [Detections.empty()], log.frames[0], 0)

@@ -28,7 +28,7 @@ from tsuiseki.tracking.features.layout_recognition import (
     useful_outputs,
 )
 from tsuiseki.tracking.formats.label_checks import BoxCheck
-from tsuiseki.tracking.formats.rotated import RotatedBoxes, as_detections, half_turned
+from tsuiseki.tracking.formats.rotated import RotatedBoxes, half_turned, turned_detections
 from tsuiseki.tracking.geometry import about_rotated, clip_boxes, set_apart, suppress, suppress_rotated
 from tsuiseki.tracking.onnx import byte_image_input, image_input, open_session, run_session
 from tsuiseki.tracking.preprocessing import check_images
@@ -196,7 +196,7 @@ class ForeignDetector:
             kept = kept[suppress_rotated(compared[kept], scores[kept], self.iou_threshold)]
         boxes, scores, classes = boxes[kept], scores[kept], classes[kept]
         if self.turned:
-            return self._classed(as_detections(RotatedBoxes(boxes, np.full(len(boxes), -1), scores)), classes)
+            return self._classed(turned_detections(RotatedBoxes(boxes, np.full(len(boxes), -1), scores)), classes)
         upright = clip_boxes(about_rotated(boxes), size[1], size[0])
         inside = ((upright[:, 2:] - upright[:, :2]) >= 1).all(axis=1)
         return self._classed(Detections(upright[inside], scores[inside]), classes[inside])

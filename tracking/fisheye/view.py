@@ -26,11 +26,11 @@ from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.rotated import (
     RotatedBoxes,
     about_bodies,
-    as_detections,
     half_turned,
     is_rotated,
     read_rotated_detections,
     read_rotated_labels,
+    turned_detections,
 )
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
@@ -263,7 +263,7 @@ def _given_rotated(path: Path, source: Source, score_range: tuple[float, float] 
         outside = each.scores[~((each.scores >= low) & (each.scores <= high))]
         if len(outside):
             raise RequestError(f"{path}: {name}: expected scores from {low:g} to {high:g}, got {outside[0]:g}")
-        result[frames[name]] = as_detections(each)
+        result[frames[name]] = turned_detections(each)
     return result
 
 

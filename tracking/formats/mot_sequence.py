@@ -178,3 +178,18 @@ def _frame_rate(info: dict[str, str], folder: Path) -> float:
     if rate == 0:
         raise RequestError(f"{folder}/seqinfo.ini: expected frameRate above 0, got {info['frameRate']!r}")
     return rate
+
+
+def image_size(image: Path) -> tuple[int, int]:
+    """Width and height of an image, of which no more than that is read.
+
+    Raises:
+        RequestError: it is no image.
+    """
+    try:
+        from PIL import Image  # Here, since few runs need it.
+
+        with Image.open(image) as opened:
+            return opened.size
+    except OSError as error:
+        raise RequestError(f"{image}: expected an image, got something that cannot be decoded") from error

@@ -106,7 +106,7 @@ def write_rotated_detections(path: Path, found: Mapping[str, RotatedBoxes]) -> N
     path.write_text(json.dumps(rows) + "\n", encoding="utf-8")
 
 
-def as_detections(found: RotatedBoxes) -> Detections:
+def turned_detections(found: RotatedBoxes) -> Detections:
     """The boxes of an image as detections with angles."""
     half = found.boxes[:, 2:4] / 2
     corners = np.concatenate([found.boxes[:, :2] - half, found.boxes[:, :2] + half], axis=1)

@@ -24,7 +24,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
-from tsuiseki.tracking.formats.mot_sequence import list_images
+from tsuiseki.tracking.formats.mot_sequence import image_size, list_images
 from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import FloatArray
@@ -246,19 +246,12 @@ def _paired(
     if len(used) < len(boxes):
         raise RequestError(f"{name}: expected an image for each of its {len(boxes)} boxes, found {len(used)}")
     used = used[: len(boxes)]
-    compare_with_picture(name, boxes, _size(used[0]))
-    return SingleSequence(name, used, boxes, attributes, len(images) - len(used))
-
-
-def _size(path: Path) -> tuple[int, int] | None:
-    """Width and height of a picture; None where it is broken, which reading it tells."""
     try:
-        from PIL import Image  # Here, since few runs need it.
-
-        with Image.open(path) as picture:
-            return picture.size
-    except OSError:
-        return None
+        size = image_size(used[0])
+    except RequestError:
+        size = None  # reading the picture says so
+    compare_with_picture(name, boxes, size)
+    return SingleSequence(name, used, boxes, attributes, len(images) - len(used))
 
 
 def _number(path: Path) -> int | None:

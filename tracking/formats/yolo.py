@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.mot_sequence import list_images
+from tsuiseki.tracking.formats.mot_sequence import image_size, list_images
 from tsuiseki.tracking.formats.rows import read_rows, read_text, whole
 from tsuiseki.tracking.formats.tracked_video import Size, TrackedVideo, tracks_of_rows, tracks_without_ids
 from tsuiseki.tracking.geometry import centres
@@ -120,21 +120,6 @@ def _about(folder: Path) -> dict[str, Any]:
 def _size(about: Mapping[str, Any]) -> Size:
     width, height = int(about.get("width") or 0), int(about.get("height") or 0)
     return (width, height) if min(width, height) > 0 else None
-
-
-def image_size(image: Path) -> tuple[int, int]:
-    """Width and height of an image, of which no more than that is read.
-
-    Raises:
-        RequestError: it is no image.
-    """
-    try:
-        from PIL import Image  # Here, since few runs need it.
-
-        with Image.open(image) as opened:
-            return opened.size
-    except OSError as error:
-        raise RequestError(f"{image}: expected an image, got something that cannot be decoded") from error
 
 
 def _frame(path: Path, places: Mapping[str, int]) -> int:

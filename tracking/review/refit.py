@@ -74,6 +74,6 @@ def _fit(evidence: FloatArray, usual: FloatArray, right: BoolArray) -> FloatArra
 
     def loss(weights: FloatArray) -> float:
         logit = usual + evidence @ weights
-        return float(np.logaddexp(0, np.where(right, -logit, logit)).sum()) + PRIOR * (weights**2).sum() / 2
+        return float(np.logaddexp(0, np.where(right, -logit, logit)).sum() + PRIOR * (weights**2).sum() / 2)
 
     return np.asarray(scipy.optimize.minimize(loss, np.zeros(evidence.shape[1])).x)

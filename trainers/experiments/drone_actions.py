@@ -20,7 +20,7 @@ from tsuiseki.tracking.association.costs import ActionFeatures
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.drone.drone_models import DroneMethod, as_detections
+from tsuiseki.tracking.drone.drone_models import DroneMethod, tracks_as_detections
 from tsuiseki.tracking.drone.observations import Observation, Observers, observe
 from tsuiseki.tracking.drone.run import suited
 from tsuiseki.tracking.drone.settings import DroneSettings
@@ -268,7 +268,7 @@ def observed(models: ObservingModels, folder: Path) -> ObservedClip:
     sequence = read_sequence(folder)
     detector, appearance = Detector(models.detector, threads=1), Appearance(models.appearance, threads=1)
     observers = Observers(detector, appearance, ActionRecogniser(models.actions, threads=1), camera=True)
-    boxes, owners = as_detections(read_tracks(sequence.ground_truth_path), sequence.length)
+    boxes, owners = tracks_as_detections(read_tracks(sequence.ground_truth_path), sequence.length)
     known = replace(observers, detect=boxes, describe=None, camera=False)
     detected, given = (list(observe(open_source(folder).frames(), one)) for one in (observers, known))
     truth, actions = read_ground_truth(sequence.ground_truth_path), read_labelled_actions(folder, "lenient")[0]

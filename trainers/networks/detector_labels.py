@@ -21,7 +21,7 @@ from tsuiseki.models.anchors import propose_anchors, size_iou
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Detect, Detector
-from tsuiseki.tracking.formats.yolo import image_size
+from tsuiseki.tracking.formats.mot_sequence import image_size
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.video.image_folder import read_image
